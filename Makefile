@@ -31,10 +31,11 @@ help:
 	@echo "make test-with-others interop, ros2, vda5050 and world, each reduced: what the gate runs of them"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
 	@echo "make lint            ruff, mypy, import-linter"
+	@echo "make docs            the documentation as a site, in build/site"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
-	@echo "make bench           the planner against what one would use instead: docs/performance.md"
+	@echo "make bench           the planner against what one would use instead: docs/explanation/performance.md"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
-	@echo "make bench-scale     teams of 6 to 64 processes and 8 to 1,000 simulated robots: docs/scale.md"
+	@echo "make bench-scale     teams of 6 to 64 processes and 8 to 1,000 simulated robots: docs/explanation/scale.md"
 	@echo "make bench-security  what signing costs, and takeovers in a flood of 20,000 messages a second"
 	@echo "make bench-tokens    what a stranger's liveliness tokens cost a team"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
@@ -46,7 +47,7 @@ help:
 	@echo "make bench-recording what recording costs a robot, beside all that its process does"
 	@echo "make verify-recordings 200 recorded runs of chaos, and all drills, verified: no false alarm"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
-	@echo "make paper           the paper's example, run again: docs/paper.md and its pictures"
+	@echo "make paper           the paper's example, run again: docs/data/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
 	@echo "make lock            write requirements.lock again from pyproject.toml"
 	@echo "make clean           remove .venv and caches"
@@ -69,9 +70,14 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The site in build/site; fails for links that lead nowhere.
+.PHONY: docs
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
 # Teams of real processes wait most of the time: three at once, after everything else. Browsers do not:
 # beside one a team may come to run too late.
-test: lint
+test: lint docs
 	$(BIN)/pytest -n auto -m "not processes and not browser"
 	$(BIN)/pytest -n 3 -rs -m "processes and not docker and not slow and not browser"
 	$(BIN)/pytest -rs -m browser tests/browser
@@ -130,7 +136,7 @@ test-conformance: $(READY)
 	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/btcpp/executor/test_engine_traces.py \
 		tests/btcpp/scripts/test_evaluator_measured.py tests/analysis/test_team_tree_traces.py
 
-# Parts that others have made: a broker, virtual AGVs, published schemas (docs/vda5050.md).
+# Parts that others have made: a broker, virtual AGVs, published schemas (docs/how-to/vda5050.md).
 VDA5050_NODE := $(VENV)/vda5050
 parts-vda5050: $(READY)
 	@command -v mosquitto > /dev/null || $(APT_INSTALL) mosquitto || \
@@ -154,7 +160,7 @@ test-ros2: parts-ros2
 	MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python $(BIN)/pytest -rs tests/adapters/ros2 \
 		tests/processes/test_ros2.py
 
-# The workshop with bodies (docs/workshop.md): eight minutes.
+# The workshop with bodies (docs/how-to/workshop.md): eight minutes.
 parts-world: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[world]'
 

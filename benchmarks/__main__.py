@@ -6,7 +6,7 @@
     python -m benchmarks --only failover        # a long one, never run unless named
 
 Every figure stands beside a reference measured in the same run: trust the ratios, not the
-milliseconds. `--write-docs` puts the tables into docs/performance.md.
+milliseconds. `--write-docs` puts the tables into docs/data/performance.md.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from benchmarks.registry import (
 from benchmarks.report import grid, marks, write_docs
 from benchmarks.run import ROOT, machine, say, versions
 
-DOCUMENT = ROOT / "docs" / "performance.md"
+DOCUMENT = ROOT / "docs" / "data" / "performance.md"
 FORMAT = 1
 WIDTH = 150  # of tables, where the terminal has fewer columns
 
@@ -101,7 +101,9 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write all figures here")
     parser.add_argument("--plot", type=Path, metavar="DIR", help="also draw charts into here")
     parser.add_argument(
-        "--write-docs", action="store_true", help="put the tables into docs/performance.md"
+        "--write-docs",
+        action="store_true",
+        help="put the tables into docs/data/performance.md",
     )
     options = parser.parse_args(arguments)
     if options.json is not None and not options.json.resolve().parent.is_dir():

@@ -259,7 +259,7 @@ def run(
     arguments give the same run; another `seed` gives other delays.
 
     Raises InputError for what does not fit the mission, AssertionError where one of the promises of
-    docs/guarantees.md did not hold.
+    docs/explanation/guarantees.md did not hold.
     """
     _number("speed", speed)
     _number("timeout_s", timeout_s)

@@ -1,4 +1,4 @@
-"""`python -m paper`: write docs/paper.md and its pictures."""
+"""`python -m paper`: write docs/data/paper.md and its pictures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def main() -> int:
     """Write all files and name them; exit status 2 if the run is not the paper's."""
     parser = argparse.ArgumentParser(
         prog="python -m paper",
-        description="Run the paper's example and write docs/paper.md with its pictures.",
+        description="Run the paper's example and write docs/data/paper.md with its pictures.",
         epilog="example: python -m paper",
     )
     parser.parse_args()

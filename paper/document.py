@@ -1,4 +1,4 @@
-"""docs/paper.md and its pictures, put together from the mission and the run's record."""
+"""docs/data/paper.md and its pictures, put together from the mission and the run's record."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from pathlib import Path
 from mrbt_mesh.core.mission.mission import Mission
 from paper.account import SEED, Account, AccountError, tell
 from paper.caption import all_of, caption, seconds
-from paper.differences import differences
 from paper.picture import draw
 from paper.situations import SITUATIONS, Situation, find
 from paper.standing import damages
 from paper.tables import bounds, performances, table, tree_lines
 from paper.tolerance import spares, survived
 
-DOCUMENT = Path("docs") / "paper.md"
-PICTURES = Path("docs") / "paper"
+DOCUMENT = Path("docs") / "data" / "paper.md"
+PICTURES = DOCUMENT.with_suffix("")
 COMMAND = "`mrbt sim run examples/vehicle_repair/standing_by.yaml --timeout 90`"
 
 
@@ -43,7 +42,6 @@ def files(seed: int = SEED) -> dict[Path, str]:
         _execution(account, shown),
         _standing_by(seed),
         _tolerance(account.mission),
-        differences(),
     )
     found[DOCUMENT] = "\n".join(line for section in sections for line in section)
     return found
@@ -63,7 +61,7 @@ def _introduction(account: Account) -> list[str]:
             "Behavior Trees* (Colledanchise, Marzinotto, Dimarogonas, Ögren): six robots repair "
             "the electronics of a vehicle. `make paper` writes this page and its pictures; nothing "
             "in them is drawn by hand. The tables, the tree and the figures on faults come from "
-            "[the mission file](../examples/vehicle_repair/mission.yaml), the situations from the "
+            "the mission file, `examples/vehicle_repair/mission.yaml`, the situations from the "
             f"record of one run in virtual time (seed {account.seed})."
         ),
     ]
@@ -156,7 +154,7 @@ def _standing_by(seed: int) -> list[str]:
             "In the paper the team does not go home: under normal conditions nobody is assigned, "
             "a_j = b_j = 0; a fault on the vehicle takes place, the condition *Normal Operating "
             "Conditions* is no longer true on any robot, and *Remove Screws* has to be executed. "
-            "[A second mission file](../examples/vehicle_repair/standing_by.yaml) says `ends: "
+            "A second mission file, `examples/vehicle_repair/standing_by.yaml`, says `ends: "
             "never`, and "
             f"{len(found)} damages come in. Whoever puts in the last screw says that all is well, "
             "T_G succeeds, and the team stands by. Nothing has to be reset: the condition that "

@@ -1,1 +1,1 @@
-"""How membership and agreement fare on networks from good to hopeless: docs/membership.md."""
+"""Membership and agreement on good and bad networks: docs/explanation/membership.md."""

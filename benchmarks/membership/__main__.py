@@ -4,7 +4,7 @@
 
 Virtual time; the robots are the real agents with the default timing. A plain detector sees the
 same heartbeats for comparison: it declares a robot dead after the detection time without one.
-`--full` takes hours; `--write-docs` puts the tables into docs/membership.md.
+`--full` takes hours; `--write-docs` puts the tables into docs/explanation/membership.md.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from benchmarks.membership.results import markdown, summary
 from benchmarks.report import finish, in_processes, page_parser, positive
 from benchmarks.run import ROOT
 
-DOCS = ROOT / "docs" / "membership.md"
+DOCS = ROOT / "docs" / "data" / "membership.md"
 
 
 def main() -> None:

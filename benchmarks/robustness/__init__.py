@@ -1,1 +1,1 @@
-"""The robustness experiment of MRBTP (AAAI 2025) on this project's agents: docs/robustness.md."""
+"""The robustness experiment of MRBTP (AAAI 2025): docs/explanation/robustness.md."""

@@ -3,7 +3,7 @@
     python -m benchmarks.robustness [--runs 500] [--jobs 2] [--json FILE] [--write-docs]
 
 Robots open four rooms and move four packages; each of them dies with some probability whenever it
-completes an action. docs/robustness.md describes the experiment and the columns.
+completes an action. docs/explanation/robustness.md describes the experiment and the columns.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from benchmarks.robustness.draws import CELLS, Cell
 from benchmarks.robustness.results import Judged, judge, markdown, summary
 from benchmarks.run import ROOT
 
-DOCS = ROOT / "docs" / "robustness.md"
+DOCS = ROOT / "docs" / "data" / "robustness.md"
 CHUNK = 10
 
 

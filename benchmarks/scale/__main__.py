@@ -1,11 +1,11 @@
-"""What teams cost and how fast they react, by their number of robots: docs/scale.md.
+"""What teams cost and how fast they react, by their number of robots: docs/data/scale.md.
 
     python -m benchmarks.scale [--sizes 6,12,24,48,64] [--kills 5] [--beat 0.2] [--detection 1]
                                [--simulated 8,16,32,64,125,250,500,1000] [--events 3]
                                [--only processes|simulated] [--json FILE] [--write-docs]
 
 First teams of real processes on this machine (`processes`), then larger ones in virtual time
-(`simulated`). `--write-docs` puts the tables into docs/scale.md and the plots beside it.
+(`simulated`). `--write-docs` puts the tables into docs/data/scale.md and the plots beside it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from benchmarks.run import ROOT, machine, say
 from benchmarks.scale import processes, results, simulated
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S
 
-DOCS = ROOT / "docs" / "scale.md"
+DOCS = ROOT / "docs" / "data" / "scale.md"
 PLOTS = DOCS.parent / "scale"
 
 

@@ -29,7 +29,7 @@ def spread(times_s: Sequence[float]) -> str:
 
 
 def of_processes(teams: Sequence[processes.Size]) -> str:
-    """The table of real processes, for docs/scale.md."""
+    """The table of real processes, for docs/explanation/scale.md."""
     head = ("robots", "launch, s", "all at rest, % of a core", "resident, MB", "share, MB")
     rows = []
     for team in teams:
@@ -50,7 +50,7 @@ def _most(event: Event | None) -> str:
 
 
 def of_simulated(sizes: Sequence[Size]) -> str:
-    """The tables of simulated teams, for docs/scale.md."""
+    """The tables of simulated teams, for docs/explanation/scale.md."""
     kinds = ("outcome", "new plan", "kill", "freeze")
     costs = [
         [

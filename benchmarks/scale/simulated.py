@@ -2,7 +2,7 @@
 
 A patrol: up to 32 areas, in each of which one robot is at work; the others are free. One event
 after the other befalls the team. Robots come round every 10 ms and messages take 1 ms, so that what
-takes time is the protocol. Planning takes none: docs/performance.md has how long it does.
+takes time is the protocol. Planning takes none: docs/explanation/performance.md has its times.
 """
 
 from __future__ import annotations

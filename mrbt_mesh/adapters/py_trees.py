@@ -6,7 +6,7 @@
 
     robot.local_task("fetch")(local_task(fetch, arguments=["goal"]))
 
-Needs the extra `py_trees`. docs/robot_trees.md says how such a tree is run.
+Needs the extra `py_trees`. docs/how-to/robot-trees.md says how such a tree is run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The map of a mission: what its file says in `parameters: map`. docs/web.md has the form.
+"""The map of a mission: what its file says in `parameters: map`. docs/how-to/watch.md has the form.
 
 Parameters are the mission's own affair: a map that is not of this form is none, and nobody minds.
 """

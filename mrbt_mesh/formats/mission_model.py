@@ -111,10 +111,10 @@ class LocalTaskOrTreeModel(LocalTaskModel):
     """A local-task type that may be a tree.
 
     `tree`: a behavior tree of other local tasks and of `local_conditions`, which each robot ticks
-    for itself; its status is the outcome, its work that of its actions (docs/local_trees.md). Or
-    `FILE.xml#TreeID`, a BehaviorTree.CPP tree, relative to the mission file: the robot's program
-    has its leaves; `ports` are its entries at first, `outputs` the conditions that entries tell
-    when it has ended (docs/robot_trees.md).
+    for itself; its status is the outcome, its work that of its actions
+    (docs/how-to/robot-trees.md). Or `FILE.xml#TreeID`, a BehaviorTree.CPP tree, relative to the
+    mission file: the robot's program has its leaves; `ports` are its entries at first, `outputs`
+    the conditions that entries set when it has ended.
     """
 
     tree: NodeOrFile | None = None
@@ -317,7 +317,7 @@ class NotAtOnceModel(FileModel):
 
 
 class ConstraintsModel(FileModel):
-    """Who may not work together, or at the same time; see docs/solvers.md."""
+    """Who may not work together, or at the same time; see docs/how-to/constraints.md."""
 
     never_together: Annotated[list[NeverTogetherModel], Field(max_length=MAX_CONSTRAINTS)] = []
     at_most: Annotated[list[AtMostModel], Field(max_length=MAX_CONSTRAINTS)] = []
@@ -330,8 +330,8 @@ class MissionModel(FileModel):
     `assignment: spare_scarce`: where robots may break at work, those that others can replace go
     first, even if something has to wait for them. `blocked`: for global tasks that do not say it
     themselves. `solver`: what solves the assignment problem, `constraints`: what else it has to
-    mind (docs/solvers.md). `local_conditions`: what the trees of local tasks may read; each robot
-    has its own.
+    respect (docs/how-to/constraints.md). `local_conditions`: what the trees of local tasks may
+    read; each robot has its own.
     """
 
     mission: Name

@@ -3,5 +3,5 @@
 `channels` has what is in a recording, with a JSON Schema each; `writer` and `reader` are the file
 (MCAP, https://mcap.dev), `messages` what is in it. `robot_recorder` records an agent,
 `observer_recorder` an observer; `scene` is what both have of the team in space, as `foxglove` draws
-it. `player` shows a recording as it was. For readers: docs/recording.md.
+it. `player` shows a recording as it was. For readers: docs/how-to/recordings.md.
 """

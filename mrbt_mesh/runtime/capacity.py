@@ -2,7 +2,7 @@
 
 The figures below were measured on two cores of a shared virtual machine (x86_64, Linux,
 Python 3.11), the memory with 24 robots, the time with 12 that all heard one another. In a ring a
-robot at rest takes half of it (docs/scale.md); but so many robots also have to start, which is
+robot at rest takes half of it (docs/explanation/scale.md), but all robots have to start, which is
 what a machine fails at first. What robots' programs do comes on top; a slower machine carries less.
 """
 

@@ -202,7 +202,7 @@ class RobotProgram:
     def action(self, target: Any) -> Any:
         """Register an action of BehaviorTree.CPP trees: a function of its ports.
 
-        See `mrbt_mesh.btcpp.Leaves.action` and docs/robot_trees.md. Raises LeafError.
+        See `mrbt_mesh.btcpp.Leaves.action` and docs/how-to/robot-trees.md. Raises LeafError.
         """
         return _decorated(target, lambda name, f: self._functions.leaves.action(name)(f))
 

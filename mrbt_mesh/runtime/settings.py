@@ -17,7 +17,7 @@ KEYS_VARIABLE = "MRBT_KEYS"
 WARNING = "mrbt: warning:"
 
 WIRED, WIRELESS = "wired", "wireless"
-# Transport profile -> protocols of its endpoints; docs/transport.md says when to use which.
+# Transport profile -> protocols of its endpoints; docs/how-to/network.md says when to use which.
 PROTOCOLS = {WIRED: ("tcp", "tls"), WIRELESS: ("quic",)}
 ENCRYPTED = frozenset({"tls", "quic"})
 

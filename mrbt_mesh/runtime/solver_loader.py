@@ -1,4 +1,4 @@
-"""Find the solver of the assignment problem that a mission or a command names: docs/solvers.md.
+"""Find the solver that a mission or a command names: docs/how-to/constraints.md.
 
 `min_cost_flow`, `cp_sat` or `brute_force`; a name that an installed package registers in the
 entry-point group `mrbt_mesh.solvers`; or `package.module:function`.

@@ -88,7 +88,7 @@ def test_what_is_simulated_is_in_the_tables_and_plots(team: simulated.Size) -> N
 
 @pytest.mark.parametrize("name", ["processes", "simulated"])
 def test_the_page_has_a_place_for_what_is_measured(name: str) -> None:
-    text = (ROOT / "docs" / "scale.md").read_text()
+    text = (ROOT / "docs" / "data" / "scale.md").read_text()
     assert [text.count(mark) for mark in marks(name)] == [1, 1]
 
 

@@ -112,7 +112,7 @@ def test_a_file_is_left_alone(tmp_path: Path) -> None:
     ],
 )
 def test_the_changes_that_the_guide_proposes_are_right(tmp_path: Path, old: str, new: str) -> None:
-    guide = (ROOT / "agents" / "README.md").read_text()
+    guide = (ROOT / "docs" / "tutorial" / "your-robot.md").read_text()
     file = write_files(tmp_path, template_files("my_team"))[0]
     text = file.read_text()
     assert text.count(old) == 1

@@ -1,4 +1,4 @@
-"""The channels: their examples fit, and docs/recording.md says what the schemas say."""
+"""The channels: their examples fit, and docs/how-to/recordings.md says what the schemas say."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from mrbt_mesh.recording.channels import CHANNELS, Channel
 from tests.support.paths import ROOT
 
-DOCUMENT = (ROOT / "docs" / "recording.md").read_text(encoding="utf-8")
+DOCUMENT = (ROOT / "docs" / "data" / "recording-channels.md").read_text(encoding="utf-8")
 LAYOUT = json.loads((ROOT / "docs" / "foxglove-layout.json").read_text(encoding="utf-8"))
 
 
@@ -35,7 +35,7 @@ def test_the_document_lists_every_channel_with_its_schema_and_purpose() -> None:
 
 @pytest.mark.parametrize("channel", CHANNELS.values(), ids=CHANNELS)
 def test_the_document_has_all_fields_and_the_example_of_a_channel(channel: Channel) -> None:
-    section = DOCUMENT.partition(f"\n### `{channel.topic}`\n")[2].partition("\n### ")[0]
+    section = DOCUMENT.partition(f"\n## `{channel.topic}`\n")[2].partition("\n## ")[0]
     fields = re.findall(r"^\| `(\w+)` \| ([^|]*) \| [^|]* \|$", section, re.MULTILINE)
     wanted = [name for name in channel.schema["properties"] if name != "check"]
     assert [name for name, _ in fields] == wanted

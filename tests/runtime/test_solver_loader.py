@@ -17,7 +17,7 @@ from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.solver_loader import GROUP, load_solver
 from tests.support.paths import ROOT, mission_file
 
-DOCUMENT = ROOT / "docs" / "solvers.md"
+DOCUMENT = ROOT / "docs" / "how-to" / "constraints.md"
 GOOD = (
     "from mrbt_mesh.core.assignment.solvers import min_cost_flow\n"
     "def good(p): return min_cost_flow(p)\n"

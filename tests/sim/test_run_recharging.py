@@ -1,4 +1,4 @@
-"""The recipe of docs/per_robot_conditions.md for robots whose batteries get low, with faults."""
+"""The recipe of docs/how-to/conditions.md for robots whose batteries get low, with faults."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from tests.support.paths import ROOT
 
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
-    text = (ROOT / "docs/per_robot_conditions.md").read_text().partition("## Low, so charge")[2]
+    page = (ROOT / "docs/how-to/conditions.md").read_text()
+    text = page.partition("### Example: charge")[2].partition("## Reasons")[0]
     blocks = dict(re.findall(r"```(yaml|python)\n(.*?)```", text, re.DOTALL))
     (tmp_path / "robot.py").write_text(blocks["python"])
     (tmp_path / "mission.yaml").write_text(blocks["yaml"])

@@ -1,4 +1,4 @@
-"""The overview is short and true: pictures, indexes of documents and decisions."""
+"""The overview is short and true: its pictures, and the index of decisions."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import re
 import tomllib
 from itertools import pairwise
 from typing import Any
-
-import pytest
 
 from tests.support.paths import ROOT
 
@@ -53,26 +51,11 @@ def test_the_files_in_the_pictures_exist() -> None:
     assert named <= {path.name for path in (ROOT / "mrbt_mesh").rglob("*.py")}
 
 
-@pytest.mark.parametrize(("folder", "pattern"), [("docs", "*.md"), ("docs/decisions", "*.md")])
-def test_an_index_has_every_page(folder: str, pattern: str) -> None:
-    home = ROOT / folder
-    listed = _LINK.findall((home / "README.md").read_text(encoding="utf-8"))
-    pages = {path.name for path in home.glob(pattern)} - {"README.md"}
-    assert pages
-    assert pages <= set(listed)
-    assert len(listed) == len(set(listed))
-
-
 def test_the_index_of_decisions_calls_them_by_their_numbers() -> None:
     index = (ROOT / "docs" / "decisions" / "README.md").read_text(encoding="utf-8")
     entries = re.findall(r"\[(\d+)\]\((\d+)-", index)
     assert entries
     assert [number for number, _ in entries] == [number for _, number in entries]
-
-
-def test_the_index_has_the_documents_of_the_root() -> None:
-    listed = _LINK.findall((ROOT / "docs" / "README.md").read_text(encoding="utf-8"))
-    assert {f"../{path.name}" for path in ROOT.glob("*.md")} <= set(listed)
 
 
 def test_decisions_bear_the_numbers_of_their_files() -> None:

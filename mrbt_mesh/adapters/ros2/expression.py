@@ -170,7 +170,7 @@ def _not_meant(node: ast.expr) -> str:
         return f"{text!r}: the functions are {known}"
     if isinstance(node, ast.Name):
         return f"{text!r}: fields of the message are {MESSAGE}.NAME, e.g. {MESSAGE}.{text}"
-    return f"{text!r} is not among what expressions may have (docs/ros2.md)"
+    return f"{text!r} is not among what expressions may have (docs/how-to/ros2.md)"
 
 
 def _value(node: ast.expr, fields: Mapping[str, Any]) -> Any:

@@ -6,7 +6,7 @@
 
 Each robot of the team is one vehicle: its local tasks become orders. Needs the extra `vda5050`.
 There is no traffic control here: routes are shortest ways, and nothing keeps vehicles apart.
-docs/vda5050.md has the form of the file.
+docs/how-to/vda5050.md has the form of the file.
 """
 
 from mrbt_mesh.adapters.vda5050.program import robot_program

@@ -1,6 +1,6 @@
 """The layout file: a plant's nodes and edges, the vehicles, and what local tasks are for them.
 
-docs/vda5050.md explains the keys, examples/warehouse/agvs.yaml is one.
+docs/how-to/vda5050.md explains the keys, examples/warehouse/agvs.yaml is one.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ class Analysis:
         return all(proved)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data; the keys are documented in docs/analyze.md."""
+        """Plain data; the keys are documented in docs/how-to/analyze.md."""
         main = _reading_json(self.main)
         others = {
             name: _reading_json(result) for name, result in self.readings.items() if name != SERIAL

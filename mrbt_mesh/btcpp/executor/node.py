@@ -86,10 +86,10 @@ class NodePlace:
 class TreeWorld:
     """What the nodes of one tree share.
 
-    `exact`: with BehaviorTree.CPP's own oddities (docs/btcpp.md). `woken_by`: the node that
-    asks to be ticked again at once. `deadlines_us` are those of nodes that wait, by uid. `given`:
-    what leaves get besides ports, by its type. `entries`: what says the values of entries before
-    each tick.
+    `exact`: with BehaviorTree.CPP's own oddities (docs/reference/btcpp-nodes.md). `woken_by`: the
+    node that asks to be ticked again at once. `deadlines_us` are those of nodes that wait, by uid.
+    `given`: what leaves get besides ports, by its type. `entries`: what gives the values of
+    entries before each tick.
     """
 
     exact: bool = False

@@ -52,8 +52,8 @@ class BehaviorTree:
     """One tree that can be run, any number of times, one after the other.
 
     `leaves` may be shared by trees; without it the tree has its own. `exact` switches
-    BehaviorTree.CPP's own oddities on (docs/btcpp.md). `given`: what leaves get besides
-    ports, by its type. The blackboard stays from run to run.
+    BehaviorTree.CPP's own oddities on (docs/reference/btcpp-nodes.md). `given`: what leaves get
+    besides ports, by its type. The blackboard stays from run to run.
     """
 
     def __init__(

@@ -37,7 +37,7 @@ TEAM = """\
 #     mrbt tree lift {tree} --robots team.yaml --units auto -o mission.yaml
 #
 # Actions that declare nothing stay together on one robot. What they may declare, so that parts of
-# the tree can go to different robots, is in docs/lift.md.
+# the tree can go to different robots, is in docs/how-to/lift.md.
 
 mission: {name}
 program: robot.py

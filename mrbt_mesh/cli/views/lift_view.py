@@ -13,7 +13,7 @@ from mrbt_mesh.analysis.lift.mission import LiftedMission
 
 
 def lifted_data(found: LiftedMission, output: Path | None) -> dict[str, Any]:
-    """What `mrbt tree lift --json` prints; the keys are documented in docs/lift.md."""
+    """What `mrbt tree lift --json` prints; the keys are documented in docs/how-to/lift.md."""
     lifted = found.lifted
     return {
         "mission": str(output) if output is not None else None,

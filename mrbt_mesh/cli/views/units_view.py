@@ -14,7 +14,7 @@ from mrbt_mesh.analysis.lift.units import Piece
 
 
 def units_data(found: LiftedUnits) -> dict[str, Any]:
-    """What `--units --json` adds; the keys are documented in docs/lift.md."""
+    """What `--units --json` adds; the keys are documented in docs/how-to/lift.md."""
     return {
         "units": [_unit_data(use) for use in found.tasks.uses],
         "cuts": [

@@ -1,7 +1,7 @@
 """The project's own solvers of the assignment problem.
 
 A solver is a function from AssignmentProblem to any optimum; the canonical pass does the rest. How
-users add theirs is in docs/solvers.md; `runtime.solver_loader` finds all of them by name.
+users add theirs is in docs/how-to/constraints.md; `runtime.solver_loader` finds all by name.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 For missions whose robots may break at work (`assignment: spare_scarce`). A robot that is the only
 one left for something still to be done should not risk its life for what others can do too, even
 if that has to wait until they are free. Choosing among equally good assignments only is not
-enough: docs/robustness.md.
+enough: docs/explanation/robustness.md.
 """
 
 from __future__ import annotations

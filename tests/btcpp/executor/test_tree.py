@@ -69,7 +69,7 @@ def test_the_blackboard_stays_from_run_to_run() -> None:
 
 
 def test_the_example_of_the_documentation_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (ROOT / "docs" / "robot_trees.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "robot-trees.md").read_text(encoding="utf-8")
     code = page.split("```python\n", 1)[1].split("```", 1)[0]
     names: dict[str, Any] = {"__name__": "example"}
     before, after = code.split("status = anyio.run(tree.run)\n")

@@ -17,7 +17,7 @@ def test_json_holds_the_documented_keys() -> None:
     assert code == 0
     assert (data["weakly_fault_tolerant"], data["strongly_fault_tolerant"]) == (False, False)
     assert (data["major"]["max_tolerated"], data["minor"]["max_tolerated"]) == (3, 11)
-    docs = (Path(REPAIR).parents[2] / "docs" / "analyze.md").read_text()
+    docs = (Path(REPAIR).parents[2] / "docs" / "data" / "analyze-json.md").read_text()
     for key in (*data, *data["major"], *data["tasks"][0]):
         assert f"`{key}`" in docs, key
 

@@ -217,7 +217,7 @@ def test_plan_for_people_names_robots_and_reasons() -> None:
 
 
 def test_the_facts_of_the_documentation_can_be_planned_for(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "facts.md").read_text()
+    text = (ROOT / "docs" / "reference" / "facts-file.md").read_text()
     example = text.partition("```yaml\n")[2].partition("```")[0]
     data = plan(REPAIR, "--facts", write(tmp_path, example))
     assert data["lines"]["B1"]["pinned"]

@@ -1,4 +1,4 @@
-"""Ten trees of single robots become running teams; what that takes stands in docs/lift.md."""
+"""Ten trees of single robots become running teams: docs/data/robot-trees.md."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_a_tree_of_one_robot_runs_in_a_team(name: str, tmp_path: Path) -> None:
     assert [result for result, _ in results] == ["success"] * 3
     times = " | ".join(f"{time_s:.1f}" for _, time_s in results)
     row = f"| {name} | {nodes(name)} | {lines(found.written)} | {found.units} | {times} |"
-    text = (ROOT / "docs" / "lift.md").read_text()
+    text = (ROOT / "docs" / "data" / "robot-trees.md").read_text()
     assert row in text, row
     for note in found.notes:
         message = note.partition(": ")[2].partition(": ")[2].partition(":")[2]
