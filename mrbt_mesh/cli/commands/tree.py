@@ -8,14 +8,14 @@ from typing import Any
 
 import click
 
-from mrbt_mesh.cli.command import PATH, CommandGroup, refuse
+from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, CommandGroup, refuse
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.errors import InputError
 
 
 @click.group(cls=CommandGroup)
 def tree() -> None:
-    """Show, check, convert and lift trees.
+    """Show, check, convert, run and lift trees.
 
     Those of BehaviorTree.CPP files, and of missions.
 
@@ -113,6 +113,34 @@ def convert(source: Path, target: Path, compact: bool, merge: bool, ids: bool) -
         raise InputError("--ids goes without --merge and --compact")
     write = convert_folder if source.is_dir() else convert_file
     write(source, target, Wanted(compact, merge, ids))
+
+
+@tree.command("run")
+@click.argument("file", metavar="FILE", type=PATH, help="BehaviorTree.CPP file (.xml).")
+@click.option("--program", type=PATH, required=True, metavar="FILE.py", help="The tree's leaves.")
+@click.option("--tree", "tree_id", metavar="ID", help="The tree. Default: the main tree.")
+@click.option("--set", "entries", multiple=True, metavar="NAME=TEXT", help="Set an entry first.")
+def run_(file: Path, program: Path, tree_id: str | None, entries: tuple[str, ...]) -> None:
+    """Run a tree in Python, on this computer and without a team.
+
+    The program defines a `Leaves` object with the tree's actions and conditions.
+
+    Exit status: 0 the tree succeeded or was skipped, 1 it failed.
+
+    Example: mrbt tree run fetch.xml --program robot.py --set goal=dock
+    """
+    from mrbt_mesh import btcpp
+
+    for entry in entries:
+        if "=" not in entry:
+            raise InputError(f"--set {entry}: NAME=TEXT is expected, e.g. goal=dock")
+    values = dict(entry.split("=", 1) for entry in entries)
+    try:
+        status = btcpp.run(file, program, tree=tree_id, entries=values)
+    except (btcpp.BlackboardError, btcpp.TickError) as error:
+        raise InputError(f"{file}: {error}") from None
+    click.echo(status.name)
+    raise SystemExit(FAILURE if status is btcpp.NodeStatus.FAILURE else SUCCESS)
 
 
 @tree.command()

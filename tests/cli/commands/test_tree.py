@@ -325,3 +325,35 @@ def test_bad_input(arguments: list[str], message: str) -> None:
     code, _, problems = tree(*arguments)
     assert code == 2
     assert message in problems
+
+
+LEAVES = """
+from mrbt_mesh.btcpp import Leaves
+
+leaves = Leaves()
+
+
+@leaves.condition("Near")
+def near(goal: str) -> bool:
+    return goal == "dock"
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "said"),
+    [
+        (["--set", "goal=dock"], 0, "SUCCESS"),
+        (["--set", "goal=gate"], 1, "FAILURE"),
+        (["--set", "goal"], 2, "--set goal: NAME=TEXT is expected"),
+        ([], 2, "goal"),
+        (["--tree", "Mian"], 2, "Mian"),
+    ],
+)
+def test_run(tmp_path: Path, options: list[str], code: int, said: str) -> None:
+    file, program = tmp_path / "near.xml", tmp_path / "robot.py"
+    tree = '<BehaviorTree ID="Main"><Near goal="{goal}"/></BehaviorTree>'
+    file.write_text(f'<root BTCPP_format="4">{tree}</root>')
+    program.write_text(LEAVES)
+    found = mrbt("tree", "run", str(file), "--program", str(program), *options)
+    assert found[0] == code
+    assert said in found[1] + found[2]
