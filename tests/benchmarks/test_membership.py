@@ -76,5 +76,5 @@ def test_tables_take_the_place_of_the_former_ones(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", ["membership.md", "robustness.md"])
 def test_the_pages_have_a_place_for_what_is_measured(page: str) -> None:
-    text = (ROOT / "docs" / page).read_text()
+    text = (ROOT / "docs" / "data" / page).read_text()
     assert [text.count(mark) for mark in marks()] == [1, 1]
