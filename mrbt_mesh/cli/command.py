@@ -100,11 +100,14 @@ class LateGroup(click.Group):
             for name in names.split()
         }
         self._plugins = plugins
-        # Click looks for similar names here.
-        names = [*self._modules, *(name for name in plugins.names() if "." not in name)]
-        super().__init__(commands=dict.fromkeys(names, click.Command(None)), **settings)
+        super().__init__(commands=dict.fromkeys(self._modules, click.Command(None)), **settings)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
+        # Only now, since a robot's process does not need the plug-ins' names. Click looks for
+        # names similar to an unknown one in `commands`.
+        for name in self._plugins.names():
+            if "." not in name:
+                self.commands.setdefault(name, click.Command(None))
         return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -112,7 +115,7 @@ class LateGroup(click.Group):
             module = importlib.import_module(self._modules[cmd_name])
             found: click.Command = getattr(module, cmd_name)
             return found
-        return self._plugin(cmd_name) if cmd_name in self.commands else None
+        return self._plugin(cmd_name) if cmd_name in self.list_commands(ctx) else None
 
     def _plugin(self, name: str) -> click.Command:
         command = self._plugins.load(name)
@@ -129,7 +132,7 @@ class LateGroup(click.Group):
         }
         sections["Tools"] = [
             (name, self._plugin(name).get_short_help_str(60))
-            for name in self.commands
+            for name in self.list_commands(ctx)
             if name not in self._modules
         ]
         width = max(len(names) for rows in sections.values() for names, _ in rows)

@@ -39,7 +39,7 @@ def test_the_examples_layout_fits_its_mission_and_the_vehicles_of_the_tests() ->
 def test_the_examples_mission_is_its_single_tree_lifted(tmp_path: Path) -> None:
     written = tmp_path / "mission.yaml"
     folder = EXAMPLES / "warehouse"
-    words = ["lift", str(folder / "shift.xml"), "--robots", str(folder / "team.yaml")]
+    words = ["tree", "lift", str(folder / "shift.xml"), "--robots", str(folder / "team.yaml")]
     code, _, problems = mrbt(*words, "-o", str(written))
     assert code == 0, problems
     lifted, shipped = load_mission(written), load_mission(folder / "mission.yaml")
