@@ -39,7 +39,7 @@ class DrillRouters:
         assert process.stdout is not None
         said = []
         for line in process.stdout:
-            if line.startswith("routes"):
+            if line.startswith("running"):
                 return
             said.append(line.strip())
         self.kill(number)

@@ -59,10 +59,10 @@ def wanted_of(team: Team, *how: str, **more: Any) -> dict[str, Any]:
     }
 
 
-def refusals(team: Team, *where: str) -> dict[str, int]:
+def refusals(team: Team) -> dict[str, int]:
     """How often each reason is given in `mrbt status`, by all robots together."""
     found: Counter[str] = Counter()
-    for counts in json.loads(team.mrbt("status", "--json", *where))["refused"].values():
+    for counts in team.status()["refused"].values():
         for text, count in counts.items():
             found[text.partition(": ")[2]] += count
     return found
@@ -110,11 +110,14 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
     info = json.loads((team.run_dir / "run.json").read_text())
-    where = ["--mission", str(team.run_dir / "mission.json"), "--team", info["team"]]
-    where += ["--run", info["run"], "--beat", str(info["beat_s"])]
-    for endpoint in info["endpoints"].values():
-        where += ["--connect", endpoint]
-    done = team.command("abort", *where)
+    there = team.at(
+        mission=team.run_dir / "mission.json",
+        team=info["team"],
+        run=info["run"],
+        beat=info["beat_s"],
+        connect=",".join(info["endpoints"].values()),
+    )
+    done = there.command("abort")
     assert done.returncode == 1
     assert "signed: this team has keys" in done.stderr
     operator = team.run_dir / "keys" / "operator.key"
@@ -141,20 +144,18 @@ class Explorers:
         self.team = team
         self.folder = team.folder / name
         first, second = self.endpoints = at
-        self.options = ["--team", "same", "--run", run, "--keys", str(keys)]
+        # Where commands find them.
+        self.there = team.at(
+            mission=EXPLORE, team="same", run=run, keys=keys, connect=",".join(self.endpoints)
+        )
         dials = [word for other in others for word in ("--connect", other)]
-        more = [*self.options, "--speed", "10", "--exit-when-done", *dials]
+        more = ["--team", "same", "--run", run, "--keys", str(keys), *dials]
+        more += ["--speed", "10", "--exit-when-done"]
         listen = {"R1": ["--listen", first], "R2": ["--listen", second, "--connect", first]}
         self.processes = [
             team.agent(EXPLORE, robot, "--run-dir", str(self.folder / robot), *words, *more)
             for robot, words in listen.items()
         ]
-
-    @property
-    def where(self) -> list[str]:
-        """The options by which commands find them."""
-        dials = [word for endpoint in self.endpoints for word in ("--connect", endpoint)]
-        return ["--mission", str(EXPLORE), *self.options, *dials]
 
     def told(self, event: str) -> list[str]:
         """Robots whose logs have this event."""
@@ -183,7 +184,7 @@ def test_messages_of_another_run_are_refused(team: Team) -> None:
     def run_until_told(run: str, reason: str) -> list[int]:
         team.hold("explore")
         robots = Explorers(team, run, run, keys, endpoints, []).work()
-        team.wait_until(lambda: reason in refusals(team, *robots.where), f"status shows {reason}")
+        team.wait_until(lambda: reason in refusals(robots.there), f"status shows {reason}")
         team.release()
         return robots.end()
 
@@ -204,10 +205,8 @@ def test_two_teams_of_one_name_on_one_network_do_not_hear_each_other(team: Team)
         found.append(Explorers(team, name, "same", keys, free_endpoints(2, "tcp"), others))
     ours, theirs = found
     for each in (ours.work(), theirs.work()):
-        team.wait_until(
-            lambda where=each.where: refusals(team, *where).keys() >= WRONG, "status shows it"
-        )
-    assert "abort is the team's order" in team.mrbt("abort", *theirs.where)
+        team.wait_until(lambda there=each.there: refusals(there).keys() >= WRONG, "status shows it")
+    assert "abort is the team's order" in theirs.there.mrbt("abort")
     assert theirs.end() == [1, 1]
     team.release()
     assert ours.end() == [0, 0]

@@ -7,7 +7,6 @@ import re
 import secrets
 import signal
 import subprocess
-from typing import Any
 
 import pytest
 
@@ -25,11 +24,6 @@ def robots(team: Team, *options: str) -> dict[str, subprocess.Popen[str]]:
     }
 
 
-def status(team: Team, *where: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(team.mrbt("status", "--json", *where))
-    return found
-
-
 def events(team: Team, robot: str) -> list[tuple[str, str | None]]:
     path = team.folder / robot / "events.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []
@@ -37,28 +31,28 @@ def events(team: Team, robot: str) -> list[tuple[str, str | None]]:
 
 
 def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None:
-    name = ["--team", f"multicast-{secrets.token_hex(4)}", "--run", "first", "--multicast", "lo"]
-    where = ["--mission", str(EXPLORE), *name]
+    name = f"multicast-{secrets.token_hex(4)}"
+    there = team.at(mission=EXPLORE, team=name, run="first", multicast="lo")
     team.hold("explore")
-    observer = team.start("watch", "--json", *where)
-    started = robots(team, "--speed", "10", *name)
+    observer = there.start("watch", "--json")
+    started = robots(there, "--speed", "10")
     team.wait_until(lambda: events(team, "R1") and events(team, "R2"), "both robots work")
-    assert "pause is the team's order" in team.mrbt("pause", *where)
+    assert "pause is the team's order" in there.mrbt("pause")
     team.wait_until(lambda: ("cancel", None) in events(team, "R1"), "R1 pauses")
     process_file = team.folder / "R1" / "R1.process"
     first_sign_ns = process_file.stat().st_mtime_ns
-    found = status(team, *where)
+    found = there.status()
     assert {robot: row["pid"] for robot, row in found["robots"].items()} == {
         robot: process.pid for robot, process in started.items()
     }
     assert {row["state"] for row in found["robots"].values()} == {"alive"}
     assert found["run_dir"] is None
-    assert "R2 has lost explore" in team.mrbt("fault", "R2", "explore", *where)
-    assert status(team, *where)["robots"]["R2"]["lost"] == {"explore": "operator"}
-    team.mrbt("fault", "R2", "all", "--end", *where)
-    team.mrbt("resume", *where)
+    assert "R2 has lost explore" in there.mrbt("fault", "R2", "explore")
+    assert there.status()["robots"]["R2"]["lost"] == {"explore": "operator"}
+    there.mrbt("fault", "R2", "all", "--end")
+    there.mrbt("resume")
     team.release()
-    assert "no robot R9 (R1, R2)" in team.command("leave", "R9", *where).stderr
+    assert "no robot R9 (R1, R2)" in there.command("leave", "R9").stderr
     output, problems = observer.communicate()
     assert observer.returncode == 0, problems
     summary = json.loads(output)
@@ -66,10 +60,10 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     assert set(summary["robots"]) == {"R1", "R2"}
     assert process_file.stat().st_mtime_ns > first_sign_ns, "a working robot shows signs of life"
     # The robots stay on duty, and whoever comes late learns the result.
-    late = team.command("watch", *where)
+    late = there.command("watch")
     assert late.returncode == 0
     assert "mission succeeded" in late.stdout
-    team.mrbt("leave", "R1", *where)
+    there.mrbt("leave", "R1")
     assert started["R1"].wait() == 0
 
 
@@ -79,10 +73,10 @@ def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
     for robot, options in (("R1", ["--listen", first]), ("R2", ["--listen", second])):
         options += ["--speed", "10", *(["--connect", first] if robot == "R2" else [])]
         team.agent(EXPLORE, robot, *options)
-    where = ["--mission", str(EXPLORE), "--connect", first, "--connect", second]
-    observer = team.start("watch", "--headless", *where)
-    team.wait_until(lambda: len(status(team, *where)["robots"]) == 2, "both are heard")
-    team.mrbt("abort", *where)
+    there = team.at(mission=EXPLORE, connect=f"{first},{second}")
+    observer = there.start("watch", "--headless")
+    team.wait_until(lambda: len(there.status()["robots"]) == 2, "both are heard")
+    there.mrbt("abort")
     output, problems = observer.communicate()
     assert observer.returncode == 1, problems
     assert output.startswith("listening for team explore, run ")
@@ -91,15 +85,16 @@ def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
 
 
 def test_who_looks_for_another_run_is_told_so(team: Team) -> None:
-    name = ["--team", f"multicast-{secrets.token_hex(4)}", "--multicast", "lo"]
+    there = team.at(
+        mission=EXPLORE, team=f"multicast-{secrets.token_hex(4)}", run="second", multicast="lo"
+    )
     team.hold("explore")
-    robots(team, "--run", "first", *name)
+    robots(there, "--run", "first")
     team.wait_until(lambda: events(team, "R1"), "R1 works")
-    where = ["--mission", str(EXPLORE), "--run", "second", *name]
-    asked = team.command("status", *where)
+    asked = there.command("status")
     assert asked.returncode == 1
     assert "run second, answers; R1: run 'first' (ours is 'second')" in asked.stderr
-    watching = team.start("watch", *where)
+    watching = there.start("watch")
     assert watching.stdout is not None
     told = "R1 is not of this run: run 'first' (ours is 'second')"
     assert any(told in line for line in watching.stdout)

@@ -27,7 +27,7 @@ def started(team: Team, *options: str) -> subprocess.Popen[str]:
     """A router that routes."""
     process = team.start("router", *options)
     assert process.stdout is not None
-    assert process.stdout.readline().startswith("routes"), process.communicate()
+    assert process.stdout.readline().startswith("running"), process.communicate()
     return process
 
 
@@ -48,7 +48,7 @@ def test_a_router_says_where_it_is_and_ends_when_it_is_asked_to(team: Team) -> N
 
 def test_where_no_router_is_whoever_watches_is_told_so(team: Team) -> None:
     (endpoint,) = free_endpoints(1, "tcp")
-    asked = team.command("status", "--mission", str(EXPLORE), "--router", endpoint)
+    asked = team.at(mission=EXPLORE, router=endpoint).command("status")
     assert asked.returncode == 2
     assert f"no router answers at {endpoint}" in asked.stderr
 
@@ -176,14 +176,14 @@ def test_a_team_with_keys_works_over_two_encrypted_routers(team: Team, keys: Key
     dying = started(team, *start, first)
     started(team, *start, second, "--connect", first)
     team.hold("explore")
-    where = ["--mission", str(EXPLORE), "--keys", str(keys.path), "--team", "t"]
     agents = []
     for robot, routers in (("R1", f"{first},{second}"), ("R2", f"{second},{first}")):
-        options = ["--keys", str(keys.path), "--team", "t", "--router", routers, "--speed", "10"]
-        agents.append(team.agent(EXPLORE, robot, *options, "--exit-when-done"))
+        there = team.at(keys=keys.path, team="t", router=routers)
+        agents.append(there.agent(EXPLORE, robot, "--speed", "10", "--exit-when-done"))
 
     def living() -> int:
-        asked = team.command("status", *where, "--router", second, "--json")
+        there = team.at(mission=EXPLORE, keys=keys.path, team="t", router=second)
+        asked = there.command("status", "--json")
         if asked.returncode != 0:
             return 0
         robots = json.loads(asked.stdout)["robots"]

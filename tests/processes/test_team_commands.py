@@ -233,9 +233,7 @@ def test_a_team_that_is_too_large_for_the_machine_is_told_so_and_starts(team: Te
     finally:
         os.sched_setaffinity(0, cores)
     assert done.returncode == 0, done.stderr + team.logs()
-    assert (
-        "warning: 2 robots are more than this machine carries: some 1, with 1 core " in done.stderr
-    )
+    assert "warning: 2 robots are too many for this machine: about 1 fit 1 core " in done.stderr
     found = json.loads(done.stdout)["overload"]
     assert (found["robots"], found["carried"], found["limit"]) == (2, 1, "processor")
     assert found["enough_beat_s"] > 0.01

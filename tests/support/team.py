@@ -8,6 +8,7 @@ Nothing in such a test may depend on how fast the machine is: a test waits for w
 from __future__ import annotations
 
 import contextlib
+import copy
 import json
 import os
 import signal
@@ -50,6 +51,14 @@ class Team:
         self._held: set[str] = set()
         self._tick = threading.Event()
 
+    def at(self, **network: object) -> Team:
+        """The same team for commands that find it on a network: `router="..."` is MRBT_ROUTER."""
+        there = copy.copy(self)
+        there.environment = self.environment | {
+            f"MRBT_{name.upper()}": str(value) for name, value in network.items()
+        }
+        return there
+
     # -- commands -------------------------------------------------------------------------
 
     def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -85,8 +94,9 @@ class Team:
             )
 
     def agent(self, mission: Path, robot: str, *options: str) -> subprocess.Popen[str]:
-        """Start one agent by hand, without a launcher; without --keys, `--insecure`."""
-        secure = () if "--keys" in options else ("--insecure",)
+        """Start one agent by hand, without a launcher; without keys, `--insecure`."""
+        has_keys = "--keys" in options or "MRBT_KEYS" in self.environment
+        secure = () if has_keys else ("--insecure",)
         words = ("agent", "--mission", str(mission), "--robot", robot, *secure, *options)
         return self.start(*words)
 
