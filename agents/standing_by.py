@@ -1,7 +1,7 @@
 """The robots of examples/vehicle_repair/standing_by.yaml: damages come in, and are repaired.
 
-One robot hears when something breaks, diagnosis finds out what, and whoever has put the last screws
-in says that the vehicle is in order again.
+One robot hears when something breaks, diagnosis finds out what, and the robot that has put the last
+screws in reports that the vehicle is in order again.
 """
 
 import anyio

@@ -39,7 +39,7 @@ class Server:
     """
 
     def __init__(self, broken: tuple[str, ...], again: bool) -> None:
-        # It says which extra it needs, and that is told as any wrong input is.
+        # A missing extra is reported as wrong input.
         from bodies.physics import World
 
         self._begin = partial(World, broken)

@@ -28,7 +28,7 @@ TRIES = 8
 
 
 class Body:
-    """One robot's body. `command` is what it is told, ten times a second."""
+    """One robot's body. `command` is sent ten times a second."""
 
     def __init__(self, task: RobotContext) -> None:
         floor = task.parameters["floor"]

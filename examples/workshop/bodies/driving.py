@@ -27,7 +27,7 @@ BEHIND_M = (0.0, 0.2, 0.4)
 KNOWN_M = 0.12
 # Hits farther away than this are of something that will have moved.
 NEAR_M = min(3.0, RANGE_M)
-# Hits are kept in squares of this size; one is gone if the range finder sees so far behind it.
+# Hits are kept in squares of this size; one is removed once the range finder sees beyond it.
 SIGHT_M, GONE_M, REMEMBERED_S = 0.15, 0.3, 30.0
 # A robot gets out of where it stands, whatever is beside it.
 FREE_M = 0.35

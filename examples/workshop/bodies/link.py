@@ -47,11 +47,14 @@ class Link(Protocol):
     """One robot's body."""
 
     async def sense(self) -> Senses:
-        """What is sensed before the first command. Raises OSError if the body is gone."""
+        """What is sensed before the first command. Raises OSError if the body no longer answers."""
         ...
 
     async def exchange(self, command: Command) -> Senses:
-        """Give the motors a command and get what is sensed. Raises OSError if the body is gone."""
+        """Give the motors a command and get what is sensed.
+
+        Raises OSError if the body no longer answers.
+        """
         ...
 
     async def close(self) -> None: ...
@@ -128,7 +131,7 @@ class SocketLink:
                 await send(self._stream, message)
                 answer = await receive(self._stream)
         except (*GONE, MessageError) as error:
-            raise ConnectionResetError("the world is gone") from error
+            raise ConnectionResetError("the world has ended") from error
         if "error" in answer:
             raise ConnectionRefusedError(str(answer["error"]))
         return Senses.read(answer)

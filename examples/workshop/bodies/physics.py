@@ -1,7 +1,7 @@
 """The workshop's world: MuJoCo steps bodies, and tools do something where their tip is.
 
-It knows nothing of tasks or teams. Robots give commands and get senses; whoever asks `judged` is
-told what is out, off and mended, as it lies there. The same commands at the same times give the
+It knows nothing of tasks or teams. Robots send commands and receive what they sense; `judged`
+returns what is out, off and mended, as it lies there. The same commands at the same times give the
 same world, to the bit.
 """
 
@@ -94,7 +94,7 @@ class Part:
 
 
 class Robot:
-    """One robot's body in the model: where its joints are, and what it was told last."""
+    """One robot's body in the model: its joints, and the last command."""
 
     def __init__(self, model: Any, name: str) -> None:
         self.name = name
