@@ -18,12 +18,13 @@ from mrbt_mesh.core.agent.inputs import (
     ProgressReported,
     TreeTicked,
 )
-from mrbt_mesh.core.agent.reports import CONDITIONS_PER_OUTCOME
 from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.mission import Mission, micro_performance
 from mrbt_mesh.runtime.user_code import outside, shown
+
+CONDITIONS_PER_OUTCOME = 1_000
 
 
 class Host(Protocol):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.agent.follow_up import FollowUp
+from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import (
@@ -39,7 +39,7 @@ def test_what_is_let_pass_would_have_had_no_effect(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = effect_log(seed)
-    monkeypatch.setattr(FollowUp, "_is_clean", lambda *_: False)
+    monkeypatch.setattr(Agent, "_is_clean", lambda *_: False)
     assert effect_log(seed) == expected
 
 
@@ -76,5 +76,5 @@ def large_team_log(seed: int) -> list[str]:
 @pytest.mark.parametrize("seed", seeds(5))
 def test_the_same_in_a_ring(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = large_team_log(seed)
-    monkeypatch.setattr(FollowUp, "_is_clean", lambda *_: False)
+    monkeypatch.setattr(Agent, "_is_clean", lambda *_: False)
     assert large_team_log(seed) == expected

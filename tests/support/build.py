@@ -7,9 +7,8 @@ from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluation import Evaluation, OutcomeTick
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members

@@ -10,7 +10,6 @@ from unittest import mock
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.follow_up import FollowUp
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.records import OrderKind
@@ -26,11 +25,6 @@ def planner(agent: Agent) -> Planner:
     return agent._planner
 
 
-def follow_up(agent: Agent) -> FollowUp:
-    """What follows from inputs and from the time."""
-    return agent._follow_up
-
-
 def schedule(agent: Agent) -> HeartbeatSchedule:
     """When it beats."""
     return agent._schedule
@@ -43,7 +37,7 @@ def order(agent: Agent, kind: OrderKind, now_us: int) -> None:
 
 def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
     """An operator's command."""
-    return agent._inbound._commands.carry_out(body, now_us)
+    return agent._commands.carry_out(body, now_us)
 
 
 @contextlib.contextmanager
@@ -59,9 +53,7 @@ def counted() -> Iterator[Counter[str]]:
         return call
 
     with (
-        mock.patch.object(
-            FollowUp, "_bring_up_to_date", counting("followed up", FollowUp._bring_up_to_date)
-        ),
+        mock.patch.object(Agent, "_reconcile", counting("followed up", Agent._reconcile)),
         mock.patch.object(Heartbeats, "_send", counting("beats", Heartbeats._send)),
     ):
         yield counts

@@ -1,60 +1,54 @@
 """The agent: one robot of the team as a pure object. Inputs and time in, effects out.
 
-`Agent.handle(input, now_us) -> list[Effect]` and `Agent.next_deadline_us(now_us)` are all there
-is, with `Agent.view` to look at it; a runtime drives it with Zenoh and a real clock, the simulator
-with a faulty network and a virtual one.
+A runtime drives `Agent.handle(input, now_us) -> list[Effect]` and `Agent.next_deadline_us(now_us)`
+with Zenoh and a real clock, the simulator with a faulty network and a virtual one. `Agent.view` is
+there to look at.
+
+Each step takes inputs in, decides what follows, and acts: it brings everything up to date in one
+order, from who is alive to what the others must hear. Most heartbeats change nothing that any of it
+follows from; then only heartbeats are sent that are due.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
+from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent.bidder import Bidder
+from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
 from mrbt_mesh.core.agent.effects import Effect
-from mrbt_mesh.core.agent.executor import Executor
-from mrbt_mesh.core.agent.follow_up import FollowUp
+from mrbt_mesh.core.agent.executor import Executor, PlainStart
+from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.inbound import Inbound
-from mrbt_mesh.core.agent.inputs import (
-    ActionFinished,
-    ActionStopped,
-    AnswerReceived,
-    BidsMade,
-    CapabilityChanged,
-    ConditionSet,
-    Input,
-    InputBatch,
-    InputRefused,
-    JournalOpened,
-    JournalReported,
-    JournalSynced,
-    LeaveRequested,
-    MessageReceived,
-    PerformanceChanged,
-    PlanMade,
-    PositionReported,
-    ProblemFound,
-    ProgressReported,
-    QueryReceived,
-    RouterAnswered,
-    TokenChanged,
-    TreeTicked,
-)
-from mrbt_mesh.core.agent.lifecycle import Lifecycle
+from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.agent.leased_start import LeasedStart
+from mrbt_mesh.core.agent.lifecycle import Lifecycle, is_over
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.robot_tree import RobotTree
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
+
+# What robots and operators ask for is always followed up.
+_MAY_CHANGE_NOTHING = (
+    inputs.MessageReceived,
+    inputs.PositionReported,
+    inputs.ProgressReported,
+    inputs.TimerFired,
+    inputs.TreeTicked,
+)
 
 
 class Agent:
@@ -63,22 +57,71 @@ class Agent:
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
         self._context = context = Context(mission, config, now_us)
         self._schedule = schedule = HeartbeatSchedule(config.timing, now_us)
-        duplicates = DuplicateIdCheck(config.robot, config.nonce, config.takeover, config.timing)
-        tree = RobotTree({type_name(name) for name in config.capabilities})
-        leases = Leases(config.robot, context.facts, config.timing, now_us, context.durability)
-        self._planner = planner = Planner(context, tree)
-        executor = Executor(context, planner, tree, leases)
-        self._reports = reports = Reports(context, planner, executor, schedule)
-        self._lifecycle = lifecycle = Lifecycle(context, planner, leases, duplicates, schedule)
-        heartbeats = Heartbeats(context, schedule, planner, executor)
-        commands = Commands(context, planner, reports)
-        self._inbound = Inbound(context, executor, duplicates, schedule, commands)
-        self._deferred = DeferredInputs()
-        self._follow_up = FollowUp(
-            context, planner, executor, reports, lifecycle, heartbeats, duplicates, now_us
+        self._duplicates = duplicates = DuplicateIdCheck(
+            config.robot, config.nonce, config.takeover, config.timing
         )
-        self._deadline_us = now_us
+        tree = RobotTree({type_name(name) for name in config.capabilities})
+        self._planner = planner = Planner(context, tree)
+        plain, coalition = PlainStart(), CoalitionStart(context)
+        starts = {
+            name: coalition if task.simultaneous else plain
+            for name, task in mission.global_tasks.items()
+        }
+        self._leased: LeasedStart | None = None
+        exclusive = [name for name, task in mission.global_tasks.items() if task.exclusive]
+        if exclusive:
+            self._leased = LeasedStart(context, planner, now_us)
+            starts |= dict.fromkeys(exclusive, self._leased)
+        self._executor = executor = Executor(context, tree, starts)
+        self._reports = reports = Reports(context, planner, executor, schedule)
+        self._health = health = Health(context)
+        self._bidder = bidder = Bidder(context, health)
+        self._lifecycle = Lifecycle(context, planner, self._leased, duplicates, schedule)
+        self._heartbeats = Heartbeats(context, schedule, planner, tree, self._leased)
+        self._commands = Commands(context, planner, reports, health)
+        inbound = Inbound(context, planner, self._leased, duplicates, schedule, self._commands)
+        self._deferred = DeferredInputs()
         self.view = AgentView(context, planner, executor)
+        work = context.work
+        self._handlers: dict[type[Input], Callable[[Any, int], object]] = {
+            inputs.MessageReceived: inbound.take,
+            inputs.TokenChanged: inbound.take,
+            inputs.RouterAnswered: inbound.take,
+            inputs.QueryReceived: inbound.take,
+            inputs.AnswerReceived: inbound.take,
+            inputs.InputRefused: lambda e, _: context.refuse(e.source, e.reason, count=e.count),
+            inputs.ActionFinished: reports.finished,
+            inputs.ActionStopped: lambda e, _: work.stopped(e.ticket),
+            inputs.ProgressReported: lambda e, _: work.progressed(e.ticket, e.percent),
+            inputs.TreeTicked: lambda e, _: work.tree_ticked(e.ticket, e.statuses),
+            inputs.PositionReported: lambda e, _: context.note_position(e.position),
+            inputs.ConditionSet: lambda e, now: reports.set_conditions({e.name: e.value}, now),
+            inputs.CapabilityChanged: health.change_capability,
+            inputs.PerformanceChanged: lambda e, now: health.change_performance(
+                e.local_task, e.performance, PROGRAM, now
+            ),
+            inputs.BidsMade: bidder.made,
+            inputs.ProblemFound: health.problem_found,
+            inputs.LeaveRequested: lambda _, now: reports.leave(now),
+            inputs.PlanMade: planner.made,
+            inputs.JournalSynced: self._journal_synced,
+            inputs.JournalReported: health.journal_reported,
+            inputs.JournalOpened: health.journal_opened,
+            inputs.TimerFired: lambda *_: None,
+        }
+        self._deadline_us = now_us
+        # When time alone asks for more than asking others, and heartbeats.
+        self._step_us = now_us
+        # The changes that the last step went by, None if the next input is to be followed up
+        # whatever it is; and whether these include what others report.
+        self._seen: int | None = None
+        self._reads_reports = False
+        # Until when others that join are waited for, None if nobody does.
+        self._joining_until_us: int | None = None
+        self._most_joined = 0
+        # When the last plan was made, and before when none is made, None if one may be.
+        self._planned_us = now_us
+        self._plans_at_us: int | None = None
 
     # -- the two calls ------------------------------------------------------------------------
 
@@ -90,24 +133,23 @@ class Agent:
         if now_us > self._deadline_us:
             self._lifecycle.woke_late(now_us - self._deadline_us, now_us)
             self._deadline_us = now_us
-        taken: Sequence[Input] = event.inputs if isinstance(event, InputBatch) else (event,)
+        taken: Sequence[Input] = event.inputs if isinstance(event, inputs.InputBatch) else (event,)
         if context.config.plans_apart:
             taken = self._deferred.due(taken, self._planner.awaited is not None)
         for each in taken:
             if not context.has_stopped:
-                self._take(each, now_us)
+                self._handlers[type(each)](each, now_us)
         if not context.has_stopped:
-            self._follow_up.inputs(taken, now_us)
+            self._follow_up(taken, now_us)
         return context.take_effects()
 
     def next_deadline_us(self, now_us: int) -> int:
         """When to call `handle(TimerFired())` at the latest, if nothing else happens."""
-        step_us = self._follow_up.step_us
-        if self._context.config.plans_apart:
-            if self._planner.awaited is not None:
-                step_us = NEVER_US
-            elif self._deferred.waits:
-                step_us = now_us
+        step_us = self._step_us
+        if self._planner.awaited is not None:
+            step_us = NEVER_US
+        elif self._deferred.waits:
+            step_us = now_us
         self._deadline_us = min(
             step_us,
             self._context.membership.next_detection_us,
@@ -116,67 +158,162 @@ class Agent:
         )
         return self._deadline_us
 
-    # -- one input ----------------------------------------------------------------------------
+    def _journal_synced(self, event: inputs.JournalSynced, now_us: int) -> None:
+        self._context.durability.note_synced(event.number)
+        if self._leased is not None:
+            self._leased.leases.take_own_answers()
+        self._health.report_journal(now_us)
 
-    def _take(self, event: Input, now_us: int) -> None:
-        """Hand an input to the part that it concerns."""
-        match event:
-            case (
-                MessageReceived()
-                | TokenChanged()
-                | RouterAnswered()
-                | QueryReceived()
-                | AnswerReceived()
-            ):
-                self._inbound.take(event, now_us, self._planner.awaited is not None)
-            case InputRefused(source, reason, count):
-                self._context.refuse(source, reason, count=count)
-            case ActionFinished():
-                self._reports.finished(event, now_us)
-            case ActionStopped(ticket):
-                self._context.work.stopped(ticket)
-            case ProgressReported() | TreeTicked() | PositionReported():
-                self._take_for_people(event)
-            case LeaveRequested():
-                self._reports.leave(now_us)
-            case PlanMade(number, plan):
-                self._planner.made(number, plan, now_us)
-            case JournalSynced() | JournalReported() | JournalOpened():
-                self._reports.journal(event, now_us)
-            case (
-                ConditionSet()
-                | CapabilityChanged()
-                | PerformanceChanged()
-                | BidsMade()
-                | ProblemFound()
-            ):
-                self._take_from_program(event, now_us)
-            case _:
-                pass  # TimerFired: what is due is followed up
+    # -- one step -----------------------------------------------------------------------------
 
-    def _take_from_program(
-        self,
-        event: ConditionSet | CapabilityChanged | PerformanceChanged | BidsMade | ProblemFound,
-        now_us: int,
-    ) -> None:
-        """What the robot's program says for the team."""
-        match event:
-            case ConditionSet(name, value):
-                self._reports.set_conditions({name: value}, now_us)
-            case CapabilityChanged():
-                self._reports.change_capability(event, now_us)
-            case PerformanceChanged(local_task, performance):
-                self._reports.change_performance(local_task, performance, PROGRAM, now_us)
-            case BidsMade():
-                self._reports.bids_made(event, now_us)
-            case ProblemFound(subject, text):
-                self._reports.problem_found(subject, text, now_us)
-
-    def _take_for_people(self, event: ProgressReported | TreeTicked | PositionReported) -> None:
-        """What heartbeats carry for those who watch; nothing follows from it."""
-        if isinstance(event, ProgressReported):
-            self._context.work.progressed(event.ticket, event.percent)
-        elif isinstance(event, TreeTicked):
-            self._context.work.tree_ticked(event.ticket, event.statuses)
+    def _follow_up(self, events: Sequence[Input], now_us: int) -> None:
+        """These have been taken in: do what follows from them."""
+        if self._planner.awaited is not None:
+            self._detect_failures(now_us)
+            self._ask_who_is_due(now_us)
+            self._heartbeats.send_if_due(now_us)
+        elif not self._is_clean(events, now_us):
+            self._reconcile(events, now_us)
+            self._note_what_is_done(now_us)
         else:
-            self._context.position = event.position
+            if now_us >= self._context.replica.anti_entropy.next_ask_us:
+                self._ask_who_is_due(now_us)
+            self._heartbeats.send_if_regular(now_us)
+
+    def _reconcile(self, events: Sequence[Input], now_us: int) -> None:
+        """Bring everything up to date: who is alive, this robot's place in the team, the plan, its
+        own assignment, what the others must hear.
+        """
+        context = self._context
+        self._detect_failures(now_us)
+        if self._lifecycle.step(now_us):
+            self._reports.joined(now_us)
+            self._health.joined(now_us)
+        if context.joining is None:
+            self._plan_and_perform(events, now_us)
+        self._ask_who_is_due(now_us)
+        result = None
+        if self._planner.awaited is None:
+            result = self._lifecycle.result_to_stop_with(self._planner.plan, now_us)
+        if result is not None:
+            self._heartbeats.send(now_us)
+            context.stop(0 if result is Status.SUCCESS else 1, f"mission {result.name.lower()}")
+        if context.is_leaving and context.work.action is None:
+            self._heartbeats.send(now_us)
+            context.stop(0, "left")
+        else:
+            self._heartbeats.send_if_due(now_us)
+
+    def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
+        mission, leased = self._context.mission, self._leased
+        if leased is not None:
+            leased.check(now_us)
+        if mission.per_robot.leaves:
+            self._reports.contradict(now_us)
+        if self._awaits_joining(now_us) or self._awaits_news(events, now_us):
+            return
+        if not self._planner.is_current:
+            self._planned_us = now_us
+        # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
+        apart = self._context.config.plans_apart and (leased is None or leased.leases.is_idle)
+        plan = self._planner.update(now_us, apart)
+        if plan is None:
+            return
+        if mission.has_bids:
+            self._bidder.ask(plan)
+        self._executor.perform(plan, now_us)
+        if leased is not None:
+            leased.request()
+
+    def _awaits_joining(self, now_us: int) -> bool:
+        """Whether a plan would be too early, while others are about to join.
+
+        Each of them changes the plan, and nobody begins before they have it too. They are waited
+        for no longer than agreement is, from the last one that did.
+        """
+        membership = self._context.membership
+        if not membership.around.newcomers:
+            self._joining_until_us = None
+        elif self._joining_until_us is None or membership.joined_count > self._most_joined:
+            self._most_joined = membership.joined_count
+            self._joining_until_us = now_us + self._context.config.timing.grace_us
+        return self._joining_until_us is not None and now_us < self._joining_until_us
+
+    def _awaits_news(self, events: Sequence[Input], now_us: int) -> bool:
+        """Whether a plan would be too early, right after another one.
+
+        Where many begin at once each of them changes the plan of all. What the robot itself reports
+        is followed up at once: it is a step of the tree.
+        """
+        self._plans_at_us = None
+        are_from_others = all(
+            isinstance(event, inputs.NetworkInput | inputs.TimerFired) for event in events
+        )
+        if self._planner.is_current or not are_from_others:
+            return False
+        earliest_us = self._planned_us + self._context.membership.around.plan_spacing_us
+        if now_us < earliest_us:
+            self._plans_at_us = earliest_us
+        return now_us < earliest_us
+
+    def _detect_failures(self, now_us: int) -> None:
+        context = self._context
+        if not context.membership.needs_detection(now_us):
+            return
+        for robot, before, after in context.membership.detect_failures(now_us):
+            level = "warning" if after.is_suspected else "info"
+            context.log(level, f"robot_{after}", robot=robot, before=str(before))
+            if not after.is_member:
+                context.replica.anti_entropy.forget(robot)
+        self._heartbeats.hurry_if_probing(now_us)
+
+    def _ask_who_is_due(self, now_us: int) -> None:
+        peers = self._context.replica.anti_entropy.peers_to_ask(now_us)
+        if peers:
+            self._context.ask(peers, now_us)
+
+    # -- the dirty check ----------------------------------------------------------------------
+
+    def _is_clean(self, events: Sequence[Input], now_us: int) -> bool:
+        """Whether nothing follows from inputs, as mostly."""
+        return (
+            now_us < self._step_us
+            and self._seen == self._changes()
+            and all(isinstance(event, _MAY_CHANGE_NOTHING) for event in events)
+            and not self._context.membership.needs_detection(now_us)
+        )
+
+    def _changes(self) -> int:
+        """Grows with all that a message can change and that something follows from."""
+        facts, membership = self._context.facts, self._context.membership
+        changes = facts.changes + membership.member_changes + membership.suspicion_changes
+        changes += membership.around.broadcast_generation + self._duplicates.changes
+        return changes + membership.report_changes if self._reads_reports else changes
+
+    def _note_what_is_done(self, now_us: int) -> None:
+        """Until something changes, or a deadline passes, nothing more follows."""
+        context, planner = self._context, self._planner
+        joining, done_us = context.joining, self._lifecycle.done_us
+        leases = None if self._leased is None else self._leased.leases
+        is_waiting = context.work.is_waiting
+        deadlines_us = (
+            planner.deadlines.next_deadline_us(),
+            leases.next_deadline_us() if leases is not None else None,
+            self._joining_until_us,
+            self._plans_at_us,
+            joining.deadline_us if joining is not None else None,
+            joining.gathers_until_us if joining is not None else None,
+            joining.yields_until_us if joining is not None else None,
+            self._executor.grace_ends_us if is_waiting else None,
+            done_us + context.config.timing.heartbeat_us if done_us is not None else None,
+        )
+        ahead_us = [at for at in deadlines_us if at is not None and at > now_us]
+        self._step_us = min(ahead_us, default=NEVER_US)
+        self._seen = None
+        if self._executor.shows_outcome:
+            return
+        if joining is None and (leases is None or leases.is_idle) and planner.is_current:
+            awaits_reports = is_waiting or planner.deadlines.awaits_agreement
+            is_ending = done_us is not None or is_over(planner.plan)
+            self._reads_reports = awaits_reports or is_ending
+            self._seen = self._changes()

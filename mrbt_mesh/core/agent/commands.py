@@ -7,6 +7,7 @@ import json
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
@@ -45,10 +46,13 @@ def answer_body(good: bool, text: str) -> list[Any]:
 class Commands:
     """Carries out what an operator asks of one robot."""
 
-    def __init__(self, context: Context, planner: Planner, reports: Reports) -> None:
+    def __init__(
+        self, context: Context, planner: Planner, reports: Reports, health: Health
+    ) -> None:
         self._context = context
         self._planner = planner
         self._reports = reports
+        self._health = health
 
     def carry_out(self, body: Any, now_us: int) -> tuple[bool, str]:
         """Do what a command says; (False, why) for anything malformed or unknown."""
@@ -63,7 +67,7 @@ class Commands:
         match command:
             case "fault" | "restore":
                 change = CapabilityChanged(argument, command == FAULT, OPERATOR, OPERATOR)
-                problem = self._reports.change_capability(change, now_us)
+                problem = self._health.change_capability(change, now_us)
                 if problem is not None:
                     return False, problem
                 names = ", ".join(self._context.description.lost) or "nothing"
@@ -93,7 +97,7 @@ class Commands:
             value = micro_performance(float(text))
         except ValueError:
             return False, f"{argument!r}: LOCAL_TASK=PERFORMANCE expected, e.g. replace_hw=0.5"
-        problem = self._reports.change_performance(local_task, value, OPERATOR, now_us)
+        problem = self._health.change_performance(local_task, value, OPERATOR, now_us)
         if problem is not None:
             return False, problem
         me, lost = self._context.me, not value

@@ -12,6 +12,7 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Stop
 from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.work import Work
+from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -31,8 +32,8 @@ class Context:
 
     `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
     `refused` counts what was refused, by source and reason; beyond `MAX_REASONS` different ones new
-    ones are not told apart. `sealing` is None in a team without keys.
-    `position` is what the program has said last.
+    ones are counted together. `sealing` is None in a team without keys.
+    `position` is the last one that the program has reported.
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
@@ -63,6 +64,10 @@ class Context:
         self.sealing = Sealing(config.keys, config.run, config.life) if config.keys else None
         self._effects: list[Effect] = []
 
+    def note_position(self, position: Position) -> None:
+        """The program has reported where the robot is; its heartbeats carry it."""
+        self.position = position
+
     # -- what holds ---------------------------------------------------------------------------
 
     @property
@@ -78,6 +83,10 @@ class Context:
     def alive(self) -> dict[str, Incarnation]:
         """The plan's alive set, this robot included."""
         return self.membership.members() | {self.me: self.replica.incarnation}
+
+    def member(self) -> Fact:
+        """The fact with which this robot describes itself."""
+        return records.MEMBER, self.description.member(self.is_leaving)
 
     # -- what goes out ------------------------------------------------------------------------
 

@@ -9,15 +9,17 @@ from functools import partial
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Publish
-from mrbt_mesh.core.agent.executor import Executor
+from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.dissemination import Judges, Urgent
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.wire import Heartbeat, MessageKind, SelfReport
+from mrbt_mesh.core.membership.leases import Request
+from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, MessageKind, SelfReport
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -25,12 +27,18 @@ class Heartbeats:
     """Puts this robot's heartbeats together."""
 
     def __init__(
-        self, context: Context, schedule: HeartbeatSchedule, planner: Planner, executor: Executor
+        self,
+        context: Context,
+        schedule: HeartbeatSchedule,
+        planner: Planner,
+        tree: RobotTree,
+        leased: LeasedStart | None,
     ) -> None:
         self._context = context
         self._schedule = schedule
         self._planner = planner
-        self._executor = executor
+        self._tree = tree
+        self._leased = leased
         self._last: Urgent | None = None
 
     def send_if_due(self, now_us: int) -> None:
@@ -61,7 +69,8 @@ class Heartbeats:
         return membership.around.agrees(digest, reports)
 
     def _urgent(self) -> Urgent:
-        context, plan, leases = self._context, self._planner.plan, self._executor.leases
+        context, plan = self._context, self._planner.plan
+        requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
         around = context.membership.around
         if around.newcomers:
@@ -72,24 +81,30 @@ class Heartbeats:
             context.membership.suspicions(),
             context.has_place,
             context.is_leaving,
-            leases.holder.requested,
-            tuple([(grant.coalition, grant.member) for grant in leases.grantor.grants()]),
+            requested,
+            tuple([(grant.coalition, grant.member) for grant in grants]),
             around.broadcast_generation,
             self._agrees(digest),
         )
 
+    def _lease_state(self) -> tuple[Request | None, tuple[LeaseGrant, ...]]:
+        """The lease that this robot requests, and those that it has granted."""
+        if self._leased is None:
+            return None, ()
+        leases = self._leased.leases
+        return leases.holder.requested, leases.grantor.grants()
+
     def _send(self, urgent: Urgent, now_us: int, is_last: bool = False) -> None:
-        context, plan, executor = self._context, self._planner.plan, self._executor
+        context, plan = self._context, self._planner.plan
         membership, around = context.membership, context.membership.around
         self.hurry_if_probing(now_us)
         around.now_us = now_us
         is_regular_due = is_last or self._schedule.is_regular_due(now_us)
         plans_only = around.is_for_plans_only(urgent, is_regular_due)
         number = self._schedule.mark_sent(urgent, now_us, plans_only)
-        # A heartbeat renews the leases that this robot holds: it answers itself first.
-        granted = executor.leases.heartbeat_sent(number, now_us, executor.may_grant)
-        if granted:
-            executor.leases.grantor.written(context.promise(granted, now_us))
+        if self._leased is not None:
+            self._leased.heartbeat_sent(number, now_us)
+        requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         waiting = None if plan is None else partial(who_waits, plan, context.facts)
         to, reports = around.route(urgent, number, plans_only, context.is_new, waiting)
@@ -101,12 +116,12 @@ class Heartbeats:
             SelfReport(context.replica.incarnation, number, digest, urgent.is_joined, int(result)),
             context.is_leaving,
             context.facts.map.digest(),
-            tuple([int(status) for status in executor.tree.statuses]),
+            tuple([int(status) for status in self._tree.statuses]),
             context.work.progress,
             urgent.suspicions,
             relays,
-            executor.leases.holder.requested,
-            executor.leases.grantor.grants(),
+            requested,
+            grants,
             around.members_digest(context.replica.incarnation),
             context.position,
             context.work.tree_statuses,

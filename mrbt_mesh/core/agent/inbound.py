@@ -8,7 +8,6 @@ from __future__ import annotations
 from mrbt_mesh.core.agent.commands import Commands, answer_body
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import AskRouter, Reply
-from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     FromOutside,
@@ -17,6 +16,8 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
+from mrbt_mesh.core.agent.leased_start import LeasedStart
+from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
@@ -43,19 +44,21 @@ class Inbound:
     def __init__(
         self,
         context: Context,
-        executor: Executor,
+        planner: Planner,
+        leased: LeasedStart | None,
         duplicates: DuplicateIdCheck,
         schedule: HeartbeatSchedule,
         commands: Commands,
     ) -> None:
         self._context = context
-        self._executor = executor
+        self._planner = planner
+        self._leased = leased
         self._duplicates = duplicates
         self._schedule = schedule
         self._commands = commands
 
-    def take(self, event: FromOutside, now_us: int, is_planning: bool) -> None:
-        """Take in one; `is_planning`: a plan is being made, until then facts stay as they are."""
+    def take(self, event: FromOutside, now_us: int) -> None:
+        """Take in one message."""
         sealing = self._context.sealing
         if sealing is not None:
             try:
@@ -67,22 +70,25 @@ class Inbound:
             case MessageReceived(kind, source, data):
                 try:
                     if kind is _BEAT:
-                        self._read_beat(source, data, now_us, is_planning)
+                        self._read_beat(source, data, now_us)
                     elif source != self._context.me:
                         received = self._context.replica.receive(source, data, now_us)
                         self._take_in(source, received)
                         self._note_place(source, received, now_us)
                 except WireError as error:
                     self._refuse(source, error)
-            case TokenChanged() | RouterAnswered():
-                self._token(event)
+            case TokenChanged(robot, incarnation, held, router):
+                if self._context.membership.receive_token(robot, incarnation, held, router):
+                    self._context.emit(AskRouter(robot, incarnation, router))
+            case RouterAnswered(robot, incarnation, is_linked):
+                self._context.membership.router_answered(robot, incarnation, is_linked)
             case QueryReceived(query, kind, data):
                 self._query(query, kind, data, now_us)
             case AnswerReceived(peer, data):
                 self._answer(peer, data, now_us)
 
     def _not_authentic(self, event: FromOutside, error: WireError, now_us: int) -> None:
-        """Whoever asks without a key of this team is told so; nothing else comes of it."""
+        """Refuse a message; an operator without a key of this team gets an answer."""
         match event:
             case MessageReceived(_, source, _):
                 self._refuse(source, error)
@@ -99,7 +105,7 @@ class Inbound:
             case _:
                 pass
 
-    def _read_beat(self, source: str, data: bytes, now_us: int, is_planning: bool) -> None:
+    def _read_beat(self, source: str, data: bytes, now_us: int) -> None:
         context = self._context
         membership = context.membership
         read = context.config.engine.read_heartbeat
@@ -118,14 +124,17 @@ class Inbound:
                 incarnation = str(beat.report.incarnation)
                 context.log("info", "robot_heard", robot=source, incarnation=incarnation)
             self._compare_digest(source, beat, now_us)
-            # Every beat says it again.
-            if (beat.lease_request is not None or beat.lease_grants) and not is_planning:
-                self._executor.lease_asked(source, beat, now_us)
+            # Every heartbeat repeats it. While a plan is made the facts stay as they are.
+            has_leases = beat.lease_request is not None or beat.lease_grants
+            if self._leased is not None and has_leases and self._planner.awaited is None:
+                self._leased.heartbeat_received(source, beat, now_us)
             if beat.suspicions and membership.can_answer_probe(beat, mine):
                 self._schedule.speed_up(membership.present_count, now_us)
         if joining is not None:
             joining.mark_heard(source)
-        self._check_relays(source, beat, starting, now_us)
+        members = context.facts.members
+        reason = self._duplicates.check_relays(source, beat, mine, starting, members, now_us)
+        context.stop(2, reason)
 
     def _compare_digest(self, source: str, beat: Heartbeat, now_us: int) -> None:
         """Of the facts, and, once both have joined, of the members as each sees them."""
@@ -136,21 +145,6 @@ class Inbound:
             ours = context.membership.around.members_digest(context.replica.incarnation)
         mine = context.facts.map.digest() + ours
         context.replica.compare_digest(source, beat.fact_digest + theirs, now_us, mine)
-
-    def _check_relays(self, source: str, beat: Heartbeat, starting: bool, now_us: int) -> None:
-        context = self._context
-        mine, members = context.replica.incarnation, context.facts.members
-        reason = self._duplicates.check_relays(source, beat, mine, starting, members, now_us)
-        context.stop(2, reason)
-
-    def _token(self, event: TokenChanged | RouterAnswered) -> None:
-        membership = self._context.membership
-        match event:
-            case TokenChanged(robot, incarnation, held, router):
-                if membership.receive_token(robot, incarnation, held, router):
-                    self._context.emit(AskRouter(robot, incarnation, router))
-            case RouterAnswered(robot, incarnation, is_linked):
-                membership.router_answered(robot, incarnation, is_linked)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
         context = self._context
@@ -169,9 +163,7 @@ class Inbound:
             self._refuse("a query", error)
 
     def _view(self, members_digest: bytes) -> dict[str, SelfReport]:
-        """Whom this robot holds for alive, for one that asks and holds others for alive; nothing
-        while it joins.
-        """
+        """The robots that this one counts on, for one with other members; none while it joins."""
         context = self._context
         incarnation = context.replica.incarnation
         same = context.membership.around.members_digest(incarnation) == members_digest

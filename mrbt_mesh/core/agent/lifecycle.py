@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import DeclareToken
+from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
@@ -11,7 +12,6 @@ from mrbt_mesh.core.facts.records import NO_CLAIM, OrderKind, Phase
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.joining import Joining
-from mrbt_mesh.core.membership.leases import Leases
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -26,13 +26,13 @@ class Lifecycle:
         self,
         context: Context,
         planner: Planner,
-        leases: Leases,
+        leased: LeasedStart | None,
         duplicates: DuplicateIdCheck,
         schedule: HeartbeatSchedule,
     ) -> None:
         self._context = context
         self._planner = planner
-        self._leases = leases
+        self._leased = leased
         self._duplicates = duplicates
         self._schedule = schedule
         self.done_us: int | None = None
@@ -82,7 +82,8 @@ class Lifecycle:
         """
         work = self._context.work
         has_begun = work.claim is not None and work.claim.phase is not Phase.CLAIMED
-        return not has_begun and work.is_idle and self._leases.is_idle
+        has_leases = self._leased is not None and not self._leased.leases.is_idle
+        return not has_begun and work.action is None and not has_leases
 
     def step(self, now_us: int) -> bool:
         """Notice a later life of this robot; take a place in the team: whether it just has."""
@@ -145,8 +146,7 @@ class Lifecycle:
             context.log("info", "caught_up")
             return True
         context.log("info", "joined", incarnation=str(context.replica.incarnation))
-        member = (records.MEMBER, context.description.member(context.is_leaving))
-        context.write([member, (records.CLAIM, NO_CLAIM)], now_us)
+        context.write([context.member(), (records.CLAIM, NO_CLAIM)], now_us)
         self._schedule.make_due(now_us)
         return True
 
@@ -155,25 +155,19 @@ class Lifecycle:
         others = context.mission.robots.keys() - {context.me}
         is_known = bool(context.facts.map.of_author(context.me))
         peers, digest = context.membership.peers, context.facts.map.digest()
-        if joining.has_all_of(others, peers, digest) and not is_known:
-            self._leases.grantor.end_silence()
+        if self._leased is not None and not is_known and joining.has_all_of(others, peers, digest):
+            self._leased.leases.grantor.end_silence()
         incarnation = context.replica.next_incarnation(self._duplicates.other_incarnation.counter)
         context.emit(DeclareToken(incarnation))
 
     # -- the end ------------------------------------------------------------------------------
 
-    @property
-    def is_over(self) -> bool:
-        """Whether this robot's plan has the mission's result."""
-        plan = self._planner.plan
-        return plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
-
-    def result_to_stop_with(self, now_us: int) -> Status | None:
+    def result_to_stop_with(self, plan: Plan | None, now_us: int) -> Status | None:
         """The mission's result once every living robot has come to it, and has heard so.
 
         None for ever where the team stands by.
         """
-        context, plan = self._context, self._planner.plan
+        context = self._context
         if plan is None or not self._is_everybody_done(plan):
             self.done_us = None
         elif self.done_us is None:
@@ -190,15 +184,18 @@ class Lifecycle:
         return self._context.mission.ends is MissionEnd.NEVER and plan.order is not OrderKind.ABORT
 
     def _is_everybody_done(self, plan: Plan) -> bool:
+        """Others report the digest of the end where they know that the mission has ended."""
         context = self._context
+        digest = plan.digest if plan.ended is not None else None
         return (
             context.joining is None
-            and self.is_over
+            and is_over(plan)
             and not plan.is_about_to_end(context.mission)
-            and context.membership.all_report_result(int(plan.result), self._digest_of_end(plan))
-            and context.work.is_idle
+            and context.membership.all_report_result(int(plan.result), digest)
+            and context.work.action is None
         )
 
-    def _digest_of_end(self, plan: Plan) -> bytes | None:
-        """What others report who know that the mission has ended; None where that says nothing."""
-        return plan.digest if plan.ended is not None else None
+
+def is_over(plan: Plan | None) -> bool:
+    """Whether a plan has the mission's result."""
+    return plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)

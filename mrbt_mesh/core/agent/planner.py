@@ -1,4 +1,4 @@
-"""Keeps one robot's plan up to date, and says which facts follow from it."""
+"""Keeps one robot's plan up to date, and finds which facts follow from it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Forget, MakePlan
+from mrbt_mesh.core.agent.inputs import PlanMade
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.evaluation import Evaluation
-from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
+from mrbt_mesh.core.bt.evaluation import Evaluation, OutcomeTick
 from mrbt_mesh.core.bt.robot_tree import AssignmentValues, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import PlanFunction
@@ -45,13 +45,16 @@ class Planner:
     """Ticks T_A: each change of facts or of the alive set leads to a new plan.
 
     `plan`: the newest one, None while this robot has never joined. `awaited`: the one that is being
-    made elsewhere, if there is one; until then the facts must stay as they are.
+    made elsewhere, if there is one; until then the facts must stay as they are. Each of the
+    `listeners` is called while the facts are those that the plan follows from.
     """
 
     def __init__(self, context: Context, robot_tree: RobotTree) -> None:
         timing = context.config.timing
         self.plan: Plan | None = None
+        self.awaited: Awaited | None = None
         self.deadlines = Deadlines(timing.bid_wait_us, timing.verdict_us)
+        self.listeners: list[PlanListener] = []
         self._context = context
         self._robot_tree = robot_tree
         self._evaluator = context.mission.evaluator
@@ -60,16 +63,10 @@ class Planner:
         # Errors of the robot's solver; the default one made those plans.
         self._failures: list[str] = []
         self._number = 0
-        # The facts and the alive set of the plan, and of one that is being made elsewhere.
+        # The facts and the alive set of the newest plan.
         self._planned: tuple[int, int] | None = None
-        self.awaited: Awaited | None = None
         # How many outcomes there were, and what the alive set was, when T_A last planned.
         self._finished: tuple[int, int] | None = None
-        self._listeners: list[PlanListener] = []
-
-    def subscribe(self, listener: PlanListener) -> None:
-        """Have `listener` called with each plan, while the facts are those that it follows from."""
-        self._listeners.append(listener)
 
     def _take_up(
         self,
@@ -83,7 +80,7 @@ class Planner:
         self._robot_tree.tick_assignment(
             replace(values, check_consistency=plan.consistent, assign_agents=solved)
         )
-        for listener in self._listeners:
+        for listener in self.listeners:
             listener(plan, alive)
 
     def forget(self) -> None:
@@ -99,22 +96,21 @@ class Planner:
         """
         return self.plan is not None and self._planned == self._state()
 
-    def _is_agreed(self) -> bool:
-        """Whether all robots in good standing report this plan."""
-        return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
-
     def _state(self) -> tuple[int, int]:
         return self._context.facts.changes, self._context.membership.member_changes
 
-    def update(self, now_us: int, apart: bool) -> None:
-        """Tick T_A until nothing more follows.
+    def update(self, now_us: int, apart: bool) -> Plan | None:
+        """Tick T_A until nothing more follows: the plan, or None while it is made elsewhere.
 
-        With `apart` a plan is only asked for: then it is awaited.
+        With `apart` a plan is only asked for.
         """
         context, facts = self._context, self._context.facts
         dropped: list[tuple[str, str]] = []
         while True:
-            self._note_guards(now_us)
+            # Which guards of several conditions have turned is written before anything is planned.
+            while turned := facts.turned_guards():
+                noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
+                context.write(noted, now_us)
             dropped += facts.prune()
             is_new = self._tick_assignment(apart)
             if self.awaited is not None:
@@ -132,14 +128,19 @@ class Planner:
             if context.count_refusal("solver", "broke its contract"):
                 context.log("error", "solver_failed", reason=reason, instead="the default solver")
         self._failures.clear()
+        return self.plan if self.awaited is None else None
 
-    def made(self, number: int, plan: Plan, now_us: int) -> None:
+    def _is_agreed(self) -> bool:
+        """Whether all robots in good standing report this plan."""
+        return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
+
+    def made(self, event: PlanMade, now_us: int) -> None:
         """*Assign Agents*, which took place elsewhere, has ended with this plan."""
         awaited = self.awaited
-        if awaited is not None and number == awaited.number:
+        if awaited is not None and event.number == awaited.number:
             self.awaited = None
-            self._take_up(plan, awaited.alive, awaited.state, awaited.values)
-            latches = self._latches(plan, awaited.alive)
+            self._take_up(event.plan, awaited.alive, awaited.state, awaited.values)
+            latches = self._latches(event.plan, awaited.alive)
             if latches:
                 self._context.write(latches, now_us)
 
@@ -151,7 +152,8 @@ class Planner:
         A local task has finished with an outcome or the death of its robot. Any new fact may change
         what T_G asks for, or the assignment problem: what a robot can do, or is doing.
         """
-        context, ends, state = self._context, self._ends(), self._state()
+        context, state = self._context, self._state()
+        ends = context.facts.outcome_changes, context.membership.member_changes
         values = AssignmentValues(
             self._finished != ends, self._planned != state, True, Status.RUNNING
         )
@@ -168,39 +170,37 @@ class Planner:
         self._take_up(self._make(alive), alive, state, values)
         return True
 
-    def _ends(self) -> tuple[int, int]:
-        return self._context.facts.outcome_changes, self._context.membership.member_changes
-
     def _make(self, alive: Mapping[str, Incarnation]) -> Plan:
         """Any exact solver leads to the same plan, so a broken one can be replaced at once.
 
         Reads the facts and changes nothing that others read.
         """
-        facts = self._context.facts
+        facts, config = self._context.facts, self._context.config
         try:
             return self._make_plan(facts, alive)
         except SolverError as error:
-            if self._context.config.solver is default_solver:
+            if config.solver is default_solver:
                 raise
             self._failures.append(str(error))
-        if self._make_by_default is None:
-            self._make_by_default = self._context.config.engine.plan_making(default_solver)
+        self._make_by_default = self._make_by_default or config.engine.plan_making(default_solver)
         return self._make_by_default(facts, alive)
+
+    # -- the facts that follow ----------------------------------------------------------------
 
     def tick_outcome(
         self, activation: str, status: Status, conditions: Mapping[str, bool]
     ) -> list[Fact]:
-        """What follows from the tick in which an action returns that has set these conditions.
+        """The facts that follow from the tick in which an action returns that has set conditions.
 
-        `status`: that of its activation from then on. Nodes with memory keep what that tick
-        shows, and if T_G ends in it, so does the mission, unless it never does.
+        `status`: that of its activation from then on. Nodes with memory keep the results of that
+        tick, and if T_G ends in it, so does the mission, unless it never does.
         """
-        facts = self._context.facts
-        tick = OutcomeTick(facts, activation, status, facts.conditions.after(conditions))
-        evaluation = self._evaluator.evaluate(tick)
+        context = self._context
+        after = context.facts.conditions.after(conditions)
+        evaluation = self._evaluator.evaluate(OutcomeTick(context.facts, activation, status, after))
         latched = self._of_tree(evaluation)
-        if self._context.mission.ends is MissionEnd.ONCE:
-            latched += _result(evaluation.status, len(self._context.mission.robots))
+        if context.mission.ends is MissionEnd.ONCE:
+            latched += _result(evaluation.status, len(context.mission.robots))
         return latched
 
     def _end(self, plan: Plan) -> list[Fact]:
@@ -220,7 +220,7 @@ class Planner:
         return _result(plan.result, sum(robot in robots for robot in context.alive()))
 
     def _of_tree(self, evaluation: Evaluation) -> list[Fact]:
-        """What one tick of T_G has found for good."""
+        """The latched results of one tick of T_G."""
         latched: list[Fact] = [
             (f"{records.ATTEMPT}/{scope}", Attempt(number)) for scope, number in evaluation.attempts
         ]
@@ -239,17 +239,11 @@ class Planner:
         facts, evaluation = self._context.facts, plan.evaluation
         latched = self._of_tree(evaluation)
         for request in evaluation.requests:
-            task = facts.mission.global_tasks[request.subject]
+            task, activation = facts.mission.global_tasks[request.subject], request.activation
             if task.by_coalition:
-                broken = newly_broken(facts, task, request.activation, alive, self._context.me)
-                latched += [(f"{records.BROKEN}/{request.activation}/{t}", LATCH) for t in broken]
+                broken = newly_broken(facts, task, activation, alive, self._context.me)
+                latched += [(f"{records.BROKEN}/{activation}/{token}", LATCH) for token in broken]
         return latched
-
-    def _note_guards(self, now_us: int) -> None:
-        """Write down which guards of several conditions have turned, before anything is planned."""
-        while turned := self._context.facts.turned_guards():
-            noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
-            self._context.write(noted, now_us)
 
 
 def _result(status: Status, agreed: int) -> list[Fact]:

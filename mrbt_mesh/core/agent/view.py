@@ -127,7 +127,7 @@ class AgentView:
 
     def subscribe_to_plans(self, listener: PlanListener) -> None:
         """Have `listener` called with each new plan, between the changes of facts around it."""
-        self._planner.subscribe(listener)
+        self._planner.listeners.append(listener)
 
     @property
     def is_plan_current(self) -> bool:

@@ -1,8 +1,8 @@
 """What this robot works on: its claim, and the action that carries it out.
 
 A claim is `claimed` while the team comes to agree and `running` once the action is started; in
-between it is `ready` while its coalition forms. An action that is no longer wanted is
-cancelled; if it finishes all the same, its outcome is recorded.
+between it is `ready` while its coalition forms. An action that is no longer needed is cancelled; if
+it finishes all the same, its outcome is recorded.
 """
 
 from __future__ import annotations
@@ -29,12 +29,16 @@ class Ticket:
 
 
 def _subject(line: Line | None) -> tuple[str, str, str, int] | None:
-    """What makes a line another one: a coalition that has ended is begun anew."""
+    """What distinguishes one assignment from another: a coalition that has ended is formed anew."""
     return (line.activation, line.local_task, line.leader, line.round) if line else None
 
 
 class Work:
-    """At most one claim, and at most one action (which may still be stopping)."""
+    """At most one claim, and at most one action (which may still be stopping).
+
+    `tree_statuses`: of the nodes of the tree that carries out the action, if one does. `ended`: the
+    local task that was assigned last and its outcome, until T_Li has been ticked with it.
+    """
 
     def __init__(self) -> None:
         self.line: Line | None = None
@@ -42,70 +46,51 @@ class Work:
         self.claim: Claim | None = None
         self.action: Ticket | None = None
         self.progress = 0
-        # Of the nodes of the tree that is the action, if one is.
         self.tree_statuses = b""
-        # How the local task ended that was assigned last, until T_Li has been ticked with it.
         self.ended: tuple[str, Status] | None = None
         self._stopping = False
         self._tickets = 0
 
     @property
-    def is_idle(self) -> bool:
-        """Whether no action runs, not even one that is being cancelled."""
-        return self.action is None
-
-    @property
     def is_waiting(self) -> bool:
         """Whether there is a claim whose action could start once the team agrees."""
-        return self.claim is not None and self.claim.phase < Phase.RUNNING and self.is_idle
+        is_started = self.claim is None or self.claim.phase is Phase.RUNNING
+        return not is_started and self.action is None
 
     def follow(self, line: Line | None, stamp: int, now_us: int) -> tuple[bool, list[Effect]]:
-        """Follow this robot's line of a new plan: (whether the claim changed, effects)."""
+        """Follow this robot's assignment in a new plan: (whether the claim changed, effects)."""
         wanted, held = _subject(line), _subject(self.line)
         self.line = line
         if wanted == held:
             return False, []
         self.line_since_us = now_us
-        effects = self._cancel()
-        if line is None:
-            changed = self.claim is not None
-            self.claim = None
-            return changed, effects
-        self.claim = Claim(line.activation, line.global_task, line.local_task, Phase.CLAIMED, stamp)
-        return True, effects
+        before, self.claim = self.claim, None
+        if line is not None:
+            names = line.activation, line.global_task, line.local_task
+            self.claim = Claim(*names, Phase.CLAIMED, stamp)
+        return self.claim is not before, self._cancel()
 
-    def get_ready(self) -> None:
-        """The team agrees: wait for the coalition; call it only if `is_waiting`."""
-        assert self.claim is not None
-        self.claim = replace(self.claim, phase=Phase.READY)
+    def get_ready(self, claim: Claim) -> Claim:
+        """The team agrees: wait for the coalition."""
+        self.claim = replace(claim, phase=Phase.READY)
+        return self.claim
 
     def start(
         self,
+        claim: Claim,
         partners: tuple[str, ...],
         performance: int,
         incarnation: Incarnation,
         coalition: str,
     ) -> StartAction:
-        """Begin the action of the claim; call it only if `is_waiting`."""
-        assert self.claim is not None
-        claim = self.claim
+        """Begin the action of the claim."""
         self._tickets += 1
         self._stopping = False
-        self.progress, self.tree_statuses = 0, b""
-        self.action = Ticket(
-            self._tickets, claim.activation, claim.global_task, claim.local_task, coalition
-        )
+        self._clear_progress()
+        names = claim.activation, claim.global_task, claim.local_task
+        self.action = Ticket(self._tickets, *names, coalition)
         self.claim = replace(claim, phase=Phase.RUNNING, coalition=coalition)
-        return StartAction(
-            self._tickets,
-            claim.activation,
-            claim.global_task,
-            claim.local_task,
-            partners,
-            performance,
-            incarnation,
-            coalition,
-        )
+        return StartAction(self._tickets, *names, partners, performance, incarnation, coalition)
 
     def progressed(self, number: int, percent: int) -> None:
         """How far the action is."""
@@ -113,7 +98,7 @@ class Work:
             self.progress = max(0, min(100, percent))
 
     def tree_ticked(self, number: int, statuses: bytes) -> None:
-        """What the nodes of the action's tree have come to."""
+        """The nodes of the action's tree have these statuses."""
         if self.action is not None and self.action.number == number and not self._stopping:
             self.tree_statuses = statuses if len(statuses) <= MAX_TREE_NODES else b""
 
@@ -123,7 +108,7 @@ class Work:
         if action is None or action.number != number:
             return None
         self.action = None
-        self.progress, self.tree_statuses = 0, b""
+        self._clear_progress()
         if self.claim is not None and not self._stopping:
             self.claim = None
             self.line = None
@@ -132,7 +117,7 @@ class Work:
         return action
 
     def stopped(self, number: int) -> None:
-        """A cancelled action runs no more."""
+        """A cancelled action no longer runs."""
         if self.action is not None and self.action.number == number:
             self.action = None
             self._stopping = False
@@ -147,5 +132,8 @@ class Work:
         if self.action is None or self._stopping:
             return []
         self._stopping = True
-        self.progress, self.tree_statuses = 0, b""
+        self._clear_progress()
         return [CancelAction(self.action.number)]
+
+    def _clear_progress(self) -> None:
+        self.progress, self.tree_statuses = 0, b""

@@ -138,6 +138,47 @@ class OtherConditions(OverlaidFacts):
         return super().turns(name, value) if count is None else count
 
 
+class OutcomeTick:
+    """Facts in the tick in which an action returns: before its outcome, with that outcome and the
+    conditions that are set with it. `EvaluationFacts`; to be evaluated once.
+
+    An action that sets conditions does so before it returns. That tick goes through the tree from
+    the left, so nodes left of the action have read the conditions before, and nodes right of it
+    read them afterwards. `status`: that of the outcome's activation from then on. `conditions`: the
+    values from then on, by the names that the tree reads.
+    """
+
+    def __init__(
+        self,
+        facts: EvaluationFacts,
+        activation: str,
+        status: Status,
+        conditions: Mapping[str, bool],
+    ) -> None:
+        self.conditions = conditions
+        self.run = facts.run
+        self.turns = facts.turns
+        self.attempts_used = facts.attempts_used
+        self.has_expired = facts.has_expired
+        self.child_result = facts.child_result
+        self.beneath = facts
+        self._activation = activation
+        self._status = status
+        self._has_returned = False
+
+    def condition(self, name: str) -> bool:
+        """Whether the condition holds, at this moment of the tick."""
+        value = self.conditions.get(name) if self._has_returned else None
+        return self.beneath.condition(name) if value is None else value
+
+    def task_status(self, subject: str, activation: str) -> Status:
+        """The status of an action."""
+        if activation != self._activation:
+            return self.beneath.task_status(subject, activation)
+        self._has_returned = True
+        return self._status
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """A running action leaf: what it asks for, under which activation."""

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions
+from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions, OutcomeTick
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, Guard
-from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
 from mrbt_mesh.core.bt.tree import Status, Tree
 
 

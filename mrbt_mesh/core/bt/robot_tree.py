@@ -85,7 +85,12 @@ class AssignmentValues:
 _ASSIGNMENT = Evaluator(assignment_tree())
 
 
-# All robots tick the same few trees over the same few facts, so what came of it is kept.
+# All robots tick the same few trees over the same few facts, so trees and results are kept.
+
+
+@lru_cache(maxsize=256)
+def _local_evaluator(local_tasks: frozenset[str]) -> Evaluator:
+    return Evaluator(local_tree(local_tasks))
 
 
 @lru_cache(maxsize=1_024)
@@ -99,7 +104,7 @@ def local_status(
     holding, actions = frozenset[str](), dict[str, Status]()
     if assigned:
         holding, actions = frozenset({ASSIGNED, f"{ASSIGNED}({assigned})"}), {assigned: outcome}
-    found = Evaluator(local_tree(local_tasks)).evaluate(OwnFacts(holding, actions))
+    found = _local_evaluator(local_tasks).evaluate(OwnFacts(holding, actions))
     return found.status, found.requests[0].subject if found.requests else None
 
 

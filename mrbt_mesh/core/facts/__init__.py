@@ -5,7 +5,7 @@ Where to find a rule:
 - what an entry may say, and its limits: `records`; whether it has a place here: `validation`
 - which of two entries with one key stands: `store.join`
 - how the team reads a condition, how often a guard has turned: `conditions`
-- what is read in the tick in which an action returns: `outcome_tick`
+- what is read in the tick in which an action returns: `bt.evaluation`
 - when a global task has succeeded or failed, by either policy: `task_status`
 - which coalition is at work, which is broken or in doubt: `coalitions`
 - what is said of one activation: `activation_facts`

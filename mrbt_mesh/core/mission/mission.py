@@ -22,6 +22,7 @@ from mrbt_mesh.core.mission.conditions import (
     PerRobotConditions,
     conditions_from_json,
     default_of,
+    robot_condition,
     split_owner,
 )
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
@@ -310,6 +311,16 @@ class Mission:
     def per_robot(self) -> PerRobotConditions:
         """The conditions that every robot has for itself."""
         return PerRobotConditions(self.conditions, tuple(sorted(self.robots)), self.evaluator)
+
+    def condition_of(self, robot: RobotId, name: str) -> str:
+        """A condition as a robot's program names it: its own one, if every robot has its own."""
+        is_own = self.has_own_conditions and name in self.per_robot
+        return robot_condition(name, robot) if is_own else name
+
+    @cached_property
+    def has_own_conditions(self) -> bool:
+        """Whether there are conditions that every robot has for itself."""
+        return any(known.per_robot for known in self.conditions.values())
 
     def can_be_set(self, name: str) -> bool:
         """Whether this is a condition of the team, or of a robot of the mission: `holding@A1`."""

@@ -382,7 +382,7 @@ def test_what_a_timer_lets_in_that_has_waited_for_a_plan_is_followed_up() -> Non
     for event, expected in ((inputs.ActionStopped(99), 1), (inputs.ProgressReported(99, 1), 0)):
         with inside.counted() as counts:
             taken = [inputs.TimerFired(), event]
-            inside.follow_up(script.team.processes["A"].agent).inputs(taken, now_us)
+            script.team.processes["A"].agent._follow_up(taken, now_us)
         assert counts["followed up"] == expected
 
 

@@ -25,7 +25,7 @@ class Speaker:
         agent = next(iter(team._world.robots.processes.values())).agent
         assert agent is not None
         self.agent: Agent = agent
-        self.heartbeats = self.agent._follow_up._heartbeats
+        self.heartbeats = self.agent._heartbeats
         self.urgent: Urgent = self.heartbeats._urgent()
         self.now_us = team.now_us + 10 * SECOND_US
         self.neighbours = set(Ring(team.mission.robots, TIMING.reach).neighbours(self.robot))

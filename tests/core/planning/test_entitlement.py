@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 
-from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
+from mrbt_mesh.core.bt.evaluation import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import ConditionValue

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.bt.outcome_tick import OutcomeTick
+from mrbt_mesh.core.bt.evaluation import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
 from tests.support.btcpp.stories import (
     Grower,

@@ -1,0 +1,73 @@
+"""Bids of this robot's program, where the mission has local tasks that are assigned by bid."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import RequestBid
+from mrbt_mesh.core.agent.health import Health
+from mrbt_mesh.core.agent.inputs import BidMade, BidsMade
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Bid
+from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.planning.plan import Plan
+
+
+class Bidder:
+    """Asks the program for bids, and writes them."""
+
+    def __init__(self, context: Context, health: Health) -> None:
+        self._context = context
+        self._health = health
+        # The (activation, local task) pairs for which the program was asked to bid.
+        self._asked: set[tuple[str, str]] = set()
+        self._failed: set[str] = set()
+
+    def ask(self, plan: Plan) -> None:
+        """Have this robot's program bid for what the plan lacks its bids for, once each."""
+        context = self._context
+        wanted = {
+            (bidding.activation, bidding.local_task): bidding.global_task
+            for bidding in plan.biddings
+            if context.me in bidding.silent
+        }
+        fresh = sorted(wanted.keys() - self._asked)
+        self._asked = set(wanted)
+        incarnation = context.replica.incarnation
+        for activation, local_task in fresh:
+            value = context.description.performance(local_task)
+            if value is not None:
+                task = wanted[activation, local_task]
+                context.emit(RequestBid(activation, task, local_task, value, incarnation))
+
+    def made(self, event: BidsMade, now_us: int) -> None:
+        """Write bids, all in one batch. Those requested before a new life are requested again."""
+        context = self._context
+        if context.joining is not None:
+            self._asked.clear()
+            return
+        writes: dict[str, Bid] = {}
+        problems: dict[str, str] = {}
+        for bid in event.bids:
+            record, error = _checked(bid)
+            if error:
+                subject = f"bid for {type_name(bid.local_task)}"
+                if subject not in self._failed:
+                    self._failed.add(subject)
+                    context.log("error", "bid_failed", local_task=bid.local_task, error=error)
+                problems[subject] = f"made no bid: {bid.reason or error}"
+            if (bid.activation, bid.local_task) in self._asked:
+                # Nobody needs any other.
+                writes[f"{records.BID}/{bid.activation}/{bid.local_task}"] = record
+        facts: list[Fact] = [(name, writes[name]) for name in sorted(writes)]
+        facts += self._health.problem_facts(problems)
+        if facts:
+            context.write(facts, now_us)
+
+
+def _checked(bid: BidMade) -> tuple[Bid, str]:
+    """The bid of a robot's program, none if something is wrong with it, and what that is."""
+    try:
+        return Bid.parse(None if bid.error else bid.performance), bid.error
+    except ValueError as error:
+        return Bid(None), str(error)

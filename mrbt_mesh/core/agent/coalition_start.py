@@ -1,0 +1,78 @@
+"""Starting as a coalition: a robot gets *ready*, and all members start together.
+
+The leader starts when enough members are ready and writes them down; the others start when it has.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.executor import Clearance, PlainStart, Situation
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.coalitions import are_enough, coalition_at_work, ready_members
+from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.planning.plan import Line
+
+
+class CoalitionStart(PlainStart):
+    """Starts together with the other members."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    @property
+    def needs_ready(self) -> bool:
+        """Whether a robot first writes down that it is ready."""
+        return True
+
+    def clear(self, situation: Situation) -> Clearance | None:
+        """The coalition with which this robot may start now, written down by its leader."""
+        facts, (plan, line, claim, is_grace_over, now_us) = self._context.facts, situation
+        if line.leader != self._context.me:
+            return self._written_down(line, claim, now_us)
+        token = self.token(line, claim)
+        assert token is not None
+        if not self.may_work(line.activation, token, now_us):
+            return None
+        lines = plan.lines.values()
+        planned = {x.robot: x.local_task for x in lines if x.activation == line.activation}
+        members = ready_members(facts, line.activation, planned)
+        if not are_enough(facts.mission.global_tasks[claim.global_task], members):
+            return None
+        if len(members) < len(planned) and not is_grace_over:
+            return None  # the others may be ready in a moment
+        name = f"{records.COALITION}/{line.activation}/{token}"
+        return Clearance(str(token), ((name, Coalition(tuple(members))),))
+
+    def _written_down(self, line: Line, claim: Claim, now_us: int) -> Clearance | None:
+        """The standing coalition, if its leader has written down this robot's present claim."""
+        context, facts, activation = self._context, self._context.facts, line.activation
+        task = facts.mission.global_tasks[claim.global_task]
+        token = coalition_at_work(facts, task, activation, context.alive())
+        if token is None or not self.may_work(activation, token, now_us):
+            return None
+        mine = (claim.since, context.me, context.replica.incarnation)
+        for member in facts.coalitions(activation).members[token]:
+            if (member.since, member.robot, Incarnation(member.counter, member.nonce)) == mine:
+                return Clearance(str(token))
+        return None
+
+    def may_work(self, activation: str, token: CoalitionId, now_us: int) -> bool:
+        """Whether the coalition may work on the activation now."""
+        return True
+
+    def token(self, line: Line, claim: Claim) -> CoalitionId | None:
+        """The coalition that this robot is ready for, or runs with; None without any."""
+        context, facts = self._context, self._context.facts
+        if not line.leader or claim.phase is Phase.CLAIMED:
+            return None
+        if claim.coalition:
+            return CoalitionId.parse(claim.coalition)
+        if line.leader == context.me:
+            return CoalitionId(claim.since, context.me, *context.replica.incarnation)
+        leaders = facts.valid_claim(line.leader)
+        if leaders is None or leaders.activation != line.activation:
+            return None
+        if leaders.phase is Phase.CLAIMED:
+            return None
+        return CoalitionId(leaders.since, line.leader, *facts.members[line.leader].incarnation)

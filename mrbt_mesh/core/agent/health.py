@@ -1,0 +1,130 @@
+"""What a robot writes of itself: its capabilities, and problems of its program and its journal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import Persist
+from mrbt_mesh.core.agent.inputs import (
+    CapabilityChanged,
+    JournalOpened,
+    JournalReported,
+    ProblemFound,
+)
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import JOURNAL, RobotProblem, as_subject
+from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.mission.failure_reasons import one_line
+
+MAX_PROBLEMS = 20
+
+
+class Health:
+    """Writes facts for the team."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        # Problems that a new life keeps until its incarnation is above all earlier ones.
+        self._unsaid: dict[str, str] = {}
+
+    def joined(self, now_us: int) -> None:
+        """Write the problems that were found before the robot joined."""
+        unsaid, self._unsaid = self._unsaid, {}
+        for subject, text in unsaid.items():
+            self.problem_found(ProblemFound(subject, text), now_us)
+        self.report_journal(now_us)
+
+    # -- problems of its program --------------------------------------------------------------
+
+    def problem_found(self, event: ProblemFound, now_us: int) -> None:
+        """Write the problem of a part of the program; a new life keeps it until it has joined.
+
+        The team hears of the first MAX_PROBLEMS parts; the log has them all.
+        """
+        if self._context.is_new:
+            self._unsaid[event.subject] = event.text
+            return
+        facts = self.problem_facts({event.subject: event.text})
+        if facts:
+            self._context.write(facts, now_us)
+
+    def problem_facts(self, problems: Mapping[str, str]) -> list[Fact]:
+        """The facts of new problems and of solved ones; nothing that is known already."""
+        context = self._context
+        known = context.facts.problems.get(context.me, {})
+        writes: dict[str, str] = {}
+        for given, text in problems.items():
+            subject, line = as_subject(given), one_line(text)
+            has_room = subject in known or len(known) + len(writes) < MAX_PROBLEMS
+            if has_room and known.get(subject, "") != line:
+                if line:
+                    context.log("error", "problem", subject=subject, problem=line)
+                writes[f"{records.PROBLEM}/{subject}"] = line
+        return [(name, RobotProblem(writes[name])) for name in sorted(writes)]
+
+    # -- its capabilities ---------------------------------------------------------------------
+
+    def change_capability(self, change: CapabilityChanged, now_us: int) -> str | None:
+        """Declare a minor fault or its end; returns what is wrong with it, or None."""
+        description, name, source = self._context.description, change.local_task, change.source
+        if not change.lost:
+            return self._change(lambda: description.restore(name, source), now_us)
+        reason, is_pending = change.reason, change.is_pending
+        return self._change(lambda: description.lose(name, reason, source, is_pending), now_us)
+
+    def change_performance(
+        self, local_task: str, value: int, source: str, now_us: int
+    ) -> str | None:
+        """Declare how well this robot does something; returns what is wrong with it, or None."""
+        description = self._context.description
+        return self._change(lambda: description.perform(local_task, value, source), now_us)
+
+    def _change(self, change: Callable[[], str | None], now_us: int) -> str | None:
+        """Change the description, and tell the team if that makes a difference."""
+        context, description = self._context, self._context.description
+        before = description.changes()
+        problem = change()
+        if problem is not None:
+            context.log("error", "capability_unknown", reason=problem)
+            return problem
+        after = description.changes()
+        if after != before:
+            context.log("warning", "capabilities_changed", **after)
+            if context.has_place:
+                context.write([context.member()], now_us)
+        return None
+
+    # -- its journal --------------------------------------------------------------------------
+
+    def journal_reported(self, event: JournalReported, now_us: int) -> None:
+        """The journal can be written again, or cannot."""
+        durability = self._context.durability
+        durability.problem, durability.is_failing = event.problem, event.is_failing
+        self.report_journal(now_us)
+
+    def journal_opened(self, event: JournalOpened, now_us: int) -> None:
+        """The journal holds these entries alone: write all others once more."""
+        context = self._context
+        context.replica.restore(event.entries)
+        held = {entry.hash for entry in event.entries}
+        lacking = tuple(e for e in context.facts.map if e.hash not in held)
+        context.log("warning", "journal_opened_anew", entries=len(event.entries))
+        context.emit(Persist(lacking, True, context.durability.begin_anew()))
+        self.report_journal(now_us)
+
+    def report_journal(self, now_us: int) -> None:
+        """Write what is wrong with the journal, and whether it allows promises, if that is news."""
+        context, durability = self._context, self._context.durability
+        may_promise = durability.may_promise
+        is_news = context.description.may_promise != may_promise
+        context.description.may_promise = may_promise
+        if context.is_new:
+            return
+        facts = self.problem_facts({JOURNAL: durability.problem})
+        if is_news:
+            facts.append(context.member())
+        if is_news and may_promise:
+            context.log("info", "journal_works_again")
+        if facts:
+            context.write(facts, now_us)

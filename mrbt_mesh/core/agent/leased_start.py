@@ -1,0 +1,122 @@
+"""Starting under a lease: the coalition of an exclusive task needs leases of a majority.
+
+Both sides are here: this robot as a member that needs leases, and as a robot that grants them. An
+agent has this part only if its mission has exclusive tasks.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.coalition_start import CoalitionStart
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.executor import Clearance, Situation
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import LATCH, Claim, CoalitionId, Phase
+from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.wire import Heartbeat
+
+
+class LeasedStart(CoalitionStart):
+    """Starts together with the other members, and only while a majority leases the activation."""
+
+    def __init__(self, context: Context, planner: Planner, now_us: int) -> None:
+        super().__init__(context)
+        self._planner = planner
+        timing, durability = context.config.timing, context.durability
+        self.leases = Leases(context.me, context.facts, timing, now_us, durability)
+        # By which to know whether the claim of a robot that is ready is on disk.
+        self._ready = 0
+
+    # -- the member ---------------------------------------------------------------------------
+
+    @property
+    def needs_ready(self) -> bool:
+        """A robot whose journal cannot be written does not get ready."""
+        return self._context.durability.may_promise
+
+    def note_ready(self, number: int) -> None:
+        """The robot has promised, under this number, that it is ready."""
+        self._ready = number
+
+    def clear(self, situation: Situation) -> Clearance | None:
+        """As a coalition, once this robot's claim is on disk: it is known after a crash then."""
+        durability = self._context.durability
+        if not durability.may_promise or not durability.is_on_disk(self._ready):
+            return None
+        return super().clear(situation)
+
+    def may_work(self, activation: str, token: CoalitionId, now_us: int) -> bool:
+        """Whether this robot holds the leases of a majority."""
+        return self.leases.holder.is_held(activation, token, now_us)
+
+    def given_up(self, claim: Claim) -> list[Fact]:
+        """Begun, the claim leaves the activation in doubt; a leader that never began frees its
+        leases.
+        """
+        context, activation = self._context, claim.activation
+        if claim.phase is Phase.RUNNING:
+            doubts = context.facts.coalitions(activation).doubts
+            if context.me in doubts.get(CoalitionId.parse(claim.coalition), ()):
+                return []
+            return [(f"{records.DOUBT}/{activation}/{claim.coalition}", LATCH)]
+        token = CoalitionId(claim.since, context.me, *context.replica.incarnation)
+        if self.leases.holder.requested == (activation, str(token)):
+            return [(f"{records.CLEARED}/{activation}/{token}", LATCH)]
+        return []
+
+    def request(self) -> None:
+        """Request the leases that this robot's claim needs, and no others."""
+        holder, work = self.leases.holder, self._context.work
+        line, claim = work.line, work.claim
+        if claim is not None and self._is_exclusive(claim):
+            token = self.token(line, claim) if line is not None else None
+            holder.request(claim.activation, token)
+        elif holder.requested is not None:
+            holder.request("", None)
+
+    def _is_exclusive(self, claim: Claim) -> bool:
+        return self._context.mission.global_tasks[claim.global_task].exclusive
+
+    def check(self, now_us: int) -> None:
+        """Follow the leases that this robot has granted; stop where its own have run out."""
+        context, claim = self._context, self._context.work.claim
+        writes = self.leases.grantor.expire(now_us)
+        if writes:
+            context.write(writes, now_us)
+        if claim is None or claim.phase is not Phase.RUNNING or not self._is_exclusive(claim):
+            return
+        token = CoalitionId.parse(claim.coalition)
+        found = context.facts.coalitions(claim.activation)
+        ended = token in found.broken or context.me in found.doubts.get(token, ())
+        if not ended and not self.may_work(claim.activation, token, now_us):
+            context.log("warning", "grants_ran_out", global_task=claim.global_task)
+            names = (records.DOUBT, records.BROKEN)
+            context.write([(f"{name}/{claim.activation}/{token}", LATCH) for name in names], now_us)
+
+    # -- the grantor --------------------------------------------------------------------------
+
+    def heartbeat_received(self, robot: str, beat: Heartbeat, now_us: int) -> None:
+        """A heartbeat may request a lease, or answer this robot's own request."""
+        self._promise(self.leases.receive_heartbeat(robot, beat, now_us, self._may_grant), now_us)
+
+    def heartbeat_sent(self, number: int, now_us: int) -> None:
+        """A heartbeat renews the leases that this robot holds: it answers itself first."""
+        self._promise(self.leases.heartbeat_sent(number, now_us, self._may_grant), now_us)
+
+    def _promise(self, grants: list[Fact], now_us: int) -> None:
+        if grants:
+            self.leases.grantor.written(self._context.promise(grants, now_us))
+
+    def _may_grant(self, activation: str, token: CoalitionId) -> bool:
+        """Whether this robot itself finds that the activation is this coalition's."""
+        context, facts, plan = self._context, self._context.facts, self._planner.plan
+        if context.joining is not None or context.is_leaving or plan is None:
+            return False
+        if facts.coalitions(activation).unended(facts.grantors)[:1] == [token]:
+            return True
+        line, known = plan.lines.get(token.leader), facts.members.get(token.leader)
+        if line is None or known is None:
+            return False
+        life = (token.counter, token.nonce)
+        return (line.activation, line.leader) == (activation, token.leader) and known[1] == life
