@@ -35,7 +35,7 @@ def test_a_stranger_s_tokens_kill_nobody_and_keep_nobody_from_work(
     team.up(write_mission(team.folder))
     for robot in ROBOTS:
         team.wait_for_event("step", robot=robot)
-    with stranger(team.run_dir, count, names):
+    with stranger("token_stranger", team.run_dir, str(count), names):
         before = starts(team)
         team.wait_until(lambda: starts(team) >= before + STARTS, "the team works on")
         if names != "copies":  # which nobody hears of while the robot shows its own
