@@ -6,23 +6,23 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import anyio
 import click
-from rich.live import Live
 
 from mrbt_mesh import plugins
 from mrbt_mesh.cli.command import BAD_INPUT, EXIT_OF_RESULT, SUCCESS
 from mrbt_mesh.cli.finished import print_summary
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
-from mrbt_mesh.cli.terminal import console, errors, print_json
+from mrbt_mesh.cli.terminal import errors, print_json
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.past import tell_past
@@ -31,13 +31,13 @@ from mrbt_mesh.runtime.run_dir import RunDirError
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
-from mrbt_mesh.views.terminal.live import LiveNotes, LiveView
 
 if TYPE_CHECKING:
     from mrbt_mesh.plugins import MetricsAddress, OpenView
 
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
+TERMINAL_VIEW = "top"
 
 
 def print_where(address: TeamAddress, show: ShowOptions) -> None:
@@ -62,7 +62,14 @@ def print_refusals(refused: list[str]) -> None:
 
 
 def _is_live(show: ShowOptions) -> bool:
-    return not show.headless and not show.as_json and console.is_terminal
+    """Whether a view shows the run in the terminal; else new lines do."""
+    if show.headless or show.as_json or TERMINAL_VIEW not in plugins.VIEWS.names():
+        return False
+    try:
+        plugins.VIEWS.load(TERMINAL_VIEW).check(plugins.ViewerOptions())
+    except InputError:
+        return False
+    return True
 
 
 @dataclass
@@ -97,21 +104,11 @@ class Session:
                 click.echo(_lines_of(addresses), err=self.show.as_json)
             if self.team is not None:
                 group.start_soon(self.team.note_exits, watcher)
-            warning = ""
-            if self.overload is not None:
-                warning = f"{self.overload.robots} robots are too many for this machine"
-            notes = LiveNotes(warning, ", ".join(addresses.values()))
-            with contextlib.ExitStack() as stack:
-                # A view without an address has the terminal for itself.
-                refresh = (
-                    stack.enter_context(self._display(watcher, notes))
-                    if all(view.address for view in opened.values())
-                    else lambda: None
-                )
+            async with self._display(watcher, opened) as refresh:
                 why = await self._until_over(watcher, opened, look_on, refresh)
-            code = self._report(watcher, why)
             group.cancel_scope.cancel()
-        return code
+        # Only now has every view left the terminal.
+        return self._report(watcher, why)
 
     async def follow(self) -> int:
         """Show the views until one is closed, time is up, or Ctrl-C; returns the exit status."""
@@ -151,27 +148,36 @@ class Session:
             look_on = stack.enter_context(exporting(self.exports, mission, now_us, unix_us))
             yield watcher, opened, look_on
 
-    @contextlib.contextmanager
-    def _display(self, watcher: Watcher, notes: LiveNotes) -> Iterator[Callable[[], None]]:
-        """A function that shows the present state: the live view, new lines, or nothing."""
-        observer = watcher.observer
+    @contextlib.asynccontextmanager
+    async def _display(
+        self, watcher: Watcher, opened: dict[str, OpenView]
+    ) -> AsyncIterator[Callable[[], None]]:
+        """Show the run in the terminal, if no view does: by a view, which is added to `opened`, or
+        by new lines, which the function prints.
+        """
+        if self.show.as_json or not all(view.address for view in opened.values()):
+            yield lambda: None
+            return
         if _is_live(self.show):
-            with Live(console=console, screen=True, auto_refresh=False) as live:
-                view = LiveView()
-                yield lambda: live.update(
-                    view.render(observer, boottime_us(), console.size, notes), refresh=True
-                )
+            notes = [f"{name}: {address}" for name, address in _addresses(opened).items()]
+            if self.overload is not None:
+                notes.append(f"{self.overload.robots} robots are too many for this machine")
+            options = replace(self.views.options, has_control=False, notes=tuple(notes))
+            viewer = plugins.VIEWS.load(TERMINAL_VIEW)
+            async with viewer.showing(watcher, self.team, options) as view:
+                opened[TERMINAL_VIEW] = view
+                yield lambda: None
             return
         printed = 0
 
         def print_lines() -> None:
             nonlocal printed
-            for at_us, text in observer.record.timeline[printed:]:
-                seconds = observer.record.seconds(at_us) or 0.0
+            for at_us, text in watcher.observer.record.timeline[printed:]:
+                seconds = watcher.observer.record.seconds(at_us) or 0.0
                 click.echo(f"{seconds:8.2f}  {text}")
-            printed = len(observer.record.timeline)
+            printed = len(watcher.observer.record.timeline)
 
-        yield (lambda: None) if self.show.as_json else print_lines
+        yield print_lines
 
     async def _until_over(
         self,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-pytest.importorskip("textual", reason="pip install 'mrbt-mesh[top]'")
-
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 from tests.support.terminal import Terminal
 
@@ -43,5 +41,20 @@ def test_a_team_that_is_over_is_still_shown(team: Team) -> None:
     assert team.end()[0] == 0
     with Terminal("watch", "--top", environment=team.environment, size=(80, 24)) as terminal:
         terminal.wait_for("✔ success")
+        terminal.press("q")
+        assert terminal.wait_for_end() == 0, terminal.text
+
+
+def test_up_shows_the_team_then_its_summary_and_a_recording_is_replayed(team: Team) -> None:
+    arguments = (str(EXPLORE), "--speed", "5", "--run-dir", str(team.run_dir))
+    with Terminal("up", *arguments, environment=team.environment) as terminal:
+        terminal.wait_for(r"R\d ● alive")
+        terminal.wait_for("mission succeeded")
+        assert terminal.wait_for_end() == 0, terminal.text
+    replayed = ("recording", "replay", f"{team.run_dir}/run.mcap")
+    with Terminal(*replayed, environment=team.environment) as terminal:
+        terminal.wait_for(r"run\.mcap: \d+\.\d of \d+\.\d s, 1 times as fast")
+        terminal.press(" ")
+        terminal.wait_for("paused")
         terminal.press("q")
         assert terminal.wait_for_end() == 0, terminal.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -54,16 +55,16 @@ def replay(
 ) -> None:
     """Show a recorded run again, at any speed, forwards and back.
 
-    In the terminal: space pauses, the arrow keys left and right go 5 s back or forth, up and down
-    change the speed, q ends. Without a terminal it prints what happened. With --json, the whole
+    In the terminal, space pauses, comma and full stop go 5 s back or on, < and > change the speed,
+    q quits; ? lists all keys. Without a terminal it prints what happened. With --json, the whole
     state at a time, by default at the end; with --web too, the page's address.
 
     \b
     Example: mrbt recording replay run.mcap --web
              mrbt recording replay recordings/A1.mcap --at 12.5 --json
     """
-    from mrbt_mesh.cli.recordings.replaying import show_lines, show_live, state_data
-    from mrbt_mesh.cli.terminal import console, print_json
+    from mrbt_mesh.cli.recordings.replaying import show_lines, state_data, time_of
+    from mrbt_mesh.cli.terminal import print_json
     from mrbt_mesh.recording.player import Player
     from mrbt_mesh.recording.reader import read_recording
 
@@ -87,8 +88,11 @@ def replay(
     elif as_json:
         refuse("--json prints one state, without delay", "--speed")
         print_json(state_data(player, at))
-    elif console.is_terminal:
-        show_live(player, at or 0.0, speed)
+    elif sys.stdin.isatty() and sys.stdout.isatty():
+        from mrbt_mesh.views.replay.shown_recording import ShownRecording
+        from mrbt_mesh.views.terminal.app import ReplayTop
+
+        ReplayTop(ShownRecording(player, time_of(player, at or 0.0), speed)).run()
     else:
         show_lines(player, at or 0.0)
 

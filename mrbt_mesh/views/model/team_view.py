@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from typing import Any, Protocol
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase, problem_text
@@ -245,6 +245,22 @@ class TakeoversView:
             if index not in self._explained and fault.reassigned_us is not None:
                 self._explained.add(index)
                 log.put(f"why/{index}", why_takeover(self._observer, fault))
+
+
+class Shown(Protocol):
+    """What a page or a terminal shows: a running team (`TeamView`), or a recording of one."""
+
+    changes: ChangeLog
+
+    @property
+    def observer(self) -> Observer:
+        """The team as it is shown now."""
+
+    def update(self, now_us: int) -> bool:
+        """Bring `changes` up to date; whether anything has changed."""
+
+    def seconds(self, at_us: int) -> float | None:
+        """A time of the clock as seconds from the start of the run; None: it has not begun."""
 
 
 class TeamView:

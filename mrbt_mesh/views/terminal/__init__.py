@@ -1,4 +1,5 @@
-"""The team in a terminal: `mrbt watch --top`, and the lanes that `mrbt up` shows as well.
+"""A team, or a recording of one, in a terminal: `mrbt up`, `watch --top`, `recording replay`.
 
-It draws what `viewmodel` tells. Only `app`, `panes`, `questions` and `rows` need textual.
+`team` holds the items of the view model; `lanes`, `robot_rows` and `tree_rows` make texts of them;
+`rows`, `panes` and `app` are the screen.
 """

@@ -1,85 +1,101 @@
-"""`mrbt watch --top`: a team in a terminal, by keys."""
+"""The screen: panes, keys, orders to the team, and the playback of a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
+from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal
-from textual.events import DescendantFocus, Resize
+from textual.containers import Horizontal, VerticalScroll
+from textual.events import DescendantFocus, Key, Resize
+from textual.screen import ModalScreen
 from textual.widgets import Footer, Input, Static
 
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
+from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.views.model.team_view import Shown
+from mrbt_mesh.views.replay.shown_recording import ShownRecording
+from mrbt_mesh.views.terminal.lanes import LEGEND
 from mrbt_mesh.views.terminal.panes import (
     Lanes,
+    LogPane,
     RobotsPane,
     TimelinePane,
     TreePane,
     WhyPane,
     head_text,
 )
-from mrbt_mesh.views.terminal.questions import Help, OrderQuestion
 from mrbt_mesh.views.terminal.rows import Rows
 from mrbt_mesh.views.terminal.team import ShownTeam
 
-# So often it is looked whether anything has changed.
+# How often the screen is brought up to date.
 LOOK_S = 0.1
 ORDER_KEYS = {"k": "kill", "f": "freeze", "t": "thaw", "p": "pause", "r": "resume", "a": "abort"}
-
-
-@dataclass(frozen=True)
-class Orders:
-    """What may be ordered. `robot` and `team`: name -> what it will do.
-
-    `carry_out` is given {"act": name} and for a robot "robot" as well; it answers whether that was
-    done, and says what.
-    """
-
-    carry_out: Callable[[dict[str, str]], Awaitable[tuple[bool, str]]]
-    robot: dict[str, str] = field(default_factory=dict)
-    team: dict[str, str] = field(default_factory=dict)
-
-    def keys(self) -> dict[str, str]:
-        """Key -> name, for those that may be given."""
-        return {k: act for k, act in ORDER_KEYS.items() if act in self.robot or act in self.team}
+KEYS = {
+    "Tab, Shift+Tab": "next pane, previous pane",
+    "Up, Down, PgUp, End": "move; the pane below explains the selected row",
+    "m": "this pane alone, or all of them again",
+    "Left, Right, Space": "tree: fold, unfold",
+    "o": "tree: fold what does not run, or unfold all",
+    "i": "tree: T_i of the selected robot, with T_A and T_Li; T_G again",
+    "/ then n, N": "tree: search, next match, previous match",
+    "+, -": "timeline: zoom in, zoom out",
+    "Left, Right ": "timeline: scroll in time",
+    "l, w": "timeline: follow the run again; the whole run",
+    "q": "quit; `mrbt up` ends its team with it, `mrbt watch` does not",
+}
 
 
 class TeamTop(App[None]):
-    """Shows what an observer knows; `clock_us` is the observer's clock."""
+    """Shows a running team; `clock_us` is the observer's clock, `notes` are lines at the top.
+
+    With `control`, keys give the orders that it offers.
+    """
 
     CSS_PATH = "top.tcss"
     ENABLE_COMMAND_PALETTE = False
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("q", "quit", "quit"),
+        Binding("q,ctrl+c", "quit", "quit", key_display="q"),
         Binding("question_mark", "help", "help", key_display="?"),
         Binding("slash", "search", "find", key_display="/"),
-        Binding("n", "again(1)", "Next found", show=False),
-        Binding("N", "again(-1)", "Found before", show=False),
+        Binding("n", "again(1)", "Next match", show=False),
+        Binding("N", "again(-1)", "Previous match", show=False),
         Binding("o", "fold_resting", "fold"),
         Binding("i", "own_tree", "T_i"),
-        Binding("plus,equals_sign", "zoom(1)", "Larger", show=False),
-        Binding("minus", "zoom(-1)", "Smaller", show=False),
+        Binding("plus,equals_sign", "zoom(1)", "Zoom in", show=False),
+        Binding("minus", "zoom(-1)", "Zoom out", show=False),
         Binding("l", "follow", "Follow", show=False),
         Binding("w", "whole", "Whole run", show=False),
         Binding("m", "alone", "Maximise", show=False),
         *(Binding(key, f"order('{act}')", act) for key, act in ORDER_KEYS.items()),
     ]
+    MORE_KEYS: ClassVar[dict[str, str]] = {}
 
     def __init__(
-        self, observer: Observer, clock_us: Callable[[], int], orders: Orders | None = None
+        self,
+        view: Shown,
+        clock_us: Callable[[], int],
+        control: Control | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         super().__init__()
         self._clock_us = clock_us
-        self._orders = orders
-        self.shown = ShownTeam(observer)
+        self._control = control
+        offers = {} if control is None else control.offers()
+        # Of a robot, and of the team: order -> what it will do.
+        self._robot_orders: dict[str, str] = offers.get("robot", {})
+        self._team_orders: dict[str, str] = offers.get("team", {})
+        self._notes = notes
+        self.shown = ShownTeam(view)
         self.shown.update(clock_us())
         self._tree = TreePane(self.shown)
         self._robots = RobotsPane(self.shown)
         self._timeline = TimelinePane(self.shown)
         self._why = WhyPane(self.shown)
+        self._log_pane = LogPane(self.shown)
         self._words = ""
         self._drawn_s = -1.0
 
@@ -90,14 +106,16 @@ class TeamTop(App[None]):
             yield self._tree
             yield self._robots
         yield self._timeline
-        yield self._why
+        with Horizontal(id="bottom"):
+            yield self._why
+            yield self._log_pane
         yield Input(
             placeholder="part of a node's label; Enter finds, Esc leaves", compact=True, id="search"
         )
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        """Begin to look."""
+        """Begin to draw."""
         self.query_one("#search").display = False
         self._tree.focus()
         self.set_interval(LOOK_S, self.look)
@@ -109,16 +127,24 @@ class TeamTop(App[None]):
         if has_changed or self.shown.now_s != self._drawn_s:
             self.draw(only_time=not has_changed)
 
+    def head(self) -> Text:
+        """The team in a line, and the notes below it."""
+        notes = [
+            Text(f" {note}", "yellow", no_wrap=True, overflow="ellipsis") for note in self._notes
+        ]
+        return Text("\n").join([head_text(self.shown), *notes])
+
     def draw(self, only_time: bool = False) -> None:
         """Draw all panes, or those that change with time alone."""
         self._drawn_s = self.shown.now_s
-        self.query_one("#head", Static).update(head_text(self.shown))
+        self.query_one("#head", Static).update(self.head())
         self._timeline.look()
         if not only_time:
             self._tree.look()
             self._robots.look()
             self._share_height()
             self._why.look()
+            self._log_pane.look()
 
     def on_resize(self, event: Resize) -> None:
         """Give each pane its part of the window."""
@@ -129,7 +155,7 @@ class TeamTop(App[None]):
         """A lane per robot, in at most two fifths; to the explanation what the tree can spare."""
         height = height or self.size.height
         self._timeline.styles.height = min(len(self.shown.robots) + 2, max(height * 2 // 5, 4))
-        self._why.styles.height = 5 if height < 30 else height // 4
+        self.query_one("#bottom").styles.height = 5 if height < 30 else height // 4
 
     def on_rows_selected(self, event: Rows.Selected) -> None:
         """Explain what is selected; robots are selected in both of their panes."""
@@ -172,7 +198,7 @@ class TeamTop(App[None]):
 
     def action_help(self) -> None:
         """Keys and signs."""
-        self.push_screen(Help({} if self._orders is None else self._orders.keys()))
+        self.push_screen(Help(KEYS | self.MORE_KEYS | self._orders()))
 
     def action_search(self) -> None:
         """Ask for words."""
@@ -184,21 +210,18 @@ class TeamTop(App[None]):
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Find the words."""
         self._words = event.value.strip()
-        self.action_leave_search()
+        self._leave_search()
         self.action_again(1)
 
-    def action_leave_search(self) -> None:
-        """Back to the tree."""
+    def _leave_search(self) -> None:
         self.query_one("#search").display = False
         self._tree.focus()
 
-    def on_key(self, event: object) -> None:
+    def on_key(self, event: Key) -> None:
         """Esc leaves the search, or a robot's own tree."""
-        if getattr(event, "key", "") != "escape":
-            return
-        if self.query_one("#search").display:
-            self.action_leave_search()
-        elif self._tree.robot is not None:
+        if event.key == "escape" and self.query_one("#search").display:
+            self._leave_search()
+        elif event.key == "escape" and self._tree.robot is not None:
             self._tree.show_own(None)
 
     def action_again(self, step: int) -> None:
@@ -234,30 +257,148 @@ class TeamTop(App[None]):
 
     # -- orders -------------------------------------------------------------------------------
 
+    def _orders(self) -> dict[str, str]:
+        """Key -> order, for those that may be given."""
+        offered = {**self._robot_orders, **self._team_orders}
+        return {key: act for key, act in ORDER_KEYS.items() if act in offered}
+
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Keys of orders are there only if such an order may be given."""
-        if action != "order":
-            return True
-        return self._orders is not None and parameters[0] in self._orders.keys().values()
+        return action != "order" or parameters[0] in self._orders().values()
 
     def action_order(self, act: str) -> None:
         """Ask once, then have it carried out."""
-        assert self._orders is not None
-        order, meaning = {"act": act}, self._orders.team.get(act, "")
-        if act in self._orders.robot:
+        order, meaning = {"act": act}, self._team_orders.get(act, "")
+        if act in self._robot_orders:
             robot = self._robots.selected
             if robot is None:
                 return
-            order, meaning = {"act": act, "robot": robot}, self._orders.robot[act]
-        title = " ".join(order.values())
+            order, meaning = {"act": act, "robot": robot}, self._robot_orders[act]
 
         def answered(is_yes: bool | None) -> None:
             if is_yes:
                 self.run_worker(self._carry_out(order))
 
-        self.push_screen(OrderQuestion(f"{title}?", meaning), answered)
+        self.push_screen(OrderQuestion(f"{' '.join(order.values())}?", meaning), answered)
 
     async def _carry_out(self, order: dict[str, str]) -> None:
-        assert self._orders is not None
-        is_done, text = await self._orders.carry_out(order)
-        self.notify(text, severity="information" if is_done else "error")
+        assert self._control is not None
+        try:
+            self.notify(await self._control.carry_out(order))
+        except OrderError as error:
+            self.notify(str(error), severity="error")
+
+
+# -- a recording ------------------------------------------------------------------------------
+
+STEP_S, FASTER = 5.0, 2.0
+# Records that are played between two looks at the clock.
+STEP_RECORDS = 20
+
+
+class ReplayTop(TeamTop):
+    """Plays a recording."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "pause", "pause", priority=True),
+        Binding("comma", f"go({-STEP_S})", f"-{STEP_S:g} s", key_display=","),
+        Binding("full_stop", f"go({STEP_S})", f"+{STEP_S:g} s", key_display="."),
+        Binding("less_than_sign", f"speed({1 / FASTER})", "slower", key_display="<"),
+        Binding("greater_than_sign", f"speed({FASTER})", "faster", key_display=">"),
+    ]
+    MORE_KEYS: ClassVar[dict[str, str]] = {
+        "Space": "pause, play on",
+        ", .": f"{STEP_S:g} s back, {STEP_S:g} s on",
+        "< >": "slower, faster",
+    }
+
+    def __init__(self, recording: ShownRecording) -> None:
+        self._recording = recording
+        self._looked_s = time.monotonic()
+        super().__init__(recording, lambda: recording.playback.at_us)
+
+    def head(self) -> Text:
+        """The team, and the place in the recording."""
+        playback, about = self._recording.playback, self._recording.to_json()
+        how = "paused" if playback.is_paused else f"{playback.speed:g} times as fast"
+        done_s = self._recording.seconds(playback.at_us) - about["from_s"]
+        length_s = about["to_s"] - about["from_s"]
+        text = f" {about['file']}: {done_s:.1f} of {length_s:.1f} s, {how}"
+        return Text("\n").join([super().head(), Text(text, "yellow")])
+
+    def look(self) -> None:
+        """Play on for the time that has passed."""
+        now_s = time.monotonic()
+        self._recording.passed(now_s - self._looked_s)
+        self._looked_s = now_s
+        # Large plans take long to make: keys are answered in between.
+        while not self._recording.step(STEP_RECORDS) and time.monotonic() < now_s + LOOK_S:
+            pass
+        super().look()
+
+    def action_pause(self) -> None:
+        """Pause, or play; at the end from the beginning."""
+        self._recording.play(not self._recording.playback.is_paused)
+
+    def action_go(self, seconds: float) -> None:
+        """Go back or on."""
+        playback = self._recording.playback
+        playback.go_to(playback.at_us + round(seconds * 1e6))
+
+    def action_speed(self, factor: float) -> None:
+        """Play faster or slower."""
+        self._recording.playback.set_speed(self._recording.playback.speed * factor)
+
+
+# -- above the panes --------------------------------------------------------------------------
+
+
+class Help(ModalScreen[None]):
+    """Keys and signs."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,question_mark,q,enter", "dismiss", "Close"),
+    ]
+
+    def __init__(self, keys: dict[str, str]) -> None:
+        super().__init__()
+        self._keys = keys
+
+    def compose(self) -> ComposeResult:
+        """The list."""
+        text = Text()
+        for key, meaning in self._keys.items():
+            text.append(f"{key:<22}", "bold")
+            text.append(f"{meaning}\n")
+        if not ORDER_KEYS.keys() & self._keys:
+            text.append("To kill, freeze, pause and so on: mrbt watch --top --control\n", "dim")
+        text.append("\nnodes   ", "bold")
+        for status, (sign, style) in MARKS.items():
+            text.append(f"{sign} {status.name.lower()}  ", style)
+        text.append("\nrobots  ", "bold")
+        for state, (sign, style) in STATE_MARKS.items():
+            text.append(f"{sign} {state}  ", style)
+        text.append("\nlanes   ", "bold")
+        with VerticalScroll(id="box") as box:
+            box.border_title = "keys and signs (Esc closes)"
+            yield Static(text.append(LEGEND))
+
+
+class OrderQuestion(ModalScreen[bool]):
+    """Asks once: `y` is yes, every other key is no."""
+
+    def __init__(self, title: str, text: str) -> None:
+        super().__init__()
+        self._title, self._text = title, text
+
+    def compose(self) -> ComposeResult:
+        """The question."""
+        text = Text.assemble(self._text, "\n\n", ("y", "bold"), " yes   any other key: no")
+        question = Static(text, id="box")
+        question.border_title = self._title
+        yield question
+
+    def on_key(self, event: Key) -> None:
+        """Answer."""
+        event.stop()
+        self.dismiss(event.key == "y")

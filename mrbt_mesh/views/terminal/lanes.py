@@ -9,16 +9,12 @@ Signs carry all information; colours repeat it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from rich.text import Text
 
 from mrbt_mesh.cli.views.marks import END_MARKS
-from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.views.model.changes import ChangeLog
-from mrbt_mesh.views.model.timeline import TimelineView
+from mrbt_mesh.views.terminal.team import Item, ShownTeam
 
 # Seconds that are shown without a zoom.
 USUAL_S = 60.0
@@ -27,55 +23,6 @@ LEAST_S = 10.0
 LABEL_COLUMNS = 10
 LEAST_LABEL = 3
 LEGEND = "┣┄ claimed  ━ at work  ✔ done  ✘ failed  ↷ dropped  ✖ died  ↳ took over  ▾ lost"
-
-Item = dict[str, Any]
-
-
-class Past:
-    """Keeps the items `work/N`, `fault/N` and `loss/N` by robot, in their order."""
-
-    def __init__(self) -> None:
-        self.faults: dict[int, Item] = {}
-        self.losses: dict[int, Item] = {}
-        # Robot -> its works by number, in the order of their claims.
-        self._works: dict[str, dict[int, Item]] = {}
-
-    def take(self, items: Mapping[str, Any]) -> None:
-        """Take over changes of a `ChangeLog`; items of other kinds are ignored."""
-        for key, item in items.items():
-            kind, _, number = key.partition("/")
-            if kind == "work":
-                self._works.setdefault(item["robot"], {})[int(number)] = item
-            elif kind == "fault":
-                self.faults[int(number)] = item
-            elif kind == "loss":
-                self.losses[int(number)] = item
-
-    def works(self, robot: str, from_s: float) -> list[Item]:
-        """Its works that had not ended by `from_s`, oldest first."""
-        found = []
-        for item in reversed(self._works.get(robot, {}).values()):
-            if item["ended_s"] is not None and item["ended_s"] < from_s:
-                break
-            found.append(item)
-        return found[::-1]
-
-
-class RecordedPast:
-    """Follows a record; a new record, e.g. after a step back in a replay, starts anew."""
-
-    def __init__(self) -> None:
-        self._record: RunRecord | None = None
-
-    def of(self, record: RunRecord) -> Past:
-        """The past of this record, up to date."""
-        if record is not self._record:
-            self._record, self._version = record, 0
-            self._log, self._view, self._past = ChangeLog(), TimelineView(record), Past()
-        self._view.put(self._log)
-        self._past.take(self._log.since(self._version))
-        self._version = self._log.version
-        return self._past
 
 
 @dataclass(frozen=True)
@@ -117,29 +64,30 @@ class _Canvas:
         return line
 
 
-def lane(past: Past, robot: str, window: Window, now_s: float) -> Text:
+def lane(shown: ShownTeam, robot: str, window: Window) -> Text:
     """What a robot did: exactly `window.width` columns."""
     canvas = _Canvas(window.width)
-    for work in past.works(robot, window.from_s):
-        _draw_work(canvas, work, window, now_s)
-    for loss in past.losses.values():
+    for work in shown.works(robot, window.from_s):
+        _draw_work(canvas, work, window, shown.now_s)
+    for loss in shown.losses:
         if loss["robot"] == robot and loss["at_s"] is not None:
             canvas.put(window.column(loss["at_s"]), "▾", "bold yellow")
-    for fault in past.faults.values():
-        _draw_fault(canvas, fault, robot, window, now_s)
+    for fault in shown.faults:
+        _draw_fault(canvas, fault, robot, window, shown.now_s)
     return canvas.text()
 
 
 def _draw_work(canvas: _Canvas, work: Item, window: Window, now_s: float) -> None:
     if work["claimed_s"] is None:
         return
-    ended_s, width = work["ended_s"], window.width
+    ended_s, running_s = (_until(work[name], now_s) for name in ("ended_s", "running_s"))
+    width = window.width
     start = window.column(work["claimed_s"])
     stop = max(start + 1, window.column(now_s if ended_s is None else ended_s))
-    running = stop if work["running_s"] is None else window.column(work["running_s"])
+    running = stop if running_s is None else window.column(running_s)
     sign, style = "━", "red"
     if ended_s is None:
-        sign, style = ("▶", "bold cyan") if work["running_s"] is not None else ("┄", "cyan")
+        sign, style = ("▶", "bold cyan") if running_s is not None else ("┄", "cyan")
     elif work["end"] in END_MARKS:
         sign, style = END_MARKS[work["end"]]
     first, last = max(start, 0), min(stop, width)
@@ -160,12 +108,17 @@ def _draw_fault(canvas: _Canvas, fault: Item, robot: str, window: Window, now_s:
     if fault["replacement"] == robot and fault["taken_over_ms"] is not None:
         canvas.put(window.column(at_s + fault["taken_over_ms"] / 1e3), "↳", "bold yellow")
     if fault["robot"] == robot:
-        died = window.column(at_s)
-        until = window.column(now_s if fault["until_s"] is None else fault["until_s"])
+        until_s = _until(fault["until_s"], now_s)
+        died, until = window.column(at_s), window.column(now_s if until_s is None else until_s)
         for column in range(max(died, 0), min(until, window.width)):
             if canvas.cells[column] == " ":
                 canvas.put(column, "·", "red")
         canvas.put(died, "✖", "bold red")
+
+
+def _until(at_s: float | None, now_s: float) -> float | None:
+    """A time that has come; a recording has those that have not come yet."""
+    return at_s if at_s is not None and at_s <= now_s else None
 
 
 def axis(window: Window) -> Text:
@@ -185,11 +138,11 @@ def _step_s(least_s: float) -> float:
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= least_s * 0.999)
 
 
-def latest_fault(past: Past) -> str:
+def latest_fault(shown: ShownTeam) -> str:
     """The latest death in a few words: its time, its detection, and the takeover."""
-    if not past.faults:
+    if not shown.faults:
         return ""
-    fault = past.faults[max(past.faults)]
+    fault = shown.faults[-1]
     text = f"✖ {fault['robot']} at {fault['at_s'] or 0.0:.1f} s"
     if fault["detected_ms"] is not None:
         text += f": known +{fault['detected_ms']:g} ms"

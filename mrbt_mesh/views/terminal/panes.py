@@ -1,8 +1,9 @@
-"""The panes of `mrbt watch --top`; each is told when the team has changed."""
+"""The panes of the screen; `look` draws the present state of the team."""
 
 from __future__ import annotations
 
 import math
+import re
 from typing import Any, ClassVar
 
 from rich.markup import escape
@@ -18,7 +19,6 @@ from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.terminal.lanes import LEAST_S, Window, axis, lane, latest_fault
 from mrbt_mesh.views.terminal.robot_rows import (
     capabilities_text,
-    problems_text,
     robot_text,
     trees_text,
     why_text,
@@ -32,6 +32,8 @@ ZOOM = 1.5
 SIDE = 4
 # No window is shorter: below that columns are shorter than a message takes.
 SHORTEST_S = 0.5
+# Of what happened.
+ALARMING = re.compile(r"dead|blocked:|lost| failed")
 ORDERS = {"pause": "paused", "abort": "aborted"}
 
 
@@ -53,11 +55,13 @@ def head_text(shown: ShownTeam) -> Text:
         text.append(f"● all {team['agreement']['robots']} agree  ", "green")
     if team["order"] != "resume":
         text.append(f"{ORDERS[team['order']]}  ", "bold yellow")
-    if team["rounds"] > 1:
+    if team["stands_by"]:
+        text.append(f"stands by, rounds: {team['rounds']}  ")
+    elif team["rounds"] > 1:
         text.append(f"round {team['rounds']}  ")
     for episode in team["blocked"]:
         text.append(f"✘ {episode['request']} {episode['reason']}  ", "red")
-    return text
+    return text.append(f"{len(shown.observer.facts.map)} facts", "dim")
 
 
 class TreePane(Rows):
@@ -104,15 +108,16 @@ class TreePane(Rows):
 
     def look(self) -> None:
         """Draw what is now."""
-        if self._own is not None and not self._own.is_current():
-            self.show_own(self._own.robot)
+        if self._own is not None and not self._own.is_of(self._shown.observer):
+            if not self.show_own(self._own.robot):
+                self.show_own(None)
             return
-        nodes = self._told_nodes()
+        nodes = self._statuses()
         rows = self.tree_rows.visible(nodes)
         texts = [self.tree_rows.text(index, depth, nodes) for index, depth in rows]
         self.show([index for index, _ in rows], texts)
 
-    def _told_nodes(self) -> dict[int, list[Any]]:
+    def _statuses(self) -> dict[int, list[Any]]:
         if self._own is None:
             return self._shown.nodes
         return self._own.nodes(self._shown.robots[self._own.robot]["statuses"])
@@ -122,7 +127,7 @@ class TreePane(Rows):
         index = self.selected
         if index is None:
             return
-        rows, nodes = self.tree_rows, self._told_nodes()
+        rows, nodes = self.tree_rows, self._statuses()
         if is_folded and (rows.is_folded(index, nodes) or not rows.children(index)):
             self.select(rows.parent(index))
         else:
@@ -132,7 +137,7 @@ class TreePane(Rows):
     def action_turn(self) -> None:
         """Fold what is open, unfold what is not."""
         if self.selected is not None:
-            is_folded = self.tree_rows.is_folded(self.selected, self._told_nodes())
+            is_folded = self.tree_rows.is_folded(self.selected, self._statuses())
             self.tree_rows.fold(self.selected, not is_folded)
             self.look()
 
@@ -184,7 +189,7 @@ class Lanes(Rows):
     ]
 
     def action_side(self, steps: int) -> None:
-        """Scroll in time; whoever scrolls follows the run no longer."""
+        """Scroll in time, which stops following the run."""
         assert isinstance(self.parent, TimelinePane)
         self.parent.go_to_the_side(steps)
 
@@ -197,9 +202,9 @@ class TimelinePane(Vertical):
         self._shown = shown
         self.lanes = Lanes(id="lanes")
         self._axis = Static(id="axis")
-        # Seconds that are shown; None: as many as usual; infinite: the whole run. Where they end;
-        # None: now.
+        # The seconds that are shown; None: the usual number; infinite: the whole run.
         self.span_s: float | None = None
+        # Where they end; None: now.
         self.to_s: float | None = None
 
     def compose(self) -> ComposeResult:
@@ -208,7 +213,7 @@ class TimelinePane(Vertical):
         yield self._axis
 
     def window(self, width: int) -> Window:
-        """What is shown, in so many columns."""
+        """What is shown, in `width` columns."""
         now_s = self._shown.now_s
         usual = Window.latest(now_s, width)
         if self.span_s is None and self.to_s is None:
@@ -228,17 +233,17 @@ class TimelinePane(Vertical):
         texts = []
         for robot in robots:
             text = Text(no_wrap=True).append(f"{robot:{name_width}}", "bold")
-            text.append_text(lane(self._shown.past, robot, window, self._shown.now_s))
+            text.append_text(lane(self._shown, robot, window))
             texts.append(text)
         self.lanes.show(robots, texts)
         line = Text(" " * (name_width + 1), no_wrap=True)
         self._axis.update(line.append_text(axis(window)))
         how = "follows" if self.to_s is None else "l: follow again"
         title = f"timeline  {window.to_s - window.from_s:.3g} s, {how}"
-        self.border_title = escape(f"{title}  {latest_fault(self._shown.past)}")
+        self.border_title = escape(f"{title}  {latest_fault(self._shown)}")
 
     def zoom(self, steps: int) -> None:
-        """Larger by so many steps; negative: smaller."""
+        """Zoom in by some steps; negative: out."""
         window = self.window(1)
         span_s = (window.to_s - window.from_s) / ZOOM**steps
         self.span_s = min(max(span_s, SHORTEST_S), max(self._shown.now_s, LEAST_S))
@@ -293,25 +298,44 @@ class WhyPane(VerticalScroll):
         self.border_title = escape(f"why {name}")
         if kind == "task":
             self._text.update(why_text(why_task(self._shown.observer, name)))
-            return
-        self._text.update(self._robot(name))
+        elif name in self._shown.robots:
+            self._text.update(self._robot(name))
+        else:
+            self._text.update(Text(f"{name} has not been heard yet.", "dim"))
 
     def _robot(self, name: str) -> Text:
         item: dict[str, Any] = self._shown.robots[name]
         answer, takeover = why_robot(self._shown.observer, name), self._shown.takeover_of(name)
         if takeover is not None and takeover["sentence"].startswith(answer["sentence"]):
-            # It is dead: the takeover tells that too.
+            # It is dead: the explanation of the takeover includes that.
             answer, takeover = takeover, None
         text = why_text(answer)
         if takeover is not None:
             text.append(f"\n{takeover['subject']}: ", "bold")
             text.append_text(why_text(takeover))
-        text.append("\n")
-        text.append_text(capabilities_text(item))
-        if item["problems"]:
-            text.append("\n")
-            text.append_text(problems_text(item))
-        if item["statuses"]:
-            text.append("\n")
-            text.append_text(trees_text(item))
+        for part in (
+            capabilities_text(item),
+            Text("\n".join(item["problems"]), "red"),
+            trees_text(item),
+        ):
+            if part:
+                text.append("\n").append_text(part)
         return text
+
+
+class LogPane(Static):
+    """What happened last."""
+
+    def __init__(self, shown: ShownTeam) -> None:
+        super().__init__(id="log")
+        self.border_title = "what happened"
+        self._shown = shown
+
+    def look(self) -> None:
+        """Draw what is now."""
+        text = Text(no_wrap=True, overflow="ellipsis")
+        for event in self._shown.events[-max(self.size.height, 1) :]:
+            text.append(f"{event['at_s'] or 0.0:7.2f} ", "dim")
+            text.append(f"{event['text']}\n", "red" if ALARMING.search(event["text"]) else "")
+        text.rstrip()
+        self.update(text)

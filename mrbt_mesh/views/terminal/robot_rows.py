@@ -16,11 +16,14 @@ TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
 def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
-    """State, task and progress; `item`: as in `TeamView`."""
+    """State, statuses of T_i and its parts, task and progress; `item`: as in `TeamView`."""
     sign, style = STATE_MARKS[item["state"]]
     text = Text(no_wrap=True)
     text.append(f"{robot:{name_width}} ", "bold")
     text.append(f"{sign} {item['state']:<8}", style)
+    for word in item["statuses"]:
+        text.append(*MARKS[Status[word.upper()]])
+    text.append(" " if item["statuses"] else "")
     if item["local_task"] is not None:
         runs = item["phase"] == "running"
         text.append(item["local_task"], "" if runs else "dim")
@@ -42,11 +45,6 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
     return text
 
 
-def problems_text(item: dict[str, Any]) -> Text:
-    """Problems of its program and its journal, one line each."""
-    return Text("\n".join(item["problems"]), "red")
-
-
 def bar(percent: int) -> str:
     """Progress, 0 to 100."""
     full = BAR_COLUMNS * min(max(percent, 0), 100) // 100
@@ -54,8 +52,8 @@ def bar(percent: int) -> str:
 
 
 def capabilities_text(item: dict[str, Any]) -> Text:
-    """Its capabilities with their performance; lost ones are struck out, behind a cross."""
-    text = Text().append("can ", "dim")
+    """Its type and capabilities with their performance; lost ones are struck out."""
+    text = Text(item["type"] or "").append(" can ", "dim")
     lost = item["lost"]
     for number, (name, value) in enumerate(item["capabilities"].items()):
         text.append(", " if number else "", "dim")

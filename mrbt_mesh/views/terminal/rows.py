@@ -1,4 +1,4 @@
-"""A list of rows that scrolls and has one row selected; only what is on screen is drawn."""
+"""A list of rows that scrolls, with one row selected; only what is on screen is drawn."""
 
 from __future__ import annotations
 
@@ -63,11 +63,11 @@ class Rows(ScrollView, can_focus=True):
             self._go(self.keys.index(key))
 
     def action_move(self, rows: int) -> None:
-        """So many rows down."""
+        """Move down by some rows."""
         self._go(self._at + rows)
 
     def action_page(self, pages: int) -> None:
-        """So many screens down."""
+        """Move down by some screens."""
         self._go(self._at + pages * max(self.size.height - 1, 1))
 
     def on_click(self, event: Click) -> None:
@@ -86,7 +86,7 @@ class Rows(ScrollView, can_focus=True):
             self.post_message(self.Selected(self, self.selected))
 
     def render_line(self, y: int) -> Strip:
-        """One line on screen: a sign on the selected row, which is reversed where keys go to."""
+        """A line on screen: the selected row has a sign, and is reversed where the focus is."""
         row, width = y + self.scroll_offset.y, self.size.width
         if row >= len(self._texts):
             return Strip.blank(width, self.rich_style)
@@ -98,7 +98,7 @@ class Rows(ScrollView, can_focus=True):
         return strip.apply_style(Style(reverse=True)) if is_selected and self.has_focus else strip
 
     def on_focus(self) -> None:
-        """The selected row is drawn otherwise."""
+        """Draw the selected row, which looks different then."""
         self.refresh()
 
     def on_blur(self) -> None:

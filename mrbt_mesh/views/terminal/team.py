@@ -2,54 +2,108 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.views.model.mission_view import mission_view
-from mrbt_mesh.views.model.team_view import TeamView
-from mrbt_mesh.views.terminal.lanes import Past
+from mrbt_mesh.views.model.team_view import Shown
+
+Item = dict[str, Any]
+_NUMBERED = ("node", "work", "fault", "loss", "event", "why")
 
 
 class ShownTeam:
-    """Follows an observer by its `TeamView`, whose docstring names the items."""
+    """Keeps the items of a view. `now_s`: the seconds from the start of the run that are shown."""
 
-    def __init__(self, observer: Observer) -> None:
-        self.observer = observer
-        self.mission = mission_view(observer.mission)
-        self.past = Past()
-        self.team: dict[str, Any] = {}
-        self.robots: dict[str, dict[str, Any]] = {}
-        self.nodes: dict[int, list[Any]] = {}
-        # Takeovers, explained as they were.
-        self.takeovers: dict[int, dict[str, Any]] = {}
+    def __init__(self, view: Shown) -> None:
+        self.view = view
+        self.mission = mission_view(view.observer.mission)
         self.now_s = 0.0
-        self._view = TeamView(observer)
         self._version = 0
+        self._items: dict[str, dict[Any, Any]] = defaultdict(dict)
+        # Robot -> its works by number, in the order of their claims.
+        self._works: dict[str, dict[int, Item]] = {}
+
+    @property
+    def observer(self) -> Observer:
+        """The team as it is shown now."""
+        return self.view.observer
+
+    @property
+    def team(self) -> Item:
+        """The item `team`; there is one after the first update."""
+        item: Item = self._items["team"][""]
+        return item
+
+    @property
+    def robots(self) -> dict[str, Item]:
+        """The items `robot/ID`."""
+        return self._items["robot"]
+
+    @property
+    def nodes(self) -> dict[int, list[Any]]:
+        """The items `node/N`."""
+        return self._items["node"]
+
+    @property
+    def losses(self) -> list[Item]:
+        """The capabilities that robots have lost."""
+        return self._until_now("loss")
+
+    @property
+    def faults(self) -> list[Item]:
+        """The deaths."""
+        return self._until_now("fault")
+
+    @property
+    def events(self) -> list[Item]:
+        """What happened."""
+        return self._until_now("event")
+
+    def _until_now(self, kind: str) -> list[Item]:
+        """A recording has the items of the whole run."""
+        items = self._items[kind].values()
+        return [each for each in items if (each["at_s"] or 0.0) <= self.now_s]
 
     def update(self, now_us: int) -> bool:
         """Look at the observer, which is up to date; whether anything has changed."""
-        record = self.observer.record
-        self.now_s = record.seconds(record.ended_us or now_us) or 0.0
-        self._view.update(now_us)
-        items = self._view.changes.since(self._version)
-        self._version = self._view.changes.version
-        self.past.take(items)
-        for key, value in items.items():
-            kind, _, name = key.partition("/")
-            match kind:
-                case "team":
-                    self.team = value
-                case "robot":
-                    self.robots[name] = value
-                case "node":
-                    self.nodes[int(name)] = value
-                case "why":
-                    self.takeovers[int(name)] = value
-        return bool(items)
+        self.view.update(now_us)
+        changed = self.view.changes.since(self._version)
+        self._version = self.view.changes.version
+        ended_us = self.observer.record.ended_us
+        self.now_s = self.view.seconds(now_us if ended_us is None else ended_us) or 0.0
+        self.take(changed)
+        return bool(changed)
 
-    def takeover_of(self, robot: str) -> dict[str, Any] | None:
-        """The latest takeover of its work, or by it, explained."""
-        for number, fault in sorted(self.past.faults.items(), reverse=True):
-            if robot in (fault["robot"], fault["replacement"]) and number in self.takeovers:
-                return self.takeovers[number]
+    def take(self, changed: Mapping[str, Any]) -> None:
+        """Take over items by key; None removes one."""
+        for key, value in changed.items():
+            kind, _, name = key.partition("/")
+            place = int(name) if kind in _NUMBERED else name
+            if value is None:
+                self._items[kind].pop(place, None)
+            elif kind == "work":
+                self._works.setdefault(value["robot"], {})[int(name)] = value
+            else:
+                self._items[kind][place] = value
+
+    def works(self, robot: str, from_s: float) -> list[Item]:
+        """A robot's works that had begun by now, and not ended by `from_s`, oldest first."""
+        found = []
+        for item in reversed(self._works.get(robot, {}).values()):
+            if item["ended_s"] is not None and item["ended_s"] < from_s:
+                break
+            if (item["claimed_s"] or 0.0) <= self.now_s:
+                found.append(item)
+        return found[::-1]
+
+    def takeover_of(self, robot: str) -> Item | None:
+        """The explanation of the latest takeover of its work, or by it, as it was then."""
+        explained: dict[int, Item] = self._items["why"]
+        for number, fault in sorted(self._items["fault"].items(), reverse=True):
+            is_past = (fault["at_s"] or 0.0) <= self.now_s
+            if is_past and number in explained and robot in (fault["robot"], fault["replacement"]):
+                return explained[number]
         return None

@@ -128,7 +128,7 @@ class RobotRows:
         """Raises KeyError for a robot without a description."""
         self.robot = robot
         self._observer = observer
-        self._capabilities = self._described()
+        self._capabilities = observer.facts.members[robot].member.capabilities
         self._trees = OwnTrees(robot, local_tree_of(observer.mission, self._capabilities))
         self.rows = [_row(f"T_i: {Kind.PARALLEL} 3/3", Kind.PARALLEL, -1)]
         self._add("T_A", tree_view(self._trees.assignment))
@@ -136,9 +136,13 @@ class RobotRows:
         self._local = tree_view(self._trees.local)
         self._add("T_Li", self._with_programs(bytes(len(self._local)))[0])
 
-    def is_current(self) -> bool:
-        """Whether its capabilities are unchanged; a restarted robot may have others."""
-        return self._described() == self._capabilities
+    def is_of(self, observer: Observer) -> bool:
+        """Whether these are its trees as this observer knows it: a restarted robot may have other
+        capabilities, and a recording another observer.
+        """
+        known = observer.facts.members.get(self.robot)
+        is_same = known is not None and known.member.capabilities == self._capabilities
+        return is_same and observer is self._observer
 
     def nodes(self, reported: Sequence[str]) -> dict[int, list[Any]]:
         """The nodes now; `reported`: the statuses of T_i, T_A, T_G and T_Li as words, last
@@ -148,9 +152,6 @@ class RobotRows:
         assignment, local = self._trees.statuses(self._observer)
         statuses = [whole, *assignment, team, *self._with_programs(local)[1]]
         return {index: [status, [], "", 0] for index, status in enumerate(statuses)}
-
-    def _described(self) -> Mapping[str, int]:
-        return self._observer.facts.members[self.robot].member.capabilities
 
     def _with_programs(self, statuses: bytes) -> tuple[list[dict[str, Any]], list[int]]:
         running = running_tree(self._observer, self.robot)

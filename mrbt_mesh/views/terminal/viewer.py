@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import anyio
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import OpenView, ViewerOptions, require
+from mrbt_mesh.plugins import OpenView, ViewerOptions
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.team import Team
@@ -23,8 +23,7 @@ class TopViewer:
     summary = "Show the team in this terminal, by keys: tree, robots, timeline, and why; q ends it."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without the extra, and without a terminal."""
-        require("the view by keys", "top", "textual")
+        """Raises InputError without a terminal."""
         # textual draws on standard error.
         if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
             raise InputError("the view by keys needs a terminal; --headless prints lines")
@@ -36,12 +35,13 @@ class TopViewer:
         """Show it until its viewer quits."""
         from mrbt_mesh.drills.control import Control
         from mrbt_mesh.runtime.fencing import boottime_us
+        from mrbt_mesh.views.model.team_view import TeamView
         from mrbt_mesh.views.terminal.app import TeamTop
 
         closed = anyio.Event()
         async with anyio.create_task_group() as group:
-            orders = orders_of(Control(watcher, team, group)) if options.has_control else None
-            app = TeamTop(watcher.observer, boottime_us, orders)
+            control = Control(watcher, team, group) if options.has_control else None
+            app = TeamTop(TeamView(watcher.observer), boottime_us, control, options.notes)
 
             async def run() -> None:
                 await app.run_async()
@@ -54,22 +54,6 @@ class TopViewer:
                 app.exit()
                 await closed.wait()
             group.cancel_scope.cancel()
-
-
-def orders_of(control: Any) -> Any:
-    """What may be ordered by keys is what may be ordered by the page's buttons."""
-    from mrbt_mesh.drills.control import OrderError
-    from mrbt_mesh.views.terminal.app import Orders
-
-    offers = control.offers()
-
-    async def carry_out(order: dict[str, Any]) -> tuple[bool, str]:
-        try:
-            return True, await control.carry_out(order)
-        except OrderError as error:
-            return False, str(error)
-
-    return Orders(carry_out, offers["robot"], offers["team"])
 
 
 viewer = TopViewer()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import AsyncGenerator, Callable
-from typing import Any, Protocol
+from typing import Any
 
 import anyio
 
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.views.model.changes import ChangeLog
+from mrbt_mesh.views.model.team_view import Shown
 from mrbt_mesh.views.web.connections import gives_way
 
 # Longest time between messages, by which a page notices a lost connection.
@@ -19,22 +19,6 @@ TICK_S = 1.0
 MAX_PAGES = 64
 # Shortest time between messages.
 FRAME_US = 80_000
-
-
-class Shown(Protocol):
-    """What pages show: a team that runs (`TeamView`), or a recording of one."""
-
-    changes: ChangeLog
-
-    @property
-    def observer(self) -> Observer:
-        """The team as it is shown now."""
-
-    def update(self, now_us: int) -> bool:
-        """Bring `changes` up to date; whether anything has changed."""
-
-    def seconds(self, at_us: int) -> float | None:
-        """A time of the clock as seconds from the start of the run; None: it has not begun."""
 
 
 class _Page:

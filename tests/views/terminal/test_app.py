@@ -1,4 +1,4 @@
-"""`mrbt watch --top` without a terminal, by textual's pilot, over simulated runs."""
+"""The screen without a terminal, by textual's pilot, over simulated runs and a recording."""
 
 from __future__ import annotations
 
@@ -7,19 +7,25 @@ import functools
 import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest.importorskip("textual", reason="pip install 'mrbt-mesh[top]'")
-
 from textual.pilot import Pilot
 from textual.widgets import Footer
 
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.drills.control import FAULTS as ROBOT_FAULTS
+from mrbt_mesh.drills.control import ORDERS, Control, OrderError
+from mrbt_mesh.recording.folder import robot_file
+from mrbt_mesh.recording.player import Player
+from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, Lose
-from mrbt_mesh.views.terminal.app import Orders, TeamTop
+from mrbt_mesh.views.model.team_view import TeamView
+from mrbt_mesh.views.replay.shown_recording import ShownRecording
+from mrbt_mesh.views.terminal.app import ReplayTop, TeamTop
 from mrbt_mesh.views.terminal.panes import Lanes, TimelinePane, TreePane
+from tests.support.recorded import record_example
 from tests.support.runs import run_example
 from tests.support.watched import ALONE, watched
 
@@ -27,26 +33,23 @@ SECOND = 1_000_000
 FAULTS = [(7 * SECOND, Kill("A1")), (2 * SECOND, Lose("B1", "do_diagnosis"))]
 SMALL, LARGE = (80, 24), (160, 50)
 NOT_ALL = tuple(line.replace("start A C", "start A") for line in ALONE)
-ROBOT_ORDERS = {"kill": "Ends it.", "freeze": "Silences it.", "thaw": "Wakes it."}
-TEAM_ORDERS = {"pause": "Stops all.", "resume": "Goes on.", "abort": "Ends all."}
 
 
 @functools.cache
-def observed(until_s: float) -> Observer:
-    """The repair until then; nobody changes it."""
-    until_us = round(until_s * SECOND)
+def observed() -> Observer:
+    """The repair until 13 s; nobody changes it."""
     return run_example(
-        "vehicle_repair", 1, expect=None, schedule=FAULTS, timeout_us=until_us
+        "vehicle_repair", 1, expect=None, schedule=FAULTS, timeout_us=13 * SECOND
     ).observer
 
 
 @asynccontextmanager
 async def opened(
-    until_s: float = 13.0, size: tuple[int, int] = SMALL, orders: Orders | None = None
+    size: tuple[int, int] = SMALL, control: Control | None = None, *notes: str
 ) -> AsyncIterator[tuple[TeamTop, Pilot[None]]]:
     # The simulator has an event loop of its own.
-    observer = await asyncio.to_thread(observed, until_s)
-    app = TeamTop(observer, lambda: round(until_s * SECOND), orders)
+    observer = await asyncio.to_thread(observed)
+    app = TeamTop(TeamView(observer), lambda: 13 * SECOND, control, notes)
     async with app.run_test(size=size) as pilot:
         await pilot.pause()
         await pilot.pause()
@@ -67,7 +70,7 @@ async def test_all_panes_are_on_screen(size: tuple[int, int]) -> None:
     async with opened(size=size) as (app, _):
         lines = on_screen(app)
         assert len(lines) == size[1]
-        assert "vehicle_repair  13.0 s  ▶ running  ● all 5 agree" in lines[0]
+        assert "vehicle_repair  13.0 s  ▶ running  ● all 5 agree  " in lines[0]
         assert "▾ ▶ Fallback  running" in lines[2]
         assert "A1 ✖ dead" in lines[2]
         assert "✘do_diagnosis" in line_of(app, "B1 ● alive")
@@ -78,7 +81,23 @@ async def test_all_panes_are_on_screen(size: tuple[int, int]) -> None:
         assert "q quit ? help / find o fold" in lines[-1]
 
 
-async def test_who_only_watches_has_no_orders() -> None:
+async def test_notes_and_what_happened() -> None:
+    async with opened((160, 50), None, "90 robots are too many", "web: http://[::1]:80/") as (
+        app,
+        _,
+    ):
+        lines = on_screen(app)
+        assert " facts" in lines[0]
+        assert [line.strip() for line in lines[1:3]] == [
+            "90 robots are too many",
+            "web: http://[::1]:80/",
+        ]
+        assert "─ what happened─" in line_of(app, "what happened")
+        (last,) = (line for line in lines if app.shown.events[-1]["text"] in line)
+        assert f"{app.shown.events[-1]['at_s']:.2f}" in last
+
+
+async def test_a_team_that_only_watches_has_no_orders() -> None:
     async with opened() as (app, pilot):
         assert "kill" not in on_screen(app)[-1]
         await pilot.press("k", "p", "a")
@@ -87,52 +106,57 @@ async def test_who_only_watches_has_no_orders() -> None:
         assert "mrbt watch --top --control" in "".join(on_screen(app))
 
 
-class GivenOrders:
-    """Orders that are written down."""
+class GivenOrders(Control):
+    """Notes the orders; those to the team are refused."""
 
-    def __init__(self, is_done: bool = True) -> None:
+    def __init__(self, robot: bool = True) -> None:
         self.given: list[dict[str, str]] = []
-        self._is_done = is_done
+        self._robot = robot
 
-    async def carry_out(self, order: dict[str, str]) -> tuple[bool, str]:
+    def offers(self) -> dict[str, Any]:
+        """As with processes of this machine, or without."""
+        robot = {name: text for name, (_, text) in ROBOT_FAULTS.items()} if self._robot else {}
+        return {"robot": robot, "team": {name: text for name, (_, text) in ORDERS.items()}}
+
+    async def carry_out(self, order: Any) -> str:
+        """Note it."""
         self.given.append(order)
-        return self._is_done, "that was said"
-
-    def orders(self) -> Orders:
-        return Orders(self.carry_out, ROBOT_ORDERS, TEAM_ORDERS)
+        if "robot" not in order:
+            raise OrderError("no robot answers")
+        return "done"
 
 
 @pytest.mark.parametrize(("key", "act"), [("k", "kill"), ("f", "freeze"), ("t", "thaw")])
 async def test_an_order_to_a_robot_is_asked_once_and_carried_out(key: str, act: str) -> None:
     orders = GivenOrders()
-    async with opened(orders=orders.orders()) as (app, pilot):
+    async with opened(control=orders) as (app, pilot):
         assert f"{key} {act}" in on_screen(app)[-1]
         await pilot.press("tab", "down", "down", key)
         assert f"{act} B1?" in line_of(app, f"{act} B1")
-        assert ROBOT_ORDERS[act] in "".join(on_screen(app))
+        assert ROBOT_FAULTS[act][1][:50] in "".join(on_screen(app))
         assert orders.given == [], "nothing is done before the answer"
         await pilot.press("y")
         await app.workers.wait_for_complete()
         assert orders.given == [{"act": act, "robot": "B1"}]
-        assert [told.message for told in app._notifications] == ["that was said"]
+        assert [told.message for told in app._notifications] == ["done"]
 
 
 @pytest.mark.parametrize(("key", "act"), [("p", "pause"), ("r", "resume"), ("a", "abort")])
 async def test_an_order_to_the_team(key: str, act: str) -> None:
-    orders = GivenOrders(is_done=False)
-    async with opened(orders=orders.orders()) as (app, pilot):
+    orders = GivenOrders()
+    async with opened(control=orders) as (app, pilot):
         await pilot.press(key, "y")
         await app.workers.wait_for_complete()
         assert orders.given == [{"act": act}]
         await pilot.pause()
         (told,) = app._notifications
-        assert told.severity == "error", "what was not done is told as such"
+        assert (told.message, told.severity) == ("no robot answers", "error")
 
 
 @pytest.mark.parametrize("answer", ["n", "escape", "enter", "k"])
 async def test_every_other_answer_is_no(answer: str) -> None:
     orders = GivenOrders()
-    async with opened(orders=orders.orders()) as (app, pilot):
+    async with opened(control=orders) as (app, pilot):
         await pilot.press("k", answer)
         await app.workers.wait_for_complete()
         assert orders.given == []
@@ -140,8 +164,7 @@ async def test_every_other_answer_is_no(answer: str) -> None:
 
 
 async def test_only_what_is_offered_has_a_key() -> None:
-    orders = GivenOrders()
-    async with opened(orders=Orders(orders.carry_out, {}, TEAM_ORDERS)) as (app, pilot):
+    async with opened(control=GivenOrders(robot=False)) as (app, pilot):
         assert "kill" not in on_screen(app)[-1]
         assert "p pause" in on_screen(app)[-1]
         await pilot.press("k")
@@ -153,7 +176,7 @@ async def test_why_is_told_of_robots_and_tasks() -> None:
         await pilot.press("tab", "down")
         text = "\n".join(on_screen(app))
         assert "why A2" in text
-        assert "A2 took over its do_diagnosis(1)" in text
+        assert "A2 took over its" in text
         assert line_of(app, "›A2  ").count("↳") == 1, "the lane is selected as well"
         await pilot.press("shift+tab", *["down"] * 10)
         text = "\n".join(on_screen(app))
@@ -190,7 +213,7 @@ async def test_a_robots_own_tree() -> None:
         assert "T_i of B2  Esc: T_G" in on_screen(app)[1]
         assert "▾ ▶ T_i: Parallel 3/3  running" in on_screen(app)[2]
         assert "✔ T_A, how it plans: Sequence  success" in line_of(app, "T_A, ")
-        assert "▶ do_diagnosis  running" in line_of(app, "▶ do_diagnosis")
+        assert line_of(app, "▶ do_diagnosis  running")
         # It is that of the robot that is selected, whichever that is.
         await pilot.press("up", "up", "up")
         assert "T_i of A1" in on_screen(app)[1]
@@ -210,7 +233,7 @@ async def test_a_robots_own_tree() -> None:
 
 async def test_a_robot_that_has_not_joined_has_no_tree_yet() -> None:
     script, observer = watched(NOT_ALL)
-    app = TeamTop(observer, lambda: script.team.now_us)
+    app = TeamTop(TeamView(observer), lambda: script.team.now_us)
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
         await pilot.press("i")
@@ -268,11 +291,11 @@ async def test_one_pane_alone() -> None:
 
 async def test_what_is_new_is_drawn() -> None:
     script, observer = watched(ALONE)
-    app = TeamTop(observer, lambda: script.team.now_us)
+    app = TeamTop(TeamView(observer), lambda: script.team.now_us)
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
         assert "▶ weld  A  running" in on_screen(app)[2]
-        assert "A ● alive   weld ▱▱▱▱▱▱▱▱ 0%" in on_screen(app)[2]
+        assert "A ● alive   ▶✔▶▶ weld ▱▱▱▱▱▱▱▱ 0%" in on_screen(app)[2]
         script.block(["succeed A", "pass 300"])
         app.look()
         await pilot.pause()
@@ -300,9 +323,45 @@ async def test_without_colours_everything_is_still_told(monkeypatch: pytest.Monk
         assert "┏━ robots━━" in on_screen(app)[1], "so has the pane that keys go to"
 
 
-async def test_q_ends_it() -> None:
+async def test_a_recording_is_played_forwards_and_back(tmp_path: Path) -> None:
+    await asyncio.to_thread(
+        record_example, tmp_path, "vehicle_repair", 7, [(12 * SECOND, Kill("A1"))]
+    )
+    player = Player(read_recording(robot_file(tmp_path, "B1")))
+    shown = ShownRecording(player, player.begin_us + 13 * SECOND, 0.01)
+    app = ReplayTop(shown)
+    async with app.run_test(size=LARGE) as pilot:
+        await pilot.press("space")
+        app.look()
+        await pilot.pause()
+        assert "B1.mcap: 13.0 of " in on_screen(app)[1]
+        assert ", paused" in on_screen(app)[1]
+        assert "✖ dead" in line_of(app, "A1 ")
+        assert "B1: replace_hw(2)" in "".join(on_screen(app))
+        at_us = shown.playback.at_us
+        await pilot.press("tab", "down", "i", "comma", "comma")
+        app.look()
+        await pilot.pause()
+        assert shown.playback.at_us == at_us - 10 * SECOND
+        assert "✖" not in "".join(on_screen(app)), "A1 lives again, and its death is not known"
+        await pilot.press("comma", "full_stop", "greater_than_sign")
+        assert shown.playback.at_us == player.begin_us + 5 * SECOND
+        await pilot.press("space")
+        assert (shown.playback.speed, shown.playback.is_paused) == (0.02, False)
+        shown.playback.set_speed(1000)
+        app._looked_s -= 10
+        app.look()
+        assert shown.playback.at_us == player.end_us
+        assert shown.playback.is_paused, "at the end"
+        await pilot.press("less_than_sign", "question_mark")
+        assert shown.playback.speed == 500
+        assert "pause, play on" in "".join(on_screen(app))
+
+
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
+async def test_q_ends_it(key: str) -> None:
     async with opened() as (app, pilot):
         assert app.query_one(Footer).display
-        await pilot.press("q")
+        await pilot.press(key)
         await pilot.pause()
         assert app.return_code == 0

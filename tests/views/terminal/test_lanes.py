@@ -9,8 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.sim import Kill, Lose
-from mrbt_mesh.views.terminal.lanes import Past, RecordedPast, Window, axis, lane, latest_fault
+from mrbt_mesh.views.model.team_view import TeamView
+from mrbt_mesh.views.terminal.lanes import Window, axis, lane, latest_fault
+from mrbt_mesh.views.terminal.team import ShownTeam
 from tests.support.runs import run_example
+from tests.support.watched import ALONE, watched
 
 SECOND = 1_000_000
 TEN = Window(0.0, 10.0, 40)
@@ -34,14 +37,15 @@ def fault(robot: str, at_s: float, until_s: float | None = None, **more: Any) ->
     return {"robot": robot, "at_s": at_s, "until_s": until_s, **empty, **more}
 
 
-def past(**items: dict[str, Any]) -> Past:
-    found = Past()
+def past(**items: dict[str, Any]) -> ShownTeam:
+    found = ShownTeam(TeamView(watched(ALONE)[1]))
     found.take({key.replace("_", "/"): item for key, item in items.items()})
     return found
 
 
-def drawn(found: Past, robot: str, now_s: float = 10.0, window: Window = TEN) -> str:
-    return lane(found, robot, window, now_s).plain
+def drawn(found: ShownTeam, robot: str, now_s: float = 10.0, window: Window = TEN) -> str:
+    found.now_s = now_s
+    return lane(found, robot, window).plain
 
 
 def test_a_block_tells_what_was_claimed_done_and_how_it_ended() -> None:
@@ -120,10 +124,9 @@ def test_a_run_is_drawn_as_it_was() -> None:
     )
     record = result.observer.record
     now_s = record.seconds(record.ended_us) or 0.0
-    follower = RecordedPast()
-    found = follower.of(record)
-    assert follower.of(record) is found
-    (death,) = found.faults.values()
+    found = ShownTeam(TeamView(result.observer))
+    found.update(record.ended_us or 0)
+    (death,) = found.faults
     assert latest_fault(found).startswith("✖ A1 at ")
     assert f"{death['replacement']} took over +" in latest_fault(found)
     window = Window(0.0, now_s, 400)
@@ -137,8 +140,12 @@ def test_a_run_is_drawn_as_it_was() -> None:
         assert drawn(found, robot, now_s, window).count("✔") == len(done)
 
 
-def test_another_record_begins_anew() -> None:
-    follower = RecordedPast()
-    first = follower.of(run_example("vehicle_repair", 1).observer.record)
-    second = follower.of(run_example("vehicle_repair", 2).observer.record)
-    assert first is not second
+def test_what_a_recording_has_of_later_times_is_not_drawn_yet() -> None:
+    found = past(
+        work_0=work("A", "weld", 0.0, 1.0, 8.0, end="died"),
+        work_1=work("B", "weld", 9.0, 9.0, None),
+        fault_0=fault("A", 8.0),
+    )
+    assert drawn(found, "A", 5.0).rstrip() == "┣weld━━━━━━━━━━━━━━▶"
+    assert drawn(found, "B", 5.0).rstrip() == ""
+    assert latest_fault(found) == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.sim import Kill, Lose
+from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.model.why import why_robot
 from mrbt_mesh.views.terminal.robot_rows import (
     bar,
@@ -21,7 +22,7 @@ def shown_at(until_s: float) -> ShownTeam:
     until_us = round(until_s * SECOND)
     schedule = [(7 * SECOND, Kill("A1")), (2 * SECOND, Lose("B1", "do_diagnosis"))]
     result = run_example("vehicle_repair", 1, expect=None, schedule=schedule, timeout_us=until_us)
-    shown = ShownTeam(result.observer)
+    shown = ShownTeam(TeamView(result.observer))
     shown.update(until_us)
     return shown
 
@@ -32,12 +33,15 @@ def test_state_task_and_progress() -> None:
     assert rows["A1"].rstrip() == "A1 ✖ dead"
     beats = shown.observer.membership.peers["B2"].heartbeat
     assert beats is not None
-    assert f"B2 ● alive   do_diagnosis(5) {bar(beats.progress)} {beats.progress}%" in rows["B2"]
-    assert rows["B1"].startswith("B1 ● alive   ✘do_diagnosis: injected free: no")
+    assert (
+        f"B2 ● alive   ▶✔▶▶ do_diagnosis(5) {bar(beats.progress)} {beats.progress}%" in rows["B2"]
+    )
+    assert rows["B1"].startswith("B1 ● alive   ▶✔▶✔ ✘do_diagnosis: injected free: no")
 
 
 def test_what_is_lost_is_struck_out_and_said() -> None:
     text = capabilities_text(shown_at(13.0).robots["B1"])
+    assert text.plain.startswith("B can ")
     assert "✘do_diagnosis (lost: injected)" in text.plain
     (struck,) = (span for span in text.spans if "strike" in str(span.style))
     assert text.plain[struck.start : struck.end] == "do_diagnosis"
@@ -66,7 +70,7 @@ def test_a_bar_is_as_full_as_it_is_told() -> None:
 
 def test_a_takeover_is_known_by_both_robots() -> None:
     shown = shown_at(13.0)
-    (fault,) = shown.past.faults.values()
+    (fault,) = shown.faults
     explained = shown.takeover_of("A1")
     assert explained is not None
     assert explained is shown.takeover_of(fault["replacement"])

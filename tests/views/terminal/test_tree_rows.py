@@ -6,6 +6,7 @@ from typing import Any
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.sim import Kill
+from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.terminal.team import ShownTeam
 from mrbt_mesh.views.terminal.tree_rows import FoldingTree
 from tests.support.runs import run_example
@@ -18,7 +19,7 @@ def shown_at(until_s: float) -> ShownTeam:
     until_us = round(until_s * SECOND)
     schedule = [(7 * SECOND, Kill("A1"))]
     result = run_example("vehicle_repair", 1, expect=None, schedule=schedule, timeout_us=until_us)
-    shown = ShownTeam(result.observer)
+    shown = ShownTeam(TeamView(result.observer))
     shown.update(until_us)
     return shown
 

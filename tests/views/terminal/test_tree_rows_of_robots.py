@@ -56,13 +56,14 @@ def test_a_robot_that_describes_itself_anew_has_another_tree() -> None:
     script, observer = watched(ALONE)
     own = RobotRows(observer, "A")
     script.block(["pass 300"])
-    assert own.is_current()
+    assert own.is_of(observer)
+    assert not own.is_of(observed()), "another observer, as after a step back in a recording"
     assert "lift" in [row["label"] for row in own.rows]
     # As if another program had been started under its name.
     known = observer.facts.members["A"]
     member = replace(known.member, capabilities={"weld": 1_000_000})
     observer.facts.members["A"] = known._replace(member=member)
-    assert not own.is_current()
+    assert not own.is_of(observer)
     assert "lift" not in [row["label"] for row in RobotRows(observer, "A").rows]
 
 
