@@ -137,7 +137,7 @@ async def connected(folder: Path) -> AsyncIterator[tuple[ConnectedRobot, Told]]:
     robot, told = ConnectedRobot(file, "A1", bridge_command(file)), Told()
     async with anyio.create_task_group() as group:
         group.start_soon(robot.run, context(told))
-        for name in file.tasks:
+        for name in file.local_tasks:
             if name != "managed":
                 await told.until("restore_capability", name)
         yield robot, told
