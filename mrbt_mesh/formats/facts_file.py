@@ -34,8 +34,8 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.conditions import robot_condition
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
+from mrbt_mesh.core.mission.names import robot_condition
 from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.problems import Report, SourcePath, found
 

@@ -12,11 +12,10 @@ from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members
-from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase
+from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase, Record
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
-from mrbt_mesh.core.facts.values import Record
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot

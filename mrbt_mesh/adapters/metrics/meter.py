@@ -25,12 +25,13 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
 )
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.engine import Engine, PlanFunction
+from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.facts.records import Claim, Outcome
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
 REPLY = "reply"

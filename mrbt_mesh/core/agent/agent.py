@@ -28,7 +28,7 @@ from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.inbound import Inbound
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.leased_start import LeasedStart
-from mrbt_mesh.core.agent.lifecycle import Lifecycle, is_over
+from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.view import AgentView
@@ -148,7 +148,7 @@ class Agent:
         step_us = self._step_us
         if self._planner.awaited is not None:
             step_us = NEVER_US
-        elif self._deferred.waits:
+        elif self._context.config.plans_apart and self._deferred.waits:
             step_us = now_us
         self._deadline_us = min(
             step_us,
@@ -176,8 +176,7 @@ class Agent:
             self._reconcile(events, now_us)
             self._note_what_is_done(now_us)
         else:
-            if now_us >= self._context.replica.anti_entropy.next_ask_us:
-                self._ask_who_is_due(now_us)
+            self._ask_who_is_due(now_us)
             self._heartbeats.send_if_regular(now_us)
 
     def _reconcile(self, events: Sequence[Input], now_us: int) -> None:
@@ -186,14 +185,22 @@ class Agent:
         """
         context = self._context
         self._detect_failures(now_us)
-        if self._lifecycle.step(now_us):
+        if context.joining is None:
+            # In the facts, or buried by others.
+            known = context.facts.members.get(context.me)
+            later = self._duplicates.other_incarnation
+            later = later if known is None else max(later, known.incarnation)
+            if later > context.replica.incarnation:
+                self._lifecycle.join_above(later, now_us)
+        if context.joining is not None and self._lifecycle.try_to_join(now_us):
             self._reports.joined(now_us)
             self._health.joined(now_us)
         if context.joining is None:
             self._plan_and_perform(events, now_us)
         self._ask_who_is_due(now_us)
         result = None
-        if self._planner.awaited is None:
+        may_end = self._planner.is_over or self._lifecycle.done_us is not None
+        if may_end and self._planner.awaited is None:
             result = self._lifecycle.result_to_stop_with(self._planner.plan, now_us)
         if result is not None:
             self._heartbeats.send(now_us)
@@ -268,9 +275,9 @@ class Agent:
         self._heartbeats.hurry_if_probing(now_us)
 
     def _ask_who_is_due(self, now_us: int) -> None:
-        peers = self._context.replica.anti_entropy.peers_to_ask(now_us)
-        if peers:
-            self._context.ask(peers, now_us)
+        anti_entropy = self._context.replica.anti_entropy
+        if now_us >= anti_entropy.next_ask_us:
+            self._context.ask(anti_entropy.peers_to_ask(now_us), now_us)
 
     # -- the dirty check ----------------------------------------------------------------------
 
@@ -295,16 +302,16 @@ class Agent:
         context, planner = self._context, self._planner
         joining, done_us = context.joining, self._lifecycle.done_us
         leases = None if self._leased is None else self._leased.leases
-        is_waiting = context.work.is_waiting
+        starts_us = self._executor.starts_us
         deadlines_us = (
-            planner.deadlines.next_deadline_us(),
+            planner.next_deadline_us(),
             leases.next_deadline_us() if leases is not None else None,
             self._joining_until_us,
             self._plans_at_us,
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
             joining.yields_until_us if joining is not None else None,
-            self._executor.grace_ends_us if is_waiting else None,
+            starts_us,
             done_us + context.config.timing.heartbeat_us if done_us is not None else None,
         )
         ahead_us = [at for at in deadlines_us if at is not None and at > now_us]
@@ -313,7 +320,7 @@ class Agent:
         if self._executor.shows_outcome:
             return
         if joining is None and (leases is None or leases.is_idle) and planner.is_current:
-            awaits_reports = is_waiting or planner.deadlines.awaits_agreement
-            is_ending = done_us is not None or is_over(planner.plan)
+            awaits_reports = starts_us is not None or planner.awaits_agreement
+            is_ending = done_us is not None or planner.is_over
             self._reads_reports = awaits_reports or is_ending
             self._seen = self._changes()

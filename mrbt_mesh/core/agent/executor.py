@@ -15,7 +15,6 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import NO_CLAIM, Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
-from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Line, Plan
 
 
@@ -66,6 +65,7 @@ class Executor:
     def __init__(self, context: Context, tree: RobotTree, starts: Mapping[str, PlainStart]) -> None:
         self._context = context
         self._starts = starts
+        self._types = context.mission.local_task_types
         self._grace_us = context.config.timing.grace_us
         self.tree = tree
         self.shows_outcome = False
@@ -75,7 +75,7 @@ class Executor:
         context, work = self._context, self._context.work
         before = work.claim
         line = None if context.is_leaving else plan.lines.get(context.me)
-        changed, effects = work.follow(line, context.replica.next_stamp(), now_us)
+        changed, effects = work.follow(line, context.facts.max_stamp + 1, now_us)
         if effects:
             context.emit(*effects)
         writes = self.given_up(before) if changed and before is not None else []
@@ -88,10 +88,10 @@ class Executor:
                 # The coalition's leader refers to this entry, also if it is this robot.
                 start.note_ready(context.promise([*writes, (records.CLAIM, claim)], now_us))
                 writes, changed = [], False
-            is_grace_over = now_us >= self.grace_ends_us
+            is_grace_over = now_us >= self._grace_ends_us
             clearance = start.clear(Situation(plan, line, claim, is_grace_over, now_us))
         is_cleared = clearance is not None or not is_waiting
-        assigned = type_name(claim.local_task) if claim is not None else None
+        assigned = self._types[claim.local_task] if claim is not None else None
         wanted = self._tick(plan, assigned if is_cleared else None)
         if wanted is not None and clearance is not None and claim is not None:
             self._start(plan, claim, clearance, writes, now_us)
@@ -101,12 +101,17 @@ class Executor:
     def _may_start(self, plan: Plan, now_us: int) -> bool:
         """Whether all robots in good standing have the same plan, or the grace time has passed."""
         agreed = self._context.membership.all_report_plan(plan.digest)
-        return agreed or now_us >= self.grace_ends_us
+        return agreed or now_us >= self._grace_ends_us
 
     @property
-    def grace_ends_us(self) -> int:
+    def _grace_ends_us(self) -> int:
         """From when on this robot starts its assignment without agreement."""
         return self._context.work.line_since_us + self._grace_us
+
+    @property
+    def starts_us(self) -> int | None:
+        """When it starts at the latest, if it waits for agreement alone; None: it does not wait."""
+        return self._grace_ends_us if self._context.work.is_waiting else None
 
     def _tick(self, plan: Plan, assigned: str | None) -> str | None:
         """Tick T_Li: first with an outcome, if there is one, then with the assignment.
@@ -118,7 +123,7 @@ class Executor:
         self.shows_outcome = ended is not None and assigned is None
         if ended is not None:
             local_task, outcome = ended
-            self.tree.tick(plan.result, type_name(local_task), outcome)
+            self.tree.tick(plan.result, self._types[local_task], outcome)
         return None if self.shows_outcome else self.tree.tick(plan.result, assigned)
 
     def _start(

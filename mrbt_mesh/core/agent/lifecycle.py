@@ -9,6 +9,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import NO_CLAIM, OrderKind, Phase
+from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.joining import Joining
@@ -85,27 +86,15 @@ class Lifecycle:
         has_leases = self._leased is not None and not self._leased.leases.is_idle
         return not has_begun and work.action is None and not has_leases
 
-    def step(self, now_us: int) -> bool:
-        """Notice a later life of this robot; take a place in the team: whether it just has."""
-        self._check_own_past(now_us)
-        return self._context.joining is not None and self._try_to_join(now_us)
-
-    def _check_own_past(self, now_us: int) -> None:
-        """Find a later life of this robot in the facts, or others burying one: it started again
-        without knowing of it.
+    def join_above(self, later: Incarnation, now_us: int) -> None:
+        """There is a later life of this robot: it started again without knowing of it.
 
         Others ignore its beats, so it joins once more, above that life. If that life still
         goes on, it is heard meanwhile, and this process stops: it listens for as long as it
         takes, because it expects itself, whom it never hears.
         """
-        context = self._context
-        known = context.facts.members.get(context.me)
-        later = self._duplicates.other_incarnation
-        if known is not None:
-            later = max(later, known[1])
-        if context.joining is None and later > context.replica.incarnation:
-            context.log("warning", "later_life_found", incarnation=str(later))
-            self._join_again(frozenset({context.me}), True, now_us)
+        self._context.log("warning", "later_life_found", incarnation=str(later))
+        self._join_again(frozenset({self._context.me}), True, now_us)
 
     def _join_again(
         self, expected: frozenset[str], first: bool, now_us: int, *, keeps_life: bool = False
@@ -120,7 +109,7 @@ class Lifecycle:
 
     # -- joining ------------------------------------------------------------------------------
 
-    def _try_to_join(self, now_us: int) -> bool:
+    def try_to_join(self, now_us: int) -> bool:
         """Take a place in the team once everything is known; whether it has just been taken."""
         context, joining = self._context, self._context.joining
         if joining is None or context.is_leaving:
@@ -189,13 +178,8 @@ class Lifecycle:
         digest = plan.digest if plan.ended is not None else None
         return (
             context.joining is None
-            and is_over(plan)
+            and self._planner.is_over
             and not plan.is_about_to_end(context.mission)
             and context.membership.all_report_result(int(plan.result), digest)
             and context.work.action is None
         )
-
-
-def is_over(plan: Plan | None) -> bool:
-    """Whether a plan has the mission's result."""
-    return plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)

@@ -12,16 +12,16 @@ from mrbt_mesh.core.agent.effects import Forget, MakePlan
 from mrbt_mesh.core.agent.inputs import PlanMade
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.evaluation import Evaluation, OutcomeTick
+from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.robot_tree import AssignmentValues, RobotTree
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.engine import PlanFunction
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
 from mrbt_mesh.core.facts.records import LATCH, Attempt, ChildResult, MissionResult
 from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
+from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
 # Called with each plan that this robot takes up, and the alive set that it was made for.
@@ -95,6 +95,20 @@ class Planner:
         It is not between the facts that an update writes last (a claim) and the next update.
         """
         return self.plan is not None and self._planned == self._state()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the plan has the mission's result."""
+        return self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE)
+
+    @property
+    def awaits_agreement(self) -> bool:
+        """Whether a deadline has passed and something is written once all report the same plan."""
+        return self.deadlines.awaits_agreement
+
+    def next_deadline_us(self) -> int | None:
+        """The next deadline that becomes a fact, of those that do not await agreement."""
+        return self.deadlines.next_deadline_us()
 
     def _state(self) -> tuple[int, int]:
         return self._context.facts.changes, self._context.membership.member_changes
@@ -196,8 +210,10 @@ class Planner:
         tick, and if T_G ends in it, so does the mission, unless it never does.
         """
         context = self._context
-        after = context.facts.conditions.after(conditions)
-        evaluation = self._evaluator.evaluate(OutcomeTick(context.facts, activation, status, after))
+        after = conditions
+        if context.mission.has_own_conditions:
+            after = context.facts.conditions.after(conditions)
+        evaluation = self._evaluator.evaluate_outcome(context.facts, activation, status, after)
         latched = self._of_tree(evaluation)
         if context.mission.ends is MissionEnd.ONCE:
             latched += _result(evaluation.status, len(context.mission.robots))
@@ -210,7 +226,8 @@ class Planner:
         """
         context, membership = self._context, self._context.membership
         if (
-            not plan.is_about_to_end(context.mission)
+            plan.evaluation.status is Status.RUNNING
+            or not plan.is_about_to_end(context.mission)
             or not membership.all_report_result(int(plan.result))
             or not self._is_agreed()
             or not membership.around.judges(records.RESULT)

@@ -81,7 +81,7 @@ class Reports:
         """The new values of conditions; those that have this value already are left out."""
         context, facts = self._context, self._context.facts
         changed: dict[str, ConditionValue] = {}
-        stamp = context.replica.next_stamp()
+        stamp = facts.max_stamp + 1
         for given, value in conditions:
             name = context.mission.condition_of(context.me, given)
             revision = facts.conditions.revision(name)
@@ -115,7 +115,7 @@ class Reports:
             value = self._last_word(name)
             if facts.condition(name) != value:
                 revision = facts.conditions.revision(name) + 1
-                changed[name] = ConditionValue(value, revision, context.replica.next_stamp())
+                changed[name] = ConditionValue(value, revision, facts.max_stamp + 1)
         if changed:
             context.write(_condition_facts(changed), now_us)
 
@@ -139,7 +139,7 @@ class Reports:
         """Write an operator's order."""
         context = self._context
         context.log("warning", "order", order=str(kind))
-        context.write([(records.ORDER, Order(kind, context.replica.next_stamp()))], now_us)
+        context.write([(records.ORDER, Order(kind, context.facts.max_stamp + 1))], now_us)
 
 
 def _condition_facts(changed: Mapping[str, ConditionValue]) -> list[Fact]:

@@ -201,23 +201,20 @@ class RunningTimeout:
 class Evaluation:
     """What one tick has found: a status per node, requests in tree order, facts to write.
 
-    `statuses` has one byte per node, the value of its `Status`. Facts that have become true:
+    `status`: that of the root. `statuses` has one byte per node, the value of its `Status`. Facts
+    that have become true:
     `attempts`, pairs (activation of a loop, attempts used up), and `child_results`, triples
     (activation of a node with memory, position, success). `failures`: activations of the actions
     that were ticked and have failed, except in attempts that are used up.
     """
 
+    status: Status
     statuses: bytes
     requests: tuple[Request, ...]
     timeouts: tuple[RunningTimeout, ...]
     attempts: tuple[tuple[str, int], ...]
     failures: tuple[str, ...]
     child_results: tuple[tuple[str, int, bool], ...]
-
-    @property
-    def status(self) -> Status:
-        """The root's status."""
-        return _STATUSES[self.statuses[0]]
 
     def status_of(self, node: int) -> Status:
         """The status of one node."""

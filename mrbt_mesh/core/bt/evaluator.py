@@ -21,13 +21,14 @@ the next tick. And nothing has to be halted: what is not requested is not carrie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluation import (
     Evaluation,
     EvaluationFacts,
+    OutcomeTick,
     OwnFacts,
     Request,
     RunningTimeout,
@@ -50,6 +51,16 @@ class Evaluator(ActivationNames):
     def evaluate(self, facts: EvaluationFacts) -> Evaluation:
         """Tick the tree once."""
         return _Tick(self, facts).run()
+
+    def evaluate_outcome(
+        self,
+        facts: EvaluationFacts,
+        activation: str,
+        status: Status,
+        conditions: Mapping[str, bool],
+    ) -> Evaluation:
+        """Tick the tree once as an action returns: see `OutcomeTick`."""
+        return self.evaluate(OutcomeTick(facts, activation, status, conditions))
 
     def holds(self, expression: Expression, holding: Collection[str]) -> bool:
         """Whether an expression of conditions of this tree succeeds, where these hold."""
@@ -94,8 +105,9 @@ class _Tick:
 
     def run(self) -> Evaluation:
         """Tick the root."""
-        self.tick(0)
+        status, _ = self.tick(0)
         return Evaluation(
+            status,
             bytes(self.statuses),
             tuple(self.requests),
             tuple(self.timeouts),

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions, OutcomeTick
+from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Status, Tree
@@ -79,7 +79,7 @@ class LocalRun:
         """
         self.ended(activation, success)
         status = self._outcomes[activation]
-        found = self._evaluator.evaluate(OutcomeTick(self, activation, status, conditions))
+        found = self._evaluator.evaluate_outcome(self, activation, status, conditions)
         self._remember(found)
         return found.status
 

@@ -109,21 +109,15 @@ def local_status(
 
 
 class RobotTree:
-    """T_i of one robot."""
+    """T_i of one robot.
+
+    `statuses`: those of T_i, T_A, T_G and T_Li after the last tick; all idle before the first.
+    """
 
     def __init__(self, local_tasks: Iterable[str]) -> None:
+        self.statuses = (Status.IDLE,) * 4
         self._local_tasks = frozenset(local_tasks)
         self._assignment = Status.SUCCESS
-        self._global_tasks = Status.IDLE
-        self._local = Status.IDLE
-
-    @property
-    def statuses(self) -> tuple[Status, Status, Status, Status]:
-        """Those of T_i, T_A, T_G and T_Li after the last tick; all idle before the first."""
-        if self._global_tasks is Status.IDLE:
-            return (Status.IDLE,) * 4
-        parts = (self._assignment, self._global_tasks, self._local)
-        return parallel_status(parts, 3), *parts
 
     def tick_assignment(self, values: AssignmentValues) -> None:
         """Tick T_A over these values; without a trigger it keeps its last status."""
@@ -132,6 +126,8 @@ class RobotTree:
             holding = [name for name in conditions if getattr(values, name)]
             facts = OwnFacts(holding, {ASSIGN_AGENTS: values.assign_agents})
             self._assignment = _ASSIGNMENT.evaluate(facts).status
+            if self.statuses[0] is not Status.IDLE:
+                self._combine(*self.statuses[2:])
 
     def tick(
         self, global_tasks: Status, assigned: str | None, outcome: Status = Status.RUNNING
@@ -140,6 +136,11 @@ class RobotTree:
 
         `outcome`: how what is assigned has ended, Running while it has not.
         """
-        self._global_tasks = global_tasks
-        self._local, wanted = local_status(self._local_tasks, assigned, outcome)
+        local, wanted = local_status(self._local_tasks, assigned, outcome)
+        self._combine(global_tasks, local)
         return wanted
+
+    def _combine(self, global_tasks: Status, local: Status) -> None:
+        """Tick T_i, the Parallel of the three."""
+        parts = (self._assignment, global_tasks, local)
+        self.statuses = (parallel_status(parts, 3), *parts)

@@ -19,8 +19,8 @@ from collections.abc import Mapping, Sequence
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
-from mrbt_mesh.core.mission.conditions import robot_condition, split_owner
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import robot_condition, split_owner
 
 
 class Conditions:
@@ -53,16 +53,17 @@ class Conditions:
         _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
         self._standing[name] = values[winner]
         self._values[name] = values[winner].value
-        condition, robot = split_owner(name)
-        if robot:
-            self._values.pop(condition, None)
+        if self._mission.has_own_conditions:
+            condition, robot = split_owner(name)
+            if robot:
+                self._values.pop(condition, None)
         self._touch_readers(name)
 
     def value(self, name: str) -> bool:
         """Whether the condition holds."""
         value = self._values.get(name)
         if value is None:
-            if name in self._mission.per_robot:
+            if self._mission.has_own_conditions and name in self._mission.per_robot:
                 value = any(self.of_robot(robot, name) for robot in self._mission.robots)
             else:
                 value = self._default(name)

@@ -10,10 +10,9 @@ import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self, TypeAlias
 
 from mrbt_mesh.core.facts.values import (
-    Record,
     read_boolean,
     read_data,
     read_fields,
@@ -35,6 +34,37 @@ JOURNAL = "journal"
 _read_name = partial(read_text, limit=MAX_NAME)
 _read_positive = partial(read_integer, low=1)
 _read_lost = partial(read_reasons, most=MAX_CAPABILITIES, longest=MAX_REASON)
+
+
+Reader: TypeAlias = Callable[[Any], Any]
+
+
+class Record:
+    """Base of all records: a frozen dataclass whose fields are a list on the wire.
+
+    A record of one field is that value alone. `readers`: one for each field. The newest entry of
+    an author wins, except where `write_once` or `rank` say otherwise.
+    """
+
+    readers: ClassVar[tuple[Reader, ...]]
+    write_once: ClassVar[bool] = False
+
+    def rank(self) -> int:
+        return 0
+
+    def to_value(self) -> Any:
+        """The record as plain data."""
+        fields: tuple[str, ...] = getattr(self, "__match_args__", ())
+        values = [getattr(self, name) for name in fields]
+        return values if len(values) > 1 else values[0]
+
+    @classmethod
+    def parse(cls, value: Any) -> Self:
+        """The other way round; raises ValueError for anything else."""
+        count = len(cls.readers)
+        make: Callable[..., Self] = cls
+        values = read_fields(value, count) if count > 1 else [value]
+        return make(*[read(each) for read, each in zip(cls.readers, values, strict=True)])
 
 
 def _read_capabilities(value: Any) -> dict[str, int]:
@@ -422,19 +452,15 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
 
 # Each name is read several times, by every robot that is simulated in one process.
 @lru_cache(maxsize=4_096)
-def _split(name: str) -> tuple[str, ...]:
+def split_name(name: str) -> tuple[str, ...]:
+    """The parts of an entry's name: kind first; raises ValueError if it is none."""
     parts = tuple(name.split("/"))
     if parts[0] not in _PARSERS or len(parts) not in _PARTS.get(parts[0], (2,)):
         raise ValueError(f"no kind of fact has the name {shown(name)}")
     return parts
 
 
-def split_name(name: str) -> tuple[str, ...]:
-    """The parts of an entry's name: kind first; raises ValueError if it is none."""
-    return _split(read_text(name, MAX_NAME))
-
-
 def parse_record(name: str, value: Any) -> tuple[tuple[str, ...], Record]:
     """The parts of an entry's name, and its record; raises ValueError if one is malformed."""
-    parts = split_name(name)
+    parts = split_name(_read_name(name))
     return parts, _PARSERS[parts[0]](value)

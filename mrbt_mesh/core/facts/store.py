@@ -15,8 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
 
-from mrbt_mesh.core.facts.records import parse_record, split_name
-from mrbt_mesh.core.facts.values import Record
+from mrbt_mesh.core.facts.records import Record, parse_record, split_name
 
 MAX_VALUE_BYTES = 1 << 18
 # What a robot writes: the name of an entry, and its record.

@@ -71,7 +71,8 @@ class TeamFacts:
 
     `activations`: what is said of each activation, by name. `problems`: robot -> its journal
     or a part of its program -> what is wrong with it. `changes` counts all changes of the
-    map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen.
+    map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen
+    (Lamport 1978); a robot writes the next one.
     """
 
     def __init__(self, mission: Mission, run: str) -> None:
@@ -121,7 +122,7 @@ class TeamFacts:
 
     def status_after(self, name: str, robot: str, success: bool, version: Version) -> Status:
         """The status of an activation once this outcome of a robot is among the facts."""
-        parts = records.split_name(name)
+        parts = tuple(name.split("/"))
         after = ActivationFacts(parse_activation(parts[1]))
         said = self.activations.get(parts[1])
         for key in said.keys if said is not None else ():

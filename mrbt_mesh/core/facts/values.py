@@ -3,42 +3,12 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Self, TypeAlias
+from collections.abc import Mapping
+from typing import Any
 
 MAX_TEXT = 640
 MAX_STAMP = (1 << 53) - 1
 MAX_DATA_DEPTH = 16
-
-Reader: TypeAlias = Callable[[Any], Any]
-
-
-class Record:
-    """Base of all records: a frozen dataclass whose fields are a list on the wire.
-
-    A record of one field is that value alone. `readers`: one for each field. The newest entry of
-    an author wins, except where `write_once` or `rank` say otherwise.
-    """
-
-    readers: ClassVar[tuple[Reader, ...]]
-    write_once: ClassVar[bool] = False
-
-    def rank(self) -> int:
-        return 0
-
-    def to_value(self) -> Any:
-        """The record as plain data."""
-        fields: tuple[str, ...] = getattr(self, "__match_args__", ())
-        values = [getattr(self, name) for name in fields]
-        return values if len(values) > 1 else values[0]
-
-    @classmethod
-    def parse(cls, value: Any) -> Self:
-        """The other way round; raises ValueError for anything else."""
-        count = len(cls.readers)
-        make: Callable[..., Self] = cls
-        values = read_fields(value, count) if count > 1 else [value]
-        return make(*[read(each) for read, each in zip(cls.readers, values, strict=True)])
 
 
 def shown(value: Any) -> str:

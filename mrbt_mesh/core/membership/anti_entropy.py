@@ -42,7 +42,8 @@ class _Difference:
 class AntiEntropy:
     """The peers of one replica whose facts differ from its own.
 
-    `next_ask_us` is when somebody may have to be asked (see `peers_to_ask`).
+    `next_ask_us` is when somebody may have to be asked (see `peers_to_ask`), `changed_us` when the
+    own facts have changed last.
     """
 
     def __init__(self, timing: Timing) -> None:
@@ -52,7 +53,7 @@ class AntiEntropy:
         self._past_digests: deque[bytes] = deque(maxlen=PAST_DIGESTS)
         # Nobody is to be asked before, if anybody is.
         self._not_before_us = 0
-        self._changed_us = 0
+        self.changed_us = 0
         self._asked_in_vain = 0
 
     @property
@@ -69,16 +70,12 @@ class AntiEntropy:
 
     def allow_for_own_lag(self, lag_us: int) -> None:
         """This robot was late by `lag_us`: what it lacks, and answers, may wait unread."""
-        self._changed_us += lag_us
+        self.changed_us += lag_us
         for difference in self._differences.values():
             if difference.since_us is not None:
                 difference.since_us += lag_us
             if difference.asked_us is not None:
                 difference.asked_us += lag_us
-
-    def note_change(self, now_us: int) -> None:
-        """The own facts have changed."""
-        self._changed_us = now_us
 
     def compare(self, peer: str, digest: bytes, mine: bytes, now_us: int) -> None:
         """A peer's heartbeat told the digest of its facts; `mine` is that of the own ones."""
@@ -180,7 +177,7 @@ class AntiEntropy:
         if difference.since_us is None:
             return None
         wait_us = self._ask_timeout_us if difference.is_behind else self._repair_us
-        calm_us = max(difference.since_us, self._changed_us) + wait_us
+        calm_us = max(difference.since_us, self.changed_us) + wait_us
         calm_us = min(calm_us, difference.since_us + max(wait_us, 4 * self._repair_us))
         if difference.asked_us is not None:
             return max(calm_us, difference.asked_us + self._ask_timeout_us)

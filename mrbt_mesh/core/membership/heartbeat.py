@@ -17,6 +17,7 @@ class HeartbeatSchedule:
 
     def __init__(self, timing: Timing, now_us: int) -> None:
         self._timing = timing
+        self._offsets_us = timing.repeat_offsets_us()
         self._number = 0
         self._last_urgent: tuple[Any, ...] | None = None
         self._repeats_us: list[int] = []
@@ -55,8 +56,7 @@ class HeartbeatSchedule:
         """
         if urgent != self._last_urgent:
             self._last_urgent = urgent
-            offsets_us = self._timing.repeat_offsets_us()
-            self._repeats_us = [now_us + offset_us for offset_us in offsets_us]
+            self._repeats_us = [now_us + offset_us for offset_us in self._offsets_us]
         else:
             self._repeats_us = [due_us for due_us in self._repeats_us if due_us > now_us]
         self._number += 1

@@ -50,7 +50,8 @@ class Received:
 class Replica:
     """The team's facts with this robot's incarnation and sequence number.
 
-    `anti_entropy` says which peers to ask for what may have been missed.
+    `anti_entropy`: which peers to ask for what may have been missed. `next_version`: that of the
+    batch that is written next.
     """
 
     def __init__(
@@ -68,7 +69,7 @@ class Replica:
         self.anti_entropy = AntiEntropy(timing)
         self._read_batch = read_batch
         self._authorship = Authorship(keys, header.run) if keys is not None else None
-        self._sequence = 0
+        self.next_version = Version(self.incarnation, 1)
 
     @property
     def me(self) -> str:
@@ -82,28 +83,19 @@ class Replica:
         known = [e.version.incarnation.counter for e in self.facts.map.of_author(self.me)]
         counter = max([self.incarnation.counter, heard, *known]) + 1
         self.incarnation = Incarnation(counter, self.incarnation.nonce)
-        self._sequence = 0
+        self.next_version = Version(self.incarnation, 1)
         return self.incarnation
-
-    def next_stamp(self) -> int:
-        """A Lamport stamp above all that this robot has seen (Lamport 1978)."""
-        return self.facts.max_stamp + 1
-
-    @property
-    def next_version(self) -> Version:
-        """That of the batch that is written next."""
-        return Version(self.incarnation, self._sequence + 1)
 
     def write(self, facts: Iterable[Fact], now_us: int) -> tuple[bytes, tuple[Entry, ...]]:
         """Write one batch of own facts: (the message with it, its entries)."""
         version = self.next_version
-        self._sequence += 1
+        self.next_version = Version(self.incarnation, version.sequence + 1)
         proof = BatchProof() if self._authorship is not None else None
         entries = [make_entry(self.me, name, version, record, proof) for name, record in facts]
         if self._authorship is not None and proof is not None:
             self._authorship.sign(proof, entries)
         self.facts.map.merge(entries)
-        self.anti_entropy.note_change(now_us)
+        self.anti_entropy.changed_us = now_us
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
 
     # -- taking in ----------------------------------------------------------------------------
@@ -148,7 +140,7 @@ class Replica:
                 received.reason = reason
         received.changed = self.facts.map.merge(fitting)
         if received.changed:
-            self.anti_entropy.note_change(now_us)
+            self.anti_entropy.changed_us = now_us
         return received
 
     def _is_authentic(self, entry: Entry) -> bool:

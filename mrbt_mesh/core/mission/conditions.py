@@ -17,9 +17,7 @@ from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
-from mrbt_mesh.core.mission.names import type_name
-
-_OF = "@"
+from mrbt_mesh.core.mission.names import robot_condition, split_owner, type_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,28 +64,11 @@ def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
     }
 
 
-def robot_condition(condition: str, robot: str) -> str:
-    """The condition of one robot: `holding(1)@A1`."""
-    return f"{condition}{_OF}{robot}"
-
-
-def split_owner(name: str) -> tuple[str, str]:
-    """`holding@A1` -> ("holding", "A1"); for a condition of the team the robot is empty."""
-    condition, _, robot = name.partition(_OF)
-    return condition, robot
-
-
 def any_of(condition: str, robots: Iterable[str]) -> Expression:
     """What a leaf reads: whether the condition holds for any of the robots. Its id is its name."""
     names = tuple(sorted(robot_condition(condition, robot) for robot in robots))
     leaves = tuple(NodeSpec(Kind.CONDITION, subject=name) for name in names)
     return Expression(condition, NodeSpec(Kind.FALLBACK, leaves), names)
-
-
-def default_of(name: str, declared: Mapping[str, ConditionType]) -> bool:
-    """What a ground condition reads as while nobody has set it; False if it is not declared."""
-    known = declared.get(type_name(split_owner(name)[0]))
-    return known.default if known else False
 
 
 class PerRobotConditions:

@@ -21,14 +21,11 @@ from mrbt_mesh.core.mission.conditions import (
     ConditionType,
     PerRobotConditions,
     conditions_from_json,
-    default_of,
-    robot_condition,
-    split_owner,
 )
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
 from mrbt_mesh.core.mission.costs import Costs
 from mrbt_mesh.core.mission.local_tasks import LocalTask
-from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.core.mission.names import robot_condition, split_call, split_owner, type_name
 from mrbt_mesh.core.mission.program_trees import (
     ProgramTree,
     program_trees_from_json,
@@ -106,7 +103,8 @@ class Need:
     With nu = 0 robots may help and none has to; a task has another need that asks for somebody.
     `same_robot_as`: only robots that have succeeded with that before are put on it.
     `by_bid`: a robot's performance is what it bids for the activation, and the plan waits
-    `bid_within_us` for it (None: `Timing.bid_us`).
+    `bid_within_us` for it (None: `Timing.bid_us`). `after`: ` that did pick(1) of fetch(1)`, empty
+    if any robot will do.
     """
 
     local_task: LocalTaskId
@@ -115,12 +113,12 @@ class Need:
     same_robot_as: SameRobotAs | None = None
     by_bid: bool = False
     bid_within_us: int | None = None
+    after: str = field(init=False, repr=False, compare=False)
 
-    @property
-    def after(self) -> str:
-        """` that did pick(1) of fetch(1)`; empty if any robot will do."""
+    def __post_init__(self) -> None:
         before = self.same_robot_as
-        return f" that did {before.local_task} of {before.global_task}" if before else ""
+        after = f" that did {before.local_task} of {before.global_task}" if before else ""
+        object.__setattr__(self, "after", after)
 
     def to_json(self) -> list[Any]:
         """The bounds; what `same_robot_as` names, if anything; and what is said of bids."""
@@ -288,6 +286,12 @@ class Mission:
         return frozenset(self.robots)
 
     @cached_property
+    def local_task_types(self) -> Mapping[LocalTaskId, str]:
+        """The type of each ground local task that global tasks need."""
+        needs = (need for task in self.global_tasks.values() for need in task.needs)
+        return {need.local_task: type_name(need.local_task) for need in needs}
+
+    @cached_property
     def has_bids(self) -> bool:
         """Whether any performance is known only to the robots."""
         return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)
@@ -305,7 +309,7 @@ class Mission:
 
     def condition_default(self, ground: str) -> bool:
         """What `ground` reads as while nobody has set it; False if it is not declared."""
-        return default_of(ground, self.conditions)
+        return _default_of(ground, self.conditions)
 
     @cached_property
     def per_robot(self) -> PerRobotConditions:
@@ -324,6 +328,8 @@ class Mission:
 
     def can_be_set(self, name: str) -> bool:
         """Whether this is a condition of the team, or of a robot of the mission: `holding@A1`."""
+        if not self.has_own_conditions:
+            return self.knows_condition(name)
         return self.knows_condition(split_owner(name)[0]) and self.per_robot.names_owner(name)
 
     def knows_condition(self, ground: str) -> bool:
@@ -351,7 +357,7 @@ class Mission:
 
     def local_condition_default(self, ground: str) -> bool:
         """The value of a local condition while its program has not set it."""
-        return default_of(ground, self.local_conditions)
+        return _default_of(ground, self.local_conditions)
 
     def knows_local_condition(self, ground: str) -> bool:
         """Whether `ground` is a declared local condition."""
@@ -412,6 +418,11 @@ class Mission:
                 else {}
             ),
         }
+
+
+def _default_of(ground: str, declared: Mapping[str, ConditionType]) -> bool:
+    known = declared.get(type_name(split_owner(ground)[0]))
+    return known is not None and known.default
 
 
 def _is_declared(ground: str, declared: Mapping[str, ConditionType]) -> bool:

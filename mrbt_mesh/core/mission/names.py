@@ -11,6 +11,7 @@ ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
 MAX_ARGUMENTS = 8
 # In place of a local task: all that a robot has.
 ALL = "all"
+_OF = "@"
 
 _CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
 _ROBOT = re.compile(ROBOT_PATTERN)
@@ -30,6 +31,17 @@ def split_call(text: str) -> tuple[str, tuple[str, ...]]:
 def type_name(ground: str) -> str:
     """The type of a ground name: `replace_hw(2)` -> `replace_hw`."""
     return ground.partition("(")[0]
+
+
+def robot_condition(condition: str, robot: str) -> str:
+    """The condition of one robot: `holding(1)@A1`."""
+    return f"{condition}{_OF}{robot}"
+
+
+def split_owner(name: str) -> tuple[str, str]:
+    """`holding@A1` -> ("holding", "A1"); for a condition of the team the robot is empty."""
+    condition, _, robot = name.partition(_OF)
+    return condition, robot
 
 
 def is_robot_id(text: str) -> bool:

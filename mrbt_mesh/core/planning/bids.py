@@ -94,8 +94,6 @@ def bids_for(facts: TeamFacts, groups: Sequence[Group], team: Mapping[str, Worke
     Nobody is waited for once somebody runs the activation, is ready to, or has ended there: who
     comes later does not bring it to a halt.
     """
-    if not facts.mission.has_bids:
-        return Bids(groups)
     begun = begun_activations(facts, team)
     return Bids.of(
         [with_bids(facts, group, is_begun(facts, group, begun)) for group in groups], begun

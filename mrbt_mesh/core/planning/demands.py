@@ -83,16 +83,33 @@ def running_claims(
     return found
 
 
+def running_on(demands: Sequence[Sequence[Demand]], pinned: Mapping[str, int]) -> dict[str, Demand]:
+    """Robot -> the demand that it works on; `pinned` maps robots to requests."""
+    return {
+        robot: demand
+        for index, group in enumerate(demands)
+        for demand in group
+        for robot in demand.pinned
+        if pinned.get(robot) == index
+    }
+
+
 def allowed_robots(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] | None, ...]:
     """For each need, the robots that may be put on it; None: all that are capable.
 
     Those that did what `same_robot_as` names, and for which the per-robot conditions among the
     request's guards are as they must be.
     """
-    did, own = done_before(facts, request), entitled(facts, request)
+    did = done_before(facts, request)
+    own = entitled(facts, request) if facts.mission.per_robot.guards else None
     if own is None:
         return did
     return tuple(own if each is None else tuple(r for r in each if r in own) for each in did)
+
+
+def _asked(facts: TeamFacts, request: Request) -> str:
+    """The per-robot conditions of a request, for people; empty if it is for all robots."""
+    return asks_for(facts, request) if facts.mission.per_robot.guards else ""
 
 
 def done_before(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] | None, ...]:
@@ -132,7 +149,7 @@ def request_demands(
     task = facts.mission.global_tasks[request.subject]
     if task.by_coalition:
         return _coalition_demands(facts, request, task, capabilities, allowed)
-    ends, asked = facts.outcomes(request.activation), asks_for(facts, request)
+    ends, asked = facts.outcomes(request.activation), _asked(facts, request)
     able = [capabilities.able(need.local_task) for need in task.needs]
     return tuple(
         _demand(request, *each, ends, running, asked)
@@ -180,7 +197,7 @@ def _coalition_demands(
     team, found = capabilities.team, facts.coalitions(request.activation)
     token = coalition_at_work(facts, task, request.activation, incarnations(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
-    result, asked = [], asks_for(facts, request)
+    result, asked = [], _asked(facts, request)
     for need, those in zip(task.needs, allowed, strict=True):
         failed = found.failed_robots(need.local_task)
         able = capabilities.able(need.local_task)

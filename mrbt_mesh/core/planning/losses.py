@@ -12,15 +12,13 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.conditions import robot_condition
+from mrbt_mesh.core.mission.names import robot_condition
 from mrbt_mesh.core.planning.plan import PendingLoss
 
 
 def pending_losses(facts: TeamFacts, team: Collection[str]) -> tuple[PendingLoss, ...]:
     """What holds for robots of the mission that are not in the team, sorted."""
     mission = facts.mission
-    if not mission.per_robot.leaves:
-        return ()
     gone = sorted(robot for robot in mission.robots if robot not in team)
     names = (robot_condition(leaf, robot) for leaf in mission.per_robot.leaves for robot in gone)
     return tuple(

@@ -5,11 +5,12 @@ A plan follows from the facts and the alive set alone, to the same bytes on ever
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 from mrbt_mesh.core.assignment.named import NamedDemand, NamedProblem
-from mrbt_mesh.core.assignment.problem import Solver
+from mrbt_mesh.core.assignment.problem import SideConstraint, Solver
 from mrbt_mesh.core.assignment.solve import optimum, within
 from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.bt.tree import Status
@@ -20,18 +21,24 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
 from mrbt_mesh.core.planning.bids import Bids, bids_for
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, capabilities_of
-from mrbt_mesh.core.planning.consistency import kept_requests, shortages
-from mrbt_mesh.core.planning.demands import Demand, Group, demands_of, incarnations, obstacle
+from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
+from mrbt_mesh.core.planning.demands import (
+    Demand,
+    Group,
+    demands_of,
+    incarnations,
+    obstacle,
+    running_on,
+)
 from mrbt_mesh.core.planning.losses import pending_losses
 from mrbt_mesh.core.planning.plan import Line, Plan, Waiting
 from mrbt_mesh.core.planning.scarcity import spare_scarce
-from mrbt_mesh.core.planning.side_constraints import (
-    SideConstraintCheck,
-    feasibility,
-    running_on,
-    side_constraints,
-)
+from mrbt_mesh.core.planning.side_constraints import SideConstraintCheck, side_constraints
 from mrbt_mesh.core.planning.verdicts import pending_verdicts
+
+PlanFunction: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
+# Makes the function that makes the plans of one robot.
+PlanMaking: TypeAlias = Callable[[Solver], PlanFunction]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +82,27 @@ def make_plan(
     return assign_agents(facts, alive, check_consistency(facts, alive, capabilities), solver)
 
 
+def plain_plans(solver: Solver) -> PlanFunction:
+    """Each plan from its facts alone."""
+
+    def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+        return make_plan(facts, alive, solver)
+
+    return plan
+
+
+def quick_plans(solver: Solver) -> PlanFunction:
+    """The same plans: what robots can do is looked up for those alone that differ."""
+    known: Capabilities | None = None
+
+    def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+        nonlocal known
+        known = capabilities = capabilities_of(facts, alive, known)
+        return make_plan(facts, alive, solver, capabilities)
+
+    return plan
+
+
 def check_consistency(
     facts: TeamFacts, alive: Mapping[str, Incarnation], capabilities: Capabilities
 ) -> ConsistentRequests:
@@ -84,7 +112,8 @@ def check_consistency(
     if reason := _nothing_to_do(order, ended):
         return ConsistentRequests(evaluation, order, ended, capabilities, reason)
     requests, team = evaluation.requests, capabilities.team
-    bids = bids_for(facts, demands_of(facts, requests, capabilities), team)
+    demands = demands_of(facts, requests, capabilities)
+    bids = bids_for(facts, demands, team) if mission.has_bids else Bids(demands)
     obstacles = _obstacles(facts, requests, bids.groups, team)
     offered: Sequence[Group] = bids.groups
     if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
@@ -92,7 +121,11 @@ def check_consistency(
     kept, pinned = kept_requests(
         facts,
         offered,
-        lambda: feasibility(mission.constraints, list(team), offered, capabilities.masks),
+        lambda: (
+            SideConstraintCheck(mission.constraints, list(team), offered)
+            if mission.constraints
+            else Consistency(team, capabilities.masks)
+        ),
         obstacles,
     )
     return ConsistentRequests(
@@ -124,7 +157,7 @@ def assign_agents(
 
     # The requests that wait, and why.
     requests, demands, obstacles = evaluation.requests, bids.groups, found.obstacles
-    held = bids.held_back(kept, lines)
+    held = bids.held_back(kept, lines) if bids.awaited else {}
     later = {requests[index].activation for index in held}
     lines = {robot: lines[robot] for robot in sorted(lines) if lines[robot].activation not in later}
     served = frozenset(kept)
@@ -139,7 +172,9 @@ def assign_agents(
             index: _limited(each, check, demands[index], kept, index, pinned)
             for index, each in waiting.items()
         }
-    pending = pending_verdicts(facts, requests, waiting, obstacles, team)
+    pending = {}
+    if waiting or mission.has_paper_policy:
+        pending = pending_verdicts(facts, requests, waiting, obstacles, team)
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
     idle = _why_idle([r for r in team if r not in lines], demands, offered, served, held)
@@ -154,7 +189,7 @@ def assign_agents(
         bids.biddings,
         demands,
         tuple(pending.values()),
-        pending_losses(facts, team),
+        pending_losses(facts, team) if mission.per_robot.leaves else (),
     )
 
 
@@ -213,7 +248,9 @@ def _assign(
         return {}
     free = tuple(robot for robot in team if robot not in at_work)
     problem = NamedProblem(free, tuple(named))
-    limits = side_constraints(mission.constraints, free, list(wanted.values()), at_work)
+    limits: tuple[SideConstraint, ...] = ()
+    if mission.constraints:
+        limits = side_constraints(mission.constraints, free, list(wanted.values()), at_work)
     assigned = within(problem, limits, solver) if limits else optimum(problem, solver)
     if assigned is None:
         return None

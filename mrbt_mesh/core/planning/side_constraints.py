@@ -23,7 +23,7 @@ from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.capabilities import RobotMasks
 from mrbt_mesh.core.planning.consistency import Consistency, Feasibility
-from mrbt_mesh.core.planning.demands import Demand
+from mrbt_mesh.core.planning.demands import Demand, running_on
 
 Group: TypeAlias = Sequence[Demand]
 
@@ -38,8 +38,6 @@ def side_constraints(
 
     `running` maps robots to the demands that they work on. What cannot bind is left out.
     """
-    if not constraints:
-        return ()
     able = [
         {index for index, robot in enumerate(free) if robot in demand.candidates}
         for demand in wanted
@@ -92,17 +90,6 @@ def _shared(
 
 def _names(names: Sequence[str], ground: str) -> bool:
     return ground in names or type_name(ground) in names
-
-
-def running_on(demands: Sequence[Group], pinned: Mapping[str, int]) -> dict[str, Demand]:
-    """Robot -> the demand that it works on; `pinned` maps robots to requests."""
-    return {
-        robot: demand
-        for index, group in enumerate(demands)
-        for demand in group
-        for robot in demand.pinned
-        if pinned.get(robot) == index
-    }
 
 
 def feasibility(

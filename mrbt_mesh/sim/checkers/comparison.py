@@ -11,10 +11,10 @@ from dataclasses import replace
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.engine import DEFINITIONS, Engine, PlanFunction
+from mrbt_mesh.core.engine import DEFINITIONS, Engine
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.make_plan import PlanFunction, make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.world.sharing import Recent

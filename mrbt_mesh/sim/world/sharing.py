@@ -12,10 +12,11 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 from mrbt_mesh.core.assignment.problem import Solver
-from mrbt_mesh.core.engine import Engine, PlanFunction
+from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.wire import Header, Heartbeat
+from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
 # Batches and plans are shared among robots at about the same time.

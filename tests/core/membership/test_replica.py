@@ -33,11 +33,11 @@ def test_all_entries_of_a_batch_share_a_version_and_the_next_batch_has_a_greater
     assert newest.version > max(first)
 
 
-def test_stamps_are_above_everything_seen() -> None:
+def test_the_greatest_stamp_seen_is_known() -> None:
     mine, other = replica("A"), replica("B")
     data, _ = other.write([("condition/c", ConditionValue(True, 1, 41))], 0)
     mine.receive("B", data, 0)
-    assert mine.next_stamp() == 42
+    assert mine.facts.max_stamp == 41
 
 
 def test_an_answer_holds_what_the_asker_lacks_whoever_wrote_it() -> None:

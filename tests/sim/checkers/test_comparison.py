@@ -12,9 +12,10 @@ from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.evaluation import RunningTimeout
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine, PlanFunction
+from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim import AgentOptions, simulate
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
