@@ -1,34 +1,36 @@
 """The binding file: which actions, services and topics of ROS 2 local tasks and conditions are.
 
-docs/how-to/ros2.md explains the keys; `mrbt new --ros2` writes one. `$name` in a text is a robot's
-value or a parameter of the local task. A text that is nothing else becomes the value itself: the
-value in `values` where the parameter has a table, and `$place.x` a part of it.
+docs/how-to/ros2.md explains the keys; `mrbt new --ros2` writes one.
 """
 
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from pydantic import Field, JsonValue, PlainValidator, PrivateAttr
+from pydantic import Field, JsonValue, PlainValidator
 from pydantic_core import PydanticCustomError
 
-from mrbt_mesh.adapters.mission_fit import note_misfits, note_missing_robots
+from mrbt_mesh.adapters.binding import (
+    BoundFile,
+    BoundTask,
+    FillError,
+    KnownValues,
+    Problems,
+    Tables,
+    load_bound,
+    unknown_names,
+)
 from mrbt_mesh.adapters.ros2.expression import MessageExpression, MessageExpressionError
-from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.errors import FileError, nearest, read_limited, whole_file_error
-from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName, read_model
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
-from mrbt_mesh.formats.problems import Report, SourcePath
+from mrbt_mesh.errors import FileError, nearest, whole_file_error
+from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName
+from mrbt_mesh.formats.problems import SourcePath
 from mrbt_mesh.formats.tree_model import CallText
-from mrbt_mesh.formats.yaml_source import decode, read_yaml
 
-# In place of the file's Python, so that one file serves robots and a test.
+# Replaces the file's Python, so that one file serves robots and tests.
 PYTHON_VARIABLE = "MRBT_ROS2_PYTHON"
 # The Python for which the packages of a ROS installation are made.
 DEFAULT_PYTHON = "/usr/bin/python3"
@@ -42,7 +44,6 @@ _EXPLAINED = EXPLAINED | {
     _ROS_TYPE: "a type of ROS is expected, e.g. nav2_msgs/action/NavigateToPose",
     _MESSAGE_TYPE: "a type of messages is expected, e.g. std_msgs/msg/Bool",
 }
-_WHOLE = re.compile(r"\$([A-Za-z_]\w*)((?:\.\w+)*)")
 
 
 def _compiled(value: Any) -> MessageExpression:
@@ -61,7 +62,6 @@ def _truth(value: Any) -> bool | MessageExpression:
 
 
 Kind: TypeAlias = Literal["action", "srv", "msg"]
-Tables: TypeAlias = Mapping[str, Mapping[str, Any]]
 RosName: TypeAlias = Annotated[str, Field(pattern=_ROS_NAME)]
 RosType: TypeAlias = Annotated[str, Field(pattern=_ROS_TYPE)]
 MessageType: TypeAlias = Annotated[str, Field(pattern=_MESSAGE_TYPE)]
@@ -85,41 +85,45 @@ class BridgeBinding(FileModel):
     domain: Annotated[int, Field(ge=0, le=232)] | None = None
 
 
-class TopicBinding(FileModel):
-    """A topic and an expression over its messages. `latched`: also the newest one before."""
+class ReadTopic(FileModel):
+    """A topic whose messages are read. `latched`: also the newest one before."""
 
     topic: RosName
     type: MessageType
-    expression: Expression
     latched: bool = False
 
     @property
-    def expressions(self) -> Mapping[str, MessageExpression]:
-        """Key in the file -> expression."""
-        return {"expression": self.expression}
+    def expressions(self) -> dict[str, MessageExpression]:
+        """Key in the file -> expression over the messages."""
+        return {key: value for key, value in self if isinstance(value, MessageExpression)}
 
 
-class PositionBinding(FileModel):
+class TopicBinding(ReadTopic):
+    """A topic and an expression over its messages."""
+
+    expression: Expression
+
+
+class PositionBinding(ReadTopic):
     """A topic with the robot's position on the mission's map."""
 
-    topic: RosName
-    type: MessageType
     x: Expression
     y: Expression
     heading: Expression | None = None
-    latched: bool = False
-
-    @property
-    def expressions(self) -> Mapping[str, MessageExpression]:
-        """Key in the file -> expression."""
-        found = {"x": self.x, "y": self.y}
-        return found if self.heading is None else {**found, "heading": self.heading}
 
 
-class TaskBinding(FileModel):
+@dataclass(frozen=True)
+class FilledBinding:
+    """A ground local task: the messages, and the conditions that it sets."""
+
+    body: Any
+    on_cancel: Any
+    sets: Mapping[str, bool | MessageExpression]
+
+
+class TaskBinding(BoundTask):
     """A local task: one of `action`, `service` and `topic`, and what its messages mean."""
 
-    parameters: list[Name] = []
     action: RosName | None = None
     service: RosName | None = None
     topic: RosName | None = None
@@ -156,13 +160,72 @@ class TaskBinding(FileModel):
         """The message that is sent to it, with `$name`."""
         return getattr(self, self.servers[0][2]) or {}
 
+    def filled(
+        self, robot_values: Mapping[str, str], arguments: Sequence[str], tables: Tables
+    ) -> FilledBinding:
+        """What a ground local task is in ROS. Raises FillError."""
+        known = self.known(arguments, robot_values, tables)
+        sets = {known.text(name): value for name, value in self.sets.items()}
+        return FilledBinding(known.data(self.body), known.data(self.on_cancel), sets)
 
-class BindingFile(FileModel):
+    def bodies(
+        self, place: SourcePath, tables: Tables
+    ) -> Iterator[tuple[SourcePath, Body | FillError]]:
+        """The messages that it may become, each with its place in the file: as written, and with
+        each value of a table, or what the value lacks.
+        """
+        written = {self.servers[0][2]: self.body}
+        if self.on_cancel is not None:
+            written["on_cancel"] = self.on_cancel
+        for part, body in written.items():
+            yield (*place, part), body
+            for name in self.parameters:
+                for argument in tables.get(name, {}):
+                    where = ("values", name, argument)
+                    try:
+                        made = KnownValues({name: argument}, tables).data(body)
+                    except FillError as error:
+                        yield where, error
+                    else:
+                        if made != body:
+                            yield where, made
+
+    def problems(self, robot_names: set[str], tables: Tables, place: SourcePath) -> Problems:
+        """What is wrong beyond the shape of its parts."""
+        if len(self.servers) != 1:
+            given = " and ".join(key for key, _, _ in self.servers) or "none of them"
+            yield place, f"one of action, service and topic is expected, found {given}"
+            return
+        ((key, kind, body_key),) = self.servers
+        package, found, type_name = self.type.split("/")
+        if found != kind:
+            text = f"{package}/{kind}/{type_name} is expected here, found {self.type}"
+            yield (*place, "type"), text
+        useless = {"goal", "request", "message"} - {body_key}
+        useless |= {"until"} if key == "action" else {"progress"}
+        useless |= {"success", "reason"} if key == "topic" else {"on_cancel"}
+        article = "an" if key == "action" else "a"
+        for other in sorted(useless):
+            if getattr(self, other) is not None:
+                yield (*place, other), f"of no use for a task that is {article} {key}"
+        texts = [name for name, value in self.sets.items() if not isinstance(value, bool)]
+        if key == "topic" and texts:
+            yield (*place, "sets", texts[0]), "a topic answers nothing: true or false is expected"
+        yield from unknown_names({key: self.name, "lifecycle": self.lifecycle}, robot_names, place)
+        parts = {body_key: self.body, "on_cancel": self.on_cancel, "sets": self.sets}
+        yield from unknown_names(parts, robot_names | set(self.parameters), place)
+        for where, body in self.bodies(place, tables):
+            if isinstance(body, FillError):
+                yield where, str(body)
+
+
+class BindingFile(BoundFile):
     """A whole file. `robots`: for each robot, the values of `$name`."""
 
+    ROBOTS: ClassVar[str] = "robots"
     bridge: BridgeBinding = BridgeBinding()
     detection_s: Annotated[float, Field(ge=0.2, le=60)] = 1.0
-    # By then a server has to be found: DDS and Nav2 take a while.
+    # The time in which a server has to be found: DDS and Nav2 take a while.
     start_up_s: Annotated[float, Field(ge=0, le=3_600)] = 20.0
     robots: dict[RobotName, dict[Name, str]] = {}
     values: dict[Name, dict[str, JsonValue]] = {}
@@ -170,12 +233,6 @@ class BindingFile(FileModel):
     conditions: dict[CallText, TopicBinding] = {}
     entries: dict[Name, TopicBinding] = {}
     position: PositionBinding | None = None
-    _report: Report = PrivateAttr()
-
-    @property
-    def file(self) -> str:
-        """The file's path as it was given."""
-        return self._report.file
 
     @property
     def python(self) -> str:
@@ -205,21 +262,46 @@ class BindingFile(FileModel):
             raise whole_file_error(self.file, text)
         return {ROBOT: robot, **self.robots.get(robot, {})}
 
-    def check_mission(self, mission: Mission, robots: Collection[str]) -> None:
-        """Raise FileError if it does not fit a mission and the robots that take part."""
-        report = Report(self.file, self._report.lines)
-        tasks = {name: task.parameters for name, task in self.local_tasks.items()}
-        set_: list[tuple[SourcePath, str]] = [(("conditions", c), c) for c in self.conditions]
+    def topics(self) -> Iterator[tuple[str, ReadTopic, SourcePath]]:
+        """(id, topic, its place) for all topics that are read."""
         for name, task in self.local_tasks.items():
-            set_ += [(("local_tasks", name, "sets", c), c) for c in task.sets]
-        note_misfits(report, mission, tasks, set_)
-        if self.robots:
-            note_missing_robots(report, "robots", self.robots, robots)
-        report.raise_if_any()
+            if task.until is not None:
+                yield f"until/{name}", task.until, ("local_tasks", name, "until")
+        for name, topic in self.conditions.items():
+            yield f"condition/{name}", topic, ("conditions", name)
+        for name, topic in self.entries.items():
+            yield f"entry/{name}", topic, ("entries", name)
+        if self.position is not None:
+            yield "position", self.position, ("position",)
+
+    def condition_places(self) -> Problems:
+        """Each condition that is set, with its place."""
+        yield from ((("conditions", c), c) for c in self.conditions)
+        yield from super().condition_places()
+
+    def problems(self) -> Problems:
+        """What is wrong beyond the shape of single parts."""
+        names = {ROBOT, *next(iter(self.robots.values()), {})}
+        for robot, values in self.robots.items():
+            if {ROBOT, *values} != names:
+                text = f"all robots have the same keys: {', '.join(sorted(names))}"
+                yield ("robots", robot), text
+        for name, task in self.local_tasks.items():
+            yield from task.problems(names, self.values, ("local_tasks", name))
+        for key in ("conditions", "entries"):
+            for name in getattr(self, key):
+                yield from unknown_names(name, names, (key, name))
+        for _, topic, place in self.topics():
+            yield from unknown_names(topic.topic, names, (*place, "topic"))
+        parameters = {p for task in self.local_tasks.values() for p in task.parameters}
+        for name in self.values:
+            if name not in parameters:
+                text = f"no local task has a parameter {name!r}{nearest(name, parameters)}"
+                yield ("values", name), text
 
     def unfit(self, problems: list[dict[str, Any]]) -> FileError:
         """The problems that the bridge has found in the file, with their lines."""
-        report = Report(self.file, self._report.lines)
+        report = self.new_report()
         for problem in problems:
             report.add(tuple(problem["place"]), problem["text"])
         try:
@@ -231,222 +313,22 @@ class BindingFile(FileModel):
 
 def load_bindings(path: Path) -> BindingFile:
     """Read a binding file. Raises FileError with all problems that could be found."""
-    file = str(path)
-    data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
-    if not isinstance(data, dict):
-        raise whole_file_error(file, "bindings are expected (local_tasks: ..., conditions: ...)")
-    found = read_model(BindingFile, data, report, _EXPLAINED)
-    for place, text in _problems(found):
-        report.add(place, text)
-    report.raise_if_any()
-    found._report = report
-    return found
+    expected = "bindings are expected (local_tasks: ..., conditions: ...)"
+    return load_bound(BindingFile, path, expected, _EXPLAINED)
 
 
-def _problems(file: BindingFile) -> Iterator[tuple[SourcePath, str]]:
-    """What is wrong beyond the shape of single parts."""
-    names = {ROBOT, *next(iter(file.robots.values()), {})}
-    for robot, values in file.robots.items():
-        if {ROBOT, *values} != names:
-            yield ("robots", robot), f"all robots have the same keys: {', '.join(sorted(names))}"
-    for name, task in file.local_tasks.items():
-        yield from _task_problems(task, names, file.values, ("local_tasks", name))
-    for key, topics in (("conditions", file.conditions), ("entries", file.entries)):
-        for name, topic in topics.items():
-            yield from _unknown_names(name, names, (key, name))
-            yield from _unknown_names(topic.topic, names, (key, name, "topic"))
-    if file.position is not None:
-        yield from _unknown_names(file.position.topic, names, ("position", "topic"))
-    parameters = {p for task in file.local_tasks.values() for p in task.parameters}
-    for name in file.values:
-        if name not in parameters:
-            text = f"no local task has a parameter {name!r}{nearest(name, parameters)}"
-            yield ("values", name), text
-
-
-def _task_problems(
-    task: TaskBinding, robot_names: set[str], tables: Tables, place: SourcePath
-) -> Iterator[tuple[SourcePath, str]]:
-    if len(task.servers) != 1:
-        given = " and ".join(key for key, _, _ in task.servers) or "none of them"
-        yield place, f"one of action, service and topic is expected, found {given}"
-        return
-    ((key, kind, body_key),) = task.servers
-    package, found, type_name = task.type.split("/")
-    if found != kind:
-        text = f"{package}/{kind}/{type_name} is expected here, found {task.type}"
-        yield (*place, "type"), text
-    useless = {"goal", "request", "message"} - {body_key}
-    useless |= {"until"} if key == "action" else {"progress"}
-    useless |= {"success", "reason"} if key == "topic" else {"on_cancel"}
-    article = "an" if key == "action" else "a"
-    for other in sorted(useless):
-        if getattr(task, other) is not None:
-            yield (*place, other), f"of no use for a task that is {article} {key}"
-    texts = [name for name, value in task.sets.items() if not isinstance(value, bool)]
-    if key == "topic" and texts:
-        yield (*place, "sets", texts[0]), "a topic answers nothing: true or false is expected"
-    yield from _unknown_names(task.name, robot_names, (*place, key))
-    yield from _unknown_names(task.lifecycle, robot_names, (*place, "lifecycle"))
-    if task.until is not None:
-        yield from _unknown_names(task.until.topic, robot_names, (*place, "until", "topic"))
-    names = robot_names | set(task.parameters)
-    for part, data in ((body_key, task.body), ("on_cancel", task.on_cancel), ("sets", task.sets)):
-        yield from _unknown_names(data, names, (*place, part))
-    yield from lacking_parts(task, tables)
-
-
-def _unknown_names(
-    data: Any, names: set[str], place: SourcePath
-) -> Iterator[tuple[SourcePath, str]]:
-    """Each `$name` in it without a value."""
-    if isinstance(data, Mapping):
-        for key, value in data.items():
-            yield from _unknown_names(key, names, (*place, key))
-            yield from _unknown_names(value, names, (*place, key))
-    elif isinstance(data, list):
-        for index, value in enumerate(data):
-            yield from _unknown_names(value, names, (*place, index))
-    elif isinstance(data, str):
-        for name in Template(data).get_identifiers():
-            if name not in names:
-                yield place, f"unknown ${name}{nearest(name, names)}"
-
-
-# -- a ground local task ----------------------------------------------------------------------
-
-
-class FillError(Exception):
-    """A task's arguments do not make a message; the text has the reason."""
-
-
-@dataclass(frozen=True)
-class KnownValues:
-    """The values of `$name`: robots' values, arguments, and the tables of their meanings."""
-
-    values: Mapping[str, str]
-    tables: Tables
-
-    def text(self, text: str) -> str:
-        """A text with values in it."""
-        return Template(text).safe_substitute(self.values)
-
-    def data(self, data: Any) -> Any:
-        """Plain data with values in it; what is not known keeps its `$`. Raises FillError."""
-        if isinstance(data, str):
-            whole = _WHOLE.fullmatch(data)
-            return self._whole(whole[1], whole[2], data) if whole else self.text(data)
-        if isinstance(data, Mapping):
-            return {key: self.data(value) for key, value in data.items()}
-        if isinstance(data, list):
-            return [self.data(value) for value in data]
-        return data
-
-    def _whole(self, name: str, path: str, text: str) -> Any:
-        if name not in self.values:
-            return text
-        argument = self.values[name]
-        table = self.tables.get(name)
-        if table is None:
-            if path:
-                raise FillError(f"{text}: values has no table for {name}")
-            return argument
-        if argument not in table:
-            raise FillError(f"values/{name} has no {argument!r}{nearest(argument, table)}")
-        value = table[argument]
-        for key in path.split(".")[1:]:
-            if not isinstance(value, Mapping) or key not in value:
-                known = value if isinstance(value, Mapping) else ()
-                raise FillError(f"{text}: {argument} has no {key!r}{nearest(key, known)}")
-            value = value[key]
-        return value
-
-
-@dataclass(frozen=True)
-class FilledBinding:
-    """A ground local task: the message, and the conditions that it sets."""
-
-    body: Any
-    on_cancel: Any
-    sets: Mapping[str, bool | MessageExpression]
-
-
-def filled(
-    binding: TaskBinding, robot_values: Mapping[str, str], arguments: Sequence[str], tables: Tables
-) -> FilledBinding:
-    """What a ground local task is in ROS. Raises FillError."""
-    if len(arguments) != len(binding.parameters):
-        wanted = ", ".join(binding.parameters) or "none"
-        raise FillError(f"the binding has other parameters: {wanted}")
-    values = {**robot_values, **dict(zip(binding.parameters, arguments, strict=True))}
-    known = KnownValues(values, tables)
-    sets = {known.text(name): value for name, value in binding.sets.items()}
-    return FilledBinding(known.data(binding.body), known.data(binding.on_cancel), sets)
-
-
-def bodies_to_check(
-    binding: TaskBinding, place: SourcePath, tables: Tables
-) -> list[tuple[SourcePath, Any]]:
-    """The messages that a binding may become, each with its place in the file.
-
-    As written, and with each value of a table in turn; `lacking_parts` has found nothing.
-    """
-    written = {binding.servers[0][2]: binding.body}
-    if binding.on_cancel is not None:
-        written["on_cancel"] = binding.on_cancel
-    found: list[tuple[SourcePath, Any]] = []
-    for part, body in written.items():
-        found.append(((*place, part), body))
-        for name in binding.parameters:
-            for argument in tables.get(name, {}):
-                made = KnownValues({name: argument}, tables).data(body)
-                if made != body:
-                    found.append((("values", name, argument), made))
-    return found
-
-
-def lacking_parts(binding: TaskBinding, tables: Tables) -> list[tuple[SourcePath, str]]:
-    """What the message asks of tables that they do not have: where, and a message."""
-    found: list[tuple[SourcePath, str]] = []
-    for name in binding.parameters:
-        for argument in tables.get(name, {}):
-            try:
-                KnownValues({name: argument}, tables).data([binding.body, binding.on_cancel])
-            except FillError as error:
-                found.append((("values", name, argument), str(error)))
-    return found
-
-
-# -- what the bridge gets ---------------------------------------------------------------------
+# -- the first message to the bridge ----------------------------------------------------------
 
 
 def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> dict[str, Any]:
     """The first message to the bridge; without a robot, for a check only."""
-    values = KnownValues({} if robot is None else file.robot_values(robot), {})
-    tasks: list[dict[str, Any]] = []
-    topics: list[dict[str, Any]] = []
-
-    def listen(
-        topic_id: str, topic: TopicBinding | PositionBinding, place: SourcePath, always: bool
-    ) -> None:
-        topics.append(
-            {
-                "id": topic_id,
-                "name": values.text(topic.topic),
-                "type": topic.type,
-                "type_place": [*place, "type"],
-                "latched": topic.latched,
-                # Of a condition changes are enough; what is waited for has to come after the start.
-                "always": always,
-                "fields": _fields(place, topic.expressions),
-            }
-        )
-
+    values = KnownValues({} if robot is None else file.robot_values(robot))
+    tasks = []
     for name, task in file.local_tasks.items():
         place: SourcePath = ("local_tasks", name)
         results = {"success": task.success, "reason": task.reason}
         results |= {f"sets/{k}": v for k, v in task.sets.items() if not isinstance(v, bool)}
-        bodies = bodies_to_check(task, place, file.values) if robot is None else []
+        bodies = task.bodies(place, file.values) if robot is None else ()
         tasks.append(
             {
                 "id": name,
@@ -463,14 +345,19 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> di
                 "result": _fields(place, results),
             }
         )
-        if task.until is not None:
-            listen(f"until/{name}", task.until, (*place, "until"), True)
-    for name, topic in file.conditions.items():
-        listen(f"condition/{name}", topic, ("conditions", name), False)
-    for name, topic in file.entries.items():
-        listen(f"entry/{name}", topic, ("entries", name), False)
-    if file.position is not None:
-        listen("position", file.position, ("position",), False)
+    topics = [
+        {
+            "id": topic_id,
+            "name": values.text(topic.topic),
+            "type": topic.type,
+            "type_place": [*place, "type"],
+            "latched": topic.latched,
+            # Of a condition changes are enough; an `until` has to hold after the start.
+            "always": topic_id.startswith("until/"),
+            "fields": _fields(place, topic.expressions),
+        }
+        for topic_id, topic, place in file.topics()
+    ]
     return {
         "detection_s": file.detection_s,
         "node": node,

@@ -1,10 +1,10 @@
-"""The robot's end of the pipe to its bridge: how it is started, what is said and heard."""
+"""The robot's end of the pipe to its bridge: its process, and the messages both ways."""
 
 from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import anyio
 import anyio.abc
 import msgpack
 
+from mrbt_mesh.adapters.binding import News
 from mrbt_mesh.adapters.ros2.binding_file import BindingFile, bind_message
 from mrbt_mesh.errors import InputError
 
@@ -25,7 +26,7 @@ MAX_SAID = 2_000
 
 def bridge_command(file: BindingFile) -> list[str]:
     """The words that start the bridge."""
-    # A Python without msgpack takes this one's, whose part in Python serves all versions.
+    # If the ROS Python has no msgpack, the pure-Python one of this environment is used.
     words = [file.python, str(FOLDER), str(Path(msgpack.__file__).parent)]
     if file.setup is None:
         return words
@@ -40,9 +41,9 @@ def bridge_environment(file: BindingFile) -> dict[str, str]:
 
 
 def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
-    """Have the bridge say whether the bindings fit the types of ROS.
+    """Have the bridge check whether the bindings fit the types of ROS.
 
-    Raises InputError, with the lines, if they do not, or if there is no bridge to be had.
+    Raises InputError, with the lines, if they do not, or if no bridge can be started.
     """
     command = command or bridge_command(file)
     place = file.place("bridge", "python")
@@ -58,8 +59,10 @@ def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
     except OSError as error:
         raise InputError(f"{place}: {command[0]}: {error.strerror}") from None
     except subprocess.TimeoutExpired:
-        raise InputError(f"{place}: {file.python} said nothing for {CHECK_S:g} s") from None
-    for message in _unpacked(done.stdout):
+        raise InputError(f"{place}: {file.python} did not answer within {CHECK_S:g} s") from None
+    unpacker = msgpack.Unpacker()
+    unpacker.feed(done.stdout)
+    for message in unpacker:
         if message["op"] == "failed":
             raise InputError(f"{place}: {message['text']}; name the Python that has rclpy")
         if message["problems"]:
@@ -69,40 +72,33 @@ def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
     raise InputError(f"{place}: the bridge ended with status {done.returncode}: {said}")
 
 
-def _unpacked(content: bytes) -> Iterator[dict[str, Any]]:
-    unpacker = msgpack.Unpacker()
-    unpacker.feed(content)
-    yield from unpacker
-
-
 class BridgePipe:
-    """Messages to and from a bridge that runs."""
+    """Messages to and from a running bridge."""
 
     def __init__(self, process: anyio.abc.Process) -> None:
         self._process = process
         self._unpacker = msgpack.Unpacker()
         self._outbox: list[dict[str, Any]] = []
-        self._news = anyio.Event()
+        self._news = News()
 
     def say(self, message: dict[str, Any]) -> None:
         """Have a message sent, after those before."""
         self._outbox.append(message)
-        self._news.set()
+        self._news.tell()
 
     async def send_on(self) -> None:
-        """Send what is said, until the bridge is gone."""
+        """Send messages until the bridge has ended."""
         assert self._process.stdin is not None
         try:
             while True:
                 while self._outbox:
                     await self._process.stdin.send(msgpack.packb(self._outbox.pop(0)))
-                self._news = anyio.Event()
                 await self._news.wait()
         except (anyio.BrokenResourceError, anyio.ClosedResourceError, OSError):
             return
 
     async def heard(self) -> AsyncIterator[dict[str, Any]]:
-        """What the bridge says, until it is gone."""
+        """The bridge's messages, until it has ended."""
         assert self._process.stdout is not None
         async for chunk in self._process.stdout:
             self._unpacker.feed(chunk)
@@ -126,8 +122,8 @@ class BridgePipe:
 async def bridge_process(
     command: list[str], environment: dict[str, str]
 ) -> AsyncIterator[BridgePipe]:
-    """Start a bridge; at the end its goals are cancelled, and it is gone. Raises OSError."""
-    # Ctrl-C in a terminal is for the robot, which ends in order and the bridge with it.
+    """Start a bridge; at the end its goals are cancelled and it ends. Raises OSError."""
+    # Ctrl-C in a terminal is for the robot, which then stops the bridge in an orderly way.
     process = await anyio.open_process(command, env=environment, start_new_session=True)
     try:
         yield BridgePipe(process)

@@ -8,37 +8,19 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 MAX_LENGTH = 500
 MESSAGE = "m"
 
-_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-    ast.BitAnd: operator.and_,
-}
-_UNARY: dict[type[ast.unaryop], Callable[[Any], Any]] = {
-    ast.Not: operator.not_,
-    ast.USub: operator.neg,
-    ast.UAdd: operator.pos,
-}
-_COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.In: lambda a, b: a in b,
-    ast.NotIn: lambda a, b: a not in b,
-}
+# What is not an expression itself in an allowed one.
+_REST = (
+    *(ast.expr_context, ast.And, ast.Or, ast.Not, ast.USub, ast.UAdd),
+    *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.FloorDiv, ast.Mod, ast.BitAnd),
+    *(ast.Eq, ast.NotEq, ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.In, ast.NotIn),
+)
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{f.__name__: f for f in (abs, all, any, len, max, min, round, sum)},
     "hypot": math.hypot,
@@ -47,32 +29,33 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 class MessageExpressionError(Exception):
-    """An expression that cannot be used, or has no value for a message; the text says why."""
+    """An expression that cannot be used, or has no value for a message; the text is the reason."""
 
 
 class MessageExpression:
     """A compiled expression; `fields` are those of the message that it reads, e.g. `pose.x`."""
 
     def __init__(self, text: str) -> None:
-        """Raises MessageExpressionError for anything but the part of Python that is meant."""
+        """Raises MessageExpressionError for anything but the allowed part of Python."""
         self.text = text
         if len(text) > MAX_LENGTH:
             raise MessageExpressionError(f"an expression has at most {MAX_LENGTH} characters")
+        allowed = _Allowed()
         try:
-            self._tree = ast.parse(text, mode="eval").body
+            tree = allowed.visit(ast.parse(text, mode="eval").body)
+            code = compile(ast.fix_missing_locations(ast.Expression(tree)), "<expression>", "eval")
         except (SyntaxError, ValueError, RecursionError) as error:
             said = getattr(error, "msg", str(error))
             raise MessageExpressionError(f"{text!r} is no expression: {said}") from None
-        found: dict[str, None] = {}
-        _find_fields(self._tree, found)
-        if not found:
+        if not allowed.fields:
             raise MessageExpressionError(f"{text!r} reads nothing of the message, e.g. m.data")
-        self.fields = tuple(found)
+        self.fields = tuple(allowed.fields)
+        self._code = code
 
     def value(self, fields: Mapping[str, Any]) -> Any:
         """Its value for these fields; raises MessageExpressionError where it has none."""
         try:
-            return _value(self._tree, fields)
+            return eval(self._code, {**_NAMES, "field": partial(_field, fields)})
         except (ArithmeticError, TypeError, ValueError, KeyError) as error:
             raise MessageExpressionError(f"{self.text}: {error}") from None
 
@@ -123,47 +106,50 @@ def _index(node: ast.expr) -> int | None:
     return None
 
 
-def _is_yaw(node: ast.expr) -> bool:
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "yaw"
+class _Allowed(ast.NodeTransformer):
+    """Refuses all but the allowed part of Python; makes fields of the message look-ups."""
+
+    def __init__(self) -> None:
+        self.fields: dict[str, None] = {}
+
+    def visit(self, node: Any) -> Any:
+        """The node as it is evaluated. Raises MessageExpressionError."""
+        if isinstance(node, _REST):
+            return node
+        path = _path(node)
+        if path is not None:
+            return self._field(path)
+        has_operators = all(isinstance(e, (ast.expr, *_REST)) for e in ast.iter_child_nodes(node))
+        match node:
+            case ast.Constant(value=bool() | int() | float() | str()):
+                return node
+            case ast.Call(func=ast.Name(id="yaw"), args=[quaternion], keywords=[]):
+                whole = _path(quaternion)
+                if whole is None:
+                    raise MessageExpressionError("yaw(...) wants a quaternion, e.g. m.orientation")
+                return _call("yaw", *(self._field(f"{whole}.{axis}") for axis in "xyzw"))
+            case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in _FUNCTIONS:
+                return _call(name, *map(self.visit, args))
+            case ast.BinOp() if has_operators:
+                # Texts and lists are not calculated with: they could be made long without end.
+                left, right = (_call("number", self.visit(e)) for e in (node.left, node.right))
+                return ast.BinOp(left, node.op, right)
+            case ast.List(elts=items) | ast.Tuple(elts=items):
+                return ast.List(list(map(self.visit, items)), ast.Load())
+            case ast.BoolOp() | ast.UnaryOp() | ast.Compare() if has_operators:
+                return self.generic_visit(node)
+        raise MessageExpressionError(_refusal(node))
+
+    def _field(self, path: str) -> ast.expr:
+        self.fields[path] = None
+        return _call("field", ast.Constant(path))
 
 
-def _find_fields(node: ast.expr, found: dict[str, None]) -> None:
-    """Check that nothing else is in it, and note the fields."""
-    path = _path(node)
-    if path is not None:
-        found[path] = None
-        return
-    children: list[ast.expr]
-    match node:
-        case ast.Constant(value=bool() | int() | float() | str()):
-            children = []
-        case ast.BoolOp(values=children):
-            pass
-        case ast.List(elts=children) | ast.Tuple(elts=children):
-            pass
-        case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
-            children = [operand]
-        case ast.BinOp(left=left, op=binary, right=right) if type(binary) in _BINARY:
-            children = [left, right]
-        case ast.Compare(left=left, ops=ops, comparators=rest) if all(
-            type(each) in _COMPARE for each in ops
-        ):
-            children = [left, *rest]
-        case ast.Call(args=[quaternion], keywords=[]) if _is_yaw(node):
-            whole = _path(quaternion)
-            if whole is None:
-                raise MessageExpressionError("yaw(...) wants a quaternion, e.g. m.orientation")
-            found.update({f"{whole}.{axis}": None for axis in "xyzw"})
-            return
-        case ast.Call(func=ast.Name(id=name), args=children, keywords=[]) if name in _FUNCTIONS:
-            pass
-        case _:
-            raise MessageExpressionError(_not_meant(node))
-    for child in children:
-        _find_fields(child, found)
+def _call(name: str, *arguments: ast.expr) -> ast.expr:
+    return ast.Call(ast.Name(name, ast.Load()), list(arguments), [])
 
 
-def _not_meant(node: ast.expr) -> str:
+def _refusal(node: ast.expr) -> str:
     text = ast.unparse(node)
     if isinstance(node, ast.Call):
         known = ", ".join(sorted((*_FUNCTIONS, "yaw")))
@@ -173,40 +159,21 @@ def _not_meant(node: ast.expr) -> str:
     return f"{text!r} is not among what expressions may have (docs/how-to/ros2.md)"
 
 
-def _value(node: ast.expr, fields: Mapping[str, Any]) -> Any:
-    path = _path(node)
-    if path is not None:
-        found = fields[path]
-        if found is None:
-            raise ValueError(f"m.{path} is not in this message")
-        return found
-    match node:
-        case ast.Constant(value=constant):
-            return constant
-        case ast.BoolOp(op=ast.And(), values=values):
-            return all(_value(each, fields) for each in values)
-        case ast.BoolOp(values=values):
-            return any(_value(each, fields) for each in values)
-        case ast.UnaryOp(op=op, operand=operand):
-            return _UNARY[type(op)](_value(operand, fields))
-        case ast.BinOp(left=left, op=binary, right=right):
-            return _calculated(binary, _value(left, fields), _value(right, fields))
-        case ast.Compare(left=left, ops=ops, comparators=rest):
-            values = [_value(each, fields) for each in (left, *rest)]
-            pairs = zip(ops, values, values[1:], strict=False)
-            return all(_COMPARE[type(op)](a, b) for op, a, b in pairs)
-        case ast.List(elts=items) | ast.Tuple(elts=items):
-            return [_value(each, fields) for each in items]
-        case ast.Call(args=arguments) if _is_yaw(node):
-            x, y, z, w = (fields[f"{_path(arguments[0])}.{axis}"] for axis in "xyzw")
-            return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        case ast.Call(func=ast.Name(id=name), args=arguments):
-            return _FUNCTIONS[name](*(_value(each, fields) for each in arguments))
-    raise AssertionError(f"{node!r} was let through")
+def _field(fields: Mapping[str, Any], path: str) -> Any:
+    found = fields[path]
+    if found is None:
+        raise ValueError(f"m.{path} is not in this message")
+    return found
 
 
-def _calculated(kind: ast.operator, left: Any, right: Any) -> Any:
-    """Texts and lists are not calculated with: they could be made long without end."""
-    if not isinstance(left, int | float) or not isinstance(right, int | float):
-        raise TypeError(f"numbers are expected, not {left!r:.40} and {right!r:.40}")
-    return _BINARY[type(kind)](left, right)
+def _number(value: Any) -> Any:
+    if not isinstance(value, int | float):
+        raise TypeError(f"a number is expected, not {value!r:.40}")
+    return value
+
+
+def _yaw(x: float, y: float, z: float, w: float) -> float:
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+_NAMES = {"__builtins__": {}, "number": _number, "yaw": _yaw, **_FUNCTIONS}

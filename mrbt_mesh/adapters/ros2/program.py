@@ -1,7 +1,7 @@
 """A robot program whose local tasks are actions, services and topics of ROS 2.
 
-rclpy is in a process of its own, the bridge. Here are the tasks, what becomes of them, and what the
-team is told of conditions, positions and servers that are not there.
+rclpy is in a process of its own, the bridge. Here are the tasks and their outcomes, and the reports
+to the team on conditions, positions and missing servers.
 """
 
 from __future__ import annotations
@@ -9,21 +9,20 @@ from __future__ import annotations
 import re
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import anyio
 
+from mrbt_mesh.adapters.binding import FillError, KnownValues, News
 from mrbt_mesh.adapters.ros2.binding_file import (
     BindingFile,
     FilledBinding,
-    FillError,
-    KnownValues,
     TaskBinding,
     bind_message,
-    filled,
     load_bindings,
 )
 from mrbt_mesh.adapters.ros2.bridge.watch import LifeWatch
@@ -42,11 +41,11 @@ from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
 
 RESTART_S = 1.0
-# Of a bridge that does not come up: longer and longer.
+# The pause grows while the bridge does not start.
 MAX_RESTART_S = 30.0
-# How long a task that was cancelled waits for its server to say that it has stopped.
+# How long a cancelled task waits for its server to confirm that it has stopped.
 STOP_S = 5.0
-# So often the bridge hears something in the time in which it would miss the robot.
+# Messages to the bridge within the time after which it would miss the robot.
 BEATS = 5
 
 _FAILURES = {
@@ -55,9 +54,6 @@ _FAILURES = {
     "rejected": "the server rejected the goal",
     "lost": "nothing is known of it any more",
 }
-
-
-Member: TypeAlias = "Callable[[RobotContext], ConnectedRobot]"
 
 
 def robot_program(binding_file: str | Path, *, record_work: bool = False) -> RobotProgram:
@@ -77,45 +73,41 @@ def robot_program(binding_file: str | Path, *, record_work: bool = False) -> Rob
 def bound_program(file: BindingFile, command: list[str], record_work: bool = False) -> RobotProgram:
     """The same with a file that is right, and a command that starts the bridge."""
     program = RobotProgram(record_work=record_work)
-    robots: dict[str, ConnectedRobot] = {}
 
-    def member(context: RobotContext) -> ConnectedRobot:
-        if context.robot not in robots:
-            robots[context.robot] = ConnectedRobot(file, context.robot, command)
-        return robots[context.robot]
+    @cache
+    def member(robot: str) -> ConnectedRobot:
+        return ConnectedRobot(file, robot, command)
 
     @program.background(costs=list(file.local_tasks))
     async def connect(context: RobotContext) -> None:
-        await member(context).run(context)
+        await member(context.robot).run(context)
+
+    def serve(name: str) -> None:
+        @program.local_task(name)
+        async def perform(task: TaskContext, *arguments: str) -> None:
+            await member(task.robot).perform(task, name, arguments)
+
+    def provide(name: str) -> None:
+        @program.entry(name)
+        def entry(context: RobotContext) -> float | str | None:
+            return member(context.robot).entries.get(name)
 
     for name in file.local_tasks:
-        _serve(program, member, name)
+        serve(name)
     for name in file.entries:
-        _say(program, member, name)
+        provide(name)
     if file.position is not None:
 
         @program.source("robot_pose")
         def pose(context: RobotContext) -> tuple[float, float]:
-            return member(context).pose
+            return member(context.robot).pose
 
     return program
 
 
-def _serve(program: RobotProgram, member: Member, name: str) -> None:
-    @program.local_task(name)
-    async def perform(task: TaskContext, *arguments: str) -> None:
-        await member(task).perform(task, name, arguments)
-
-
-def _say(program: RobotProgram, member: Member, name: str) -> None:
-    @program.entry(name)
-    def entry(context: RobotContext) -> float | str | None:
-        return member(context).entries.get(name)
-
-
 @dataclass
 class _Run:
-    """A task that the bridge is at. `end` is what it said last of it."""
+    """A task under way. `end`: the bridge's message that it has ended."""
 
     number: int
     task: TaskContext
@@ -125,19 +117,15 @@ class _Run:
     body: Any
     is_sent: bool = False
     end: dict[str, Any] | None = None
-    # What the topic said that tells when it is done, since it began.
+    # The newest message since it began on the topic of its `until`.
     until: Mapping[str, Any] | None = None
-    changed: anyio.Event = field(default_factory=anyio.Event)
-
-    def news(self) -> None:
-        self.changed.set()
-        self.changed = anyio.Event()
+    news: News = field(default_factory=News)
 
 
 class ConnectedRobot:
-    """One robot, its bridge, and the tasks that it is at.
+    """One robot, its bridge, and its tasks under way.
 
-    `entries` of trees, and `pose`, x and y in metres, are what topics have said last.
+    `entries` of trees, and `pose`, x and y in metres, are from the newest messages on topics.
     """
 
     def __init__(self, file: BindingFile, robot: str, command: list[str]) -> None:
@@ -155,7 +143,8 @@ class ConnectedRobot:
         self._bridge_failure = ""
         # Goals that have not ended: if the bridge dies, the next one has them cancelled.
         self._at_servers: dict[int, tuple[str, bytes]] = {}
-        self._told: dict[str, Any] = {}
+        self._conditions: dict[str, bool] = {}
+        self._refused: set[str] = set()
         self.entries: dict[str, float | str] = {}
         self.pose = (0.0, 0.0)
 
@@ -165,7 +154,7 @@ class ConnectedRobot:
         """Have a local task carried out; raises TaskFailedError. Cancelled: cancels it there."""
         binding = self._file.local_tasks[name]
         try:
-            wanted = filled(binding, self._values, arguments, self._file.values)
+            wanted = binding.filled(self._values, arguments, self._file.values)
         except FillError as error:
             raise TaskFailedError(str(error)) from None
         run = self._start(task, name, binding, wanted.body)
@@ -190,7 +179,7 @@ class ConnectedRobot:
         return run
 
     def _send(self, run: _Run) -> None:
-        """Have the bridge begin; one that is not there yet hears of it when it is."""
+        """Have the bridge begin; one that has not started yet gets it when it is ready."""
         if self._pipe is None:
             return
         run.is_sent = True
@@ -200,24 +189,20 @@ class ConnectedRobot:
         self._pipe.say({"op": "start", **start})
 
     async def _finished(self, run: _Run) -> None:
-        """Wait for its end and, where that is not all, for what tells that it is done."""
+        """Wait for its end and for its `until`."""
         while run.end is None:
-            await run.changed.wait()
+            await run.news.wait()
         until = run.binding.until
         if until is None or run.end["how"] != "succeeded":
             return
-        while not self._holds(run):
-            await run.changed.wait()
-
-    def _holds(self, run: _Run) -> bool:
-        assert run.binding.until is not None
         try:
-            return run.until is not None and run.binding.until.expression.truth(run.until)
+            while run.until is None or not until.expression.truth(run.until):
+                await run.news.wait()
         except MessageExpressionError as error:
             raise TaskFailedError(f"until: {error}") from None
 
     async def _stop(self, run: _Run, wanted: FilledBinding) -> None:
-        """What is not wanted any more is stopped, as far as the server can be told."""
+        """Stop a task that is no longer needed, if its server can be reached."""
         if wanted.on_cancel is not None:
             stop = self._start(run.task, run.name, run.binding, wanted.on_cancel)
             del self._runs[stop.number]
@@ -226,10 +211,10 @@ class ConnectedRobot:
         self._pipe.say({"op": "cancel", "run": run.number})
         with anyio.move_on_after(STOP_S):
             while run.end is None and self._servers.is_there(run.name):
-                await run.changed.wait()
+                await run.news.wait()
 
     def _judge(self, run: _Run, wanted: FilledBinding) -> None:
-        """Raises TaskFailedError unless what the server said is a success."""
+        """Set the task's conditions. Raises TaskFailedError unless the server reports a success."""
         assert run.end is not None
         how, text, fields = (run.end[key] for key in ("how", "text", "fields"))
         binding = run.binding
@@ -274,7 +259,7 @@ class ConnectedRobot:
             try:
                 async with bridge_process(self._command, bridge_environment(self._file)) as pipe:
                     await self._serve_bridge(pipe, bind)
-                    self._bridge_gone()
+                    self._bridge_ended()
             except OSError as error:
                 self._log.error("bridge_not_started", error=str(error))
                 self._servers.all_lost(f"the bridge to ROS cannot be started: {error}")
@@ -289,7 +274,7 @@ class ConnectedRobot:
         async with anyio.create_task_group() as group:
             group.start_soon(pipe.send_on)
             group.start_soon(self._beat, pipe, watch, group.cancel_scope)
-            group.start_soon(self._listen_to_complaints, pipe)
+            group.start_soon(self._log_complaints, pipe)
             async for message in pipe.heard():
                 self._take(pipe, message)
                 if self._was_ready:
@@ -297,7 +282,7 @@ class ConnectedRobot:
             group.cancel_scope.cancel()
 
     async def _beat(self, pipe: BridgePipe, watch: LifeWatch, scope: anyio.CancelScope) -> None:
-        """Say something regularly, which the bridge answers."""
+        """Send a message regularly, which the bridge answers."""
         while True:
             was_there = watch.is_there
             watch.tick(time.monotonic())
@@ -307,12 +292,12 @@ class ConnectedRobot:
             pipe.say({"op": "beat"})
             await anyio.sleep(self._file.detection_s / BEATS)
 
-    async def _listen_to_complaints(self, pipe: BridgePipe) -> None:
+    async def _log_complaints(self, pipe: BridgePipe) -> None:
         async for line in pipe.complaints():
             self._log.warning("bridge_said", text=line)
 
-    def _bridge_gone(self) -> None:
-        """Nothing can be done any more, and what is at servers is out of reach."""
+    def _bridge_ended(self) -> None:
+        """No task can be carried out, and those at servers are out of reach."""
         self._pipe = None
         why = f": {self._bridge_failure}" if self._bridge_failure else ""
         self._bridge_failure = ""
@@ -333,10 +318,10 @@ class ConnectedRobot:
                 self._send(run)
             elif run.end is None:
                 run.end = {"how": "lost", "text": "the bridge to ROS had ended", "fields": {}}
-                run.news()
+                run.news.tell()
 
     def _take(self, pipe: BridgePipe, message: dict[str, Any]) -> None:
-        """What the bridge says."""
+        """Take in a message of the bridge."""
         match message["op"]:
             case "ready":
                 self._ready(pipe)
@@ -364,15 +349,15 @@ class ConnectedRobot:
 
     def _wake(self) -> None:
         for run in self._runs.values():
-            run.news()
+            run.news.tell()
 
     def _ended(self, message: dict[str, Any]) -> None:
         self._at_servers.pop(message["run"], None)
         run = self._runs.get(message["run"])
         if run is not None:
-            # What tells that it is done has to be said after it began.
+            # Its `until` has to hold after it began.
             run.end, run.until = message, None
-            run.news()
+            run.news.tell()
 
     def _feedback(self, number: int, fields: Mapping[str, Any]) -> None:
         run = self._runs.get(number)
@@ -389,7 +374,7 @@ class ConnectedRobot:
             for run in self._runs.values():
                 if run.name == name:
                     run.until = fields
-                    run.news()
+                    run.news.tell()
             return
         assert self._background is not None
         try:
@@ -399,9 +384,9 @@ class ConnectedRobot:
                 self.entries[name] = self._file.entries[name].expression.entry(fields)
             else:
                 found = self._file.conditions[name].expression.truth(fields)
-                if self._told.get(name) is not found:
-                    self._told[name] = found
-                    ground = KnownValues(self._values, {}).text(name)
+                if self._conditions.get(name) is not found:
+                    self._conditions[name] = found
+                    ground = KnownValues(self._values).text(name)
                     self._background.set_condition(ground, found)
         except (MessageExpressionError, ValueError) as error:
             self._complain(topic, str(error))
@@ -414,7 +399,7 @@ class ConnectedRobot:
         self.pose = (found["x"], found["y"])
 
     def _complain(self, place: str, error: str) -> None:
-        """Log a value that cannot be used once for each place, and drop it."""
-        if self._told.get(f"error/{place}") is None:
-            self._told[f"error/{place}"] = True
+        """Log a value that cannot be used, once for each place."""
+        if place not in self._refused:
+            self._refused.add(place)
             self._log.warning("message_refused", place=place, error=error)

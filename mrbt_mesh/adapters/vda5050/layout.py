@@ -10,14 +10,14 @@ import heapq
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from string import Template
 from typing import Literal
 
 from pydantic import Field, JsonValue
 
+from mrbt_mesh.adapters.binding import BoundTask
 from mrbt_mesh.adapters.vda5050.dialects import Action, OrderNode, VehicleOrder
 from mrbt_mesh.adapters.vda5050.messages import VehicleState
-from mrbt_mesh.formats.file_model import FileModel, Name
+from mrbt_mesh.formats.file_model import FileModel
 from mrbt_mesh.formats.tree_model import CallText
 
 # A vehicle this near a node is on it, and needs no tolerance beyond its own.
@@ -38,24 +38,11 @@ class LayoutNode:
 
 
 class ActionTemplate(FileModel):
-    """An action of a stop, with the parameters that the vehicle wants.
-
-    Texts may name parameters of the local task, e.g. `$rack`.
-    """
+    """An action of a stop, with the parameters that the vehicle needs."""
 
     type: str
     parameters: dict[str, JsonValue] = {}
     blocking: Literal["NONE", "SOFT", "HARD"] = "HARD"
-
-    def filled(self, values: Mapping[str, str]) -> ActionTemplate:
-        """With values in place of the parameters' names."""
-        given = {
-            key: _fill(value, values) if isinstance(value, str) else value
-            for key, value in self.parameters.items()
-        }
-        return ActionTemplate(
-            type=_fill(self.type, values), parameters=given, blocking=self.blocking
-        )
 
 
 class StopTemplate(FileModel):
@@ -65,33 +52,18 @@ class StopTemplate(FileModel):
     actions: tuple[ActionTemplate, ...] = Field((), strict=False)
 
 
-class TaskTemplate(FileModel):
-    """A local task as an order; `sets`: conditions that hold once it has succeeded."""
+class TaskTemplate(BoundTask):
+    """A local task as an order; texts may name its parameters, e.g. `$rack`."""
 
-    parameters: list[Name] = []
     sets: dict[CallText, bool] = {}
     stops: tuple[StopTemplate, ...] = Field(min_length=1, max_length=100, strict=False)
 
     def filled(self, arguments: Sequence[str]) -> TaskTemplate:
-        """With the values of a ground local task. Raises RouteError."""
-        if len(arguments) != len(self.parameters):
-            wanted = ", ".join(self.parameters) or "none"
-            raise RouteError(f"the layout has other parameters: {wanted}")
-        values = dict(zip(self.parameters, arguments, strict=True))
-        return TaskTemplate(
-            stops=tuple(
-                StopTemplate(
-                    at=_fill(stop.at, values),
-                    actions=tuple(action.filled(values) for action in stop.actions),
-                )
-                for stop in self.stops
-            ),
-            sets={_fill(name, values): value for name, value in self.sets.items()},
-        )
-
-
-def _fill(text: str, values: Mapping[str, str]) -> str:
-    return Template(text).safe_substitute(values)
+        """With the values of a ground local task. Raises FillError."""
+        known = self.known(arguments)
+        stops = (StopTemplate(**known.data(stop.model_dump())) for stop in self.stops)
+        sets = {known.text(name): value for name, value in self.sets.items()}
+        return TaskTemplate(stops=tuple(stops), sets=sets)
 
 
 @dataclass(frozen=True)

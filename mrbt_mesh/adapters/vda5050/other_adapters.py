@@ -32,23 +32,23 @@ GRACE_S, TURN_S = 0.3, 0.02
 
 
 class OtherAdapters:
-    """The adapters of the other robots of a fleet, and whose vehicles are to be stopped.
+    """The adapters of the other robots of a fleet.
 
-    `gone`: robots whose adapters are gone, and whose vehicles nobody has stopped yet; `changed` is
-    called when it has become smaller.
+    `gone`: the robots whose adapters have ended and whose vehicles have not been stopped yet;
+    `changed` is called when it has become smaller.
     """
 
     def __init__(self, file: LayoutFile, robot: str, changed: Callable[[], None]) -> None:
         self.gone: set[str] = set()
         self._changed = changed
-        self._mine = file.vehicles[robot]
-        self._others = {name: each for name, each in file.vehicles.items() if name != robot}
+        self._mine = file.addresses[robot]
+        self._others = {name: each for name, each in file.addresses.items() if name != robot}
         self._robots = {each.topic(ADAPTER): name for name, each in self._others.items()}
         self._turn_s = TURN_S * sorted(file.vehicles).index(robot)
         self._header_ids = itertools.count()
 
     async def begin(self, client: aiomqtt.Client) -> None:
-        """Listen to the others, and say that this one is here; raises MqttError."""
+        """Listen to the others, and announce this one; raises MqttError."""
         for topic in self._robots:
             await client.subscribe(topic, qos=1)
         await client.publish(self._mine.topic(ADAPTER), HERE, qos=1)
@@ -56,7 +56,7 @@ class OtherAdapters:
     def hear(
         self, topic: str, payload: bytes | bytearray, group: TaskGroup, client: aiomqtt.Client
     ) -> None:
-        """Take in what was said on such a topic. `group` ends with the client's connection."""
+        """Take in a message of another adapter. `group` ends with the client's connection."""
         robot = self._robots.get(topic)
         if robot is None:
             return

@@ -1,12 +1,11 @@
-"""The part that talks MQTT: a robot program whose robots are vehicles of VDA 5050.
+"""A robot program whose robots are vehicles of VDA 5050.
 
-What is to be decided is decided by `vehicle.py`; here are the clock, the broker and the robot's
-runtime. The broker is given a last will for this adapter, which goes to the adapters of the other
-robots: one of them cancels the vehicle's order. So a vehicle does not drive on when its robot's
-process has died and another robot takes over.
+`vehicle.py` decides; here are the clock, the broker and the robot's runtime. The broker sends the
+last will of this adapter to the adapters of the other robots, and one of them cancels the vehicle's
+order: a vehicle does not drive on when its robot's process has died and another robot takes over.
 
-A broker that is stopped in order sends all last wills before it ends, those of vehicles as well. So
-a last will only counts once its broker has lived on for `GRACE_S`.
+A broker that is stopped normally sends all last wills before it ends, also those of vehicles. So a
+last will counts only if its broker is still alive after `GRACE_S`.
 """
 
 from __future__ import annotations
@@ -16,17 +15,14 @@ import ssl
 import time
 import uuid
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from mrbt_mesh.adapters.vda5050.dialects import (
-    CONNECTION,
-    STATE,
-    VISUALIZATION,
-    Message,
-)
+from mrbt_mesh.adapters.binding import ALL, FillError, LostCapabilities, News
+from mrbt_mesh.adapters.vda5050.dialects import CONNECTION, STATE, VISUALIZATION, Message
 from mrbt_mesh.adapters.vda5050.layout import RouteError, StopTemplate, TaskTemplate
 from mrbt_mesh.adapters.vda5050.layout_file import LayoutFile, load_layout
 from mrbt_mesh.adapters.vda5050.messages import (
@@ -48,6 +44,7 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     Vehicle,
 )
 from mrbt_mesh.errors import InputError, TaskFailedError
+from mrbt_mesh.plugins import require
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
@@ -55,7 +52,6 @@ from mrbt_mesh.runtime.program import RobotProgram
 if TYPE_CHECKING:
     import aiomqtt
 
-EXTRA = "vda5050"
 TICK_S = 0.25
 RECONNECT_S = 0.5
 # How long a cancelled task waits for its vehicle to stop.
@@ -64,7 +60,6 @@ STOP_S = 5.0
 FIRST_STATE_S = 5.0
 # A vehicle without a message is pending for this long; then that is a fault.
 START_UP_S = 20.0
-ALL = "all"
 
 
 def robot_program(layout_file: str | Path, *, record_work: bool = False) -> RobotProgram:
@@ -73,69 +68,51 @@ def robot_program(layout_file: str | Path, *, record_work: bool = False) -> Robo
     `record_work` is that of RobotProgram. Raises InputError for a file that cannot be used; whether
     the extra is installed is checked before a robot starts.
     """
-    fleet = Fleet(load_layout(Path(layout_file)))
+    file = load_layout(Path(layout_file))
     program = RobotProgram(record_work=record_work)
-    program.for_mission(fleet.file.check_mission)
-    program.before_start(require_extra)
+    program.for_mission(file.check_mission)
+    program.before_start(lambda: require("VDA 5050", "vda5050", "aiomqtt"))
+
+    @cache
+    def member(robot: str) -> ConnectedVehicle:
+        return ConnectedVehicle(file, robot)
 
     @program.background
     async def connect(context: RobotContext) -> None:
-        await fleet.member(context).run(context)
+        await member(context.robot).run(context)
 
-    for name, template in fleet.file.tasks.items():
-        _serve(program, fleet, name, template)
+    def serve(name: str, template: TaskTemplate) -> None:
+        def filled(arguments: tuple[str, ...]) -> TaskTemplate:
+            try:
+                return template.filled(arguments)
+            except FillError as error:
+                raise TaskFailedError(str(error)) from None
+
+        @program.local_task(name)
+        async def perform(task: TaskContext, *arguments: str) -> None:
+            wanted = filled(arguments)
+            await member(task.robot).perform(task, wanted.stops)
+            for condition, value in wanted.sets.items():
+                task.set_condition(condition, value)
+
+        @program.bid(name)
+        async def bid(task: TaskContext, *arguments: str) -> float | None:
+            return await member(task.robot).bid(filled(arguments).stops)
+
+    for name, template in file.local_tasks.items():
+        serve(name, template)
     return program
 
 
-def require_extra() -> None:
-    """Raises InputError without the library."""
-    try:
-        import aiomqtt  # noqa: F401
-    except ImportError:
-        raise InputError(f"VDA 5050 needs more: pip install 'mrbt-mesh[{EXTRA}]'") from None
-
-
-def _serve(program: RobotProgram, fleet: Fleet, name: str, template: TaskTemplate) -> None:
-    def filled(arguments: tuple[str, ...]) -> TaskTemplate:
-        try:
-            return template.filled(arguments)
-        except RouteError as error:
-            raise TaskFailedError(str(error)) from None
-
-    @program.local_task(name)
-    async def perform(task: TaskContext, *arguments: str) -> None:
-        wanted = filled(arguments)
-        await fleet.member(task).perform(task, wanted.stops)
-        for condition, value in wanted.sets.items():
-            task.set_condition(condition, value)
-
-    @program.bid(name)
-    async def bid(task: TaskContext, *arguments: str) -> float | None:
-        return await fleet.member(task).bid(filled(arguments).stops)
-
-
-class Fleet:
-    """The vehicles of a layout file whose robots run in this process: one, but in tests."""
-
-    def __init__(self, file: LayoutFile) -> None:
-        self.file = file
-        self._members: dict[str, ConnectedVehicle] = {}
-
-    def member(self, context: RobotContext) -> ConnectedVehicle:
-        """The vehicle of the robot that is asked; raises InputError if the file has none."""
-        if context.robot not in self.file.vehicles:
-            raise InputError(f"{self.file.file}: vehicles has no {context.robot}")
-        if context.robot not in self._members:
-            self._members[context.robot] = ConnectedVehicle(self.file, context.robot)
-        return self._members[context.robot]
-
-
 class ConnectedVehicle:
-    """One robot's vehicle, its connection to the broker, and the task that it is at."""
+    """One robot's vehicle, its connection to the broker, and its task under way."""
 
     def __init__(self, file: LayoutFile, robot: str) -> None:
+        """Raises InputError if the file has no vehicle of this robot."""
+        if robot not in file.vehicles:
+            raise InputError(f"{file.file}: vehicles has no {robot}")
         self._file = file
-        self._address = file.vehicles[robot]
+        self._address = file.addresses[robot]
         self._log = robot_logger(robot).bind(vehicle=self._address.serial_number)
         self._session = uuid.uuid4().hex[:12]
         self.vehicle = Vehicle(
@@ -149,14 +126,13 @@ class ConnectedVehicle:
         self._job: TaskContext | None = None
         self._end: Ended | None = None
         self._outbox: list[Send] = []
-        self._news = anyio.Event()
+        self._news = News()
         self._header_ids: dict[str, int] = {}
         self._is_starting = True
         self._broker_error = ""
-        # Local task -> why it is lost, and whether it is only pending; as reported to the team.
-        self._told: dict[str, tuple[str, bool]] = {}
+        self._lost = LostCapabilities()
         self._refused: set[str] = set()
-        self._adapters = OtherAdapters(file, robot, self._tell_news)
+        self._adapters = OtherAdapters(file, robot, self._news.tell)
         self._link_news = 0
 
     # -- what the robot's runtime asks for ------------------------------------------------------
@@ -197,7 +173,7 @@ class ConnectedVehicle:
     async def run(self, context: RobotContext) -> None:
         """Keep the connection to the broker as long as the robot lives."""
         self._background = context
-        # A robot without a vehicle has to say that it can do nothing before it fails.
+        # A robot without a vehicle has to report that it can do nothing before it fails.
         self._tell_faults()
         async with anyio.create_task_group() as group:
             group.start_soon(self._tick)
@@ -268,7 +244,7 @@ class ConnectedVehicle:
             group.cancel_scope.cancel()
 
     async def _take_link(self, payload: bytes | bytearray) -> None:
-        """Take in what a vehicle's connection topic says; it is no last will unless it lasts."""
+        """Take in a message on the connection topic; a last will counts if the broker lives on."""
         self._link_news += 1
         mine = self._link_news
         if str(Link.BROKEN).encode() in payload:
@@ -350,11 +326,7 @@ class ConnectedVehicle:
                     if self._job is not None:
                         self._job.report_progress(fraction)
         self._tell_faults()
-        self._tell_news()
-
-    def _tell_news(self) -> None:
-        self._news.set()
-        self._news = anyio.Event()
+        self._news.tell()
 
     def _tell_faults(self) -> None:
         """Report capabilities that this robot has lost or has again."""
@@ -365,17 +337,8 @@ class ConnectedVehicle:
         if fault == NO_BROKER:
             fault += self._broker_error
         found = {ALL: (fault, self._is_starting)} if fault else self._prevented()
-        if found == self._told:
-            return
-        before, self._told = self._told, found
-        self._log.warning("capabilities", lost={name: why for name, (why, _) in found.items()})
-        ended = [] if fault else sorted(before.keys() - found.keys())
-        for name in ended:
-            self._background.restore_capability(name)
-        for name, (why, is_pending) in sorted(found.items()):
-            if ALL in ended or before.get(name) != (why, is_pending):
-                robot = self._background
-                (robot.defer_capability if is_pending else robot.lose_capability)(name, why)
+        if self._lost.tell(self._background, dict(sorted(found.items()))):
+            self._log.warning("capabilities", lost={name: why for name, (why, _) in found.items()})
 
     def _prevented(self) -> dict[str, tuple[str, bool]]:
         """The local tasks that the vehicle's errors prevent, by the layout file."""
@@ -388,7 +351,7 @@ class ConnectedVehicle:
 
 
 def _named(body: Message) -> dict[str, Any]:
-    """What a log says of a message."""
+    """The part of a message that is logged."""
     if "orderId" in body:
         return {"order": body["orderId"], "nodes": [node["nodeId"] for node in body["nodes"]]}
     actions = body["actions"] if "actions" in body else body["instantActions"]

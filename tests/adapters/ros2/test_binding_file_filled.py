@@ -8,14 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.adapters.ros2.binding_file import (
-    FillError,
-    KnownValues,
-    TaskBinding,
-    bodies_to_check,
-    filled,
-    lacking_parts,
-)
+from mrbt_mesh.adapters.binding import FillError, KnownValues
+from mrbt_mesh.adapters.ros2.binding_file import TaskBinding
 
 TABLES: dict[str, dict[str, Any]] = {"place": {"gate": {"x": 1.0, "at": {"yaw": 0.5}}, "3": 7}}
 BINDING = TaskBinding(
@@ -33,7 +27,7 @@ PLAIN = st.recursive(
 
 
 def test_values_tables_and_texts() -> None:
-    found = filled(BINDING, {"robot": "A1"}, ("gate", "drill"), TABLES)
+    found = BINDING.filled({"robot": "A1"}, ("gate", "drill"), TABLES)
     assert found.body == {"pose": {"x": 1.0, "yaw": 0.5}, "tool": "drill", "by": "it: A1"}
     assert found.sets == {"seen(gate)": True}
     assert found.on_cancel is None
@@ -43,20 +37,20 @@ def test_a_whole_value_of_a_table() -> None:
     binding = BINDING.model_copy(
         update={"parameters": ["place"], "goal": {"n": "$place", "all": ["$place"]}}
     )
-    assert filled(binding, {}, ("3",), TABLES).body == {"n": 7, "all": [7]}
+    assert binding.filled({}, ("3",), TABLES).body == {"n": 7, "all": [7]}
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("gate",), "the binding has other parameters: place, tool"),
+        (("gate",), "the file has other parameters: place, tool"),
         (("gat", "drill"), "values/place has no 'gat'; did you mean 'gate'?"),
         (("3", "drill"), "$place.x: 3 has no 'x'"),
     ],
 )
 def test_arguments_that_lead_to_nothing(arguments: tuple[str, ...], said: str) -> None:
     with pytest.raises(FillError) as error:
-        filled(BINDING, {"robot": "A1"}, arguments, TABLES)
+        BINDING.filled({"robot": "A1"}, arguments, TABLES)
     assert said in str(error.value)
 
 
@@ -67,7 +61,7 @@ def test_a_part_of_what_has_no_table() -> None:
 
 @given(PLAIN)
 def test_what_names_nothing_known_stays_as_it_is(data: Any) -> None:
-    assert KnownValues({}, {}).data(data) == _unescaped(data)
+    assert KnownValues({}).data(data) == _unescaped(data)
 
 
 def _unescaped(data: Any) -> Any:
@@ -79,12 +73,11 @@ def _unescaped(data: Any) -> Any:
 
 
 def test_what_is_checked_beforehand() -> None:
-    assert lacking_parts(BINDING, TABLES) == [
-        (("values", "place", "3"), "$place.x: 3 has no 'x'; there are none here")
-    ]
+    place = ("local_tasks", "go")
+    lacking = dict(BINDING.bodies(place, TABLES))["values", "place", "3"]
+    assert str(lacking) == "$place.x: 3 has no 'x'; there are none here"
     tables = {"place": {"gate": TABLES["place"]["gate"]}}
-    assert lacking_parts(BINDING, tables) == []
-    found = dict(bodies_to_check(BINDING, ("local_tasks", "go"), tables))
+    found = dict(BINDING.bodies(place, tables))
     assert found.keys() == {("local_tasks", "go", "goal"), ("values", "place", "gate")}
     assert found["local_tasks", "go", "goal"] == BINDING.body
     known = found["values", "place", "gate"]
@@ -92,7 +85,7 @@ def test_what_is_checked_beforehand() -> None:
     stop = TaskBinding(
         topic="/tune", type="a_msgs/msg/Tune", message={"data": 1}, on_cancel={"data": 0}
     )
-    assert dict(bodies_to_check(stop, ("local_tasks", "go"), TABLES)) == {
+    assert dict(stop.bodies(place, TABLES)) == {
         ("local_tasks", "go", "message"): {"data": 1},
         ("local_tasks", "go", "on_cancel"): {"data": 0},
     }

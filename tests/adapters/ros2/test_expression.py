@@ -51,10 +51,6 @@ def test_what_python_says(text: str, a: Any, c: Any, items: list[Any]) -> None:
         with pytest.raises(MessageExpressionError):
             expression.value(fields)
         return
-    # `and` and `or` are truths here; elsewhere Python gives back one of the operands.
-    if "and" in text or "or" in text:
-        assert isinstance(expression.truth(fields), bool)
-        return
     assert expression.value(fields) == expected
 
 
@@ -110,7 +106,7 @@ def test_what_is_no_expression(text: str, said: str) -> None:
     [
         ("m.a / 0", 1, "division by zero"),
         ("m.a < 3", "text", "not supported between"),
-        ("m.a * 3", "text", "numbers are expected"),
+        ("m.a * 3", "text", "a number is expected"),
         ("m.a", None, "m.a is not in this message"),
         ("max(m.a)", [], "empty"),
         ("sqrt(m.a)", -1, "m"),

@@ -316,7 +316,7 @@ async def test_the_goals_of_a_bridge_that_ended_are_cancelled_by_the_next(robot:
     robot.up("plain")
     async with robot.performing("plain") as work:
         [start] = robot.pipe.said
-        robot.member._bridge_gone()
+        robot.member._bridge_ended()
         ended = ("lose_capability", "plain", "the bridge to ROS has ended")
         assert ended in robot.told.said
         robot.pipe = Pipe()
@@ -327,7 +327,7 @@ async def test_the_goals_of_a_bridge_that_ended_are_cancelled_by_the_next(robot:
     assert work.outcome == "nothing is known of it any more: the bridge to ROS had ended"
     # What has ended is not cancelled again.
     robot.pipe = Pipe()
-    robot.member._bridge_gone()
+    robot.member._bridge_ended()
     robot.ready()
     assert robot.pipe.said == []
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.adapters.binding import FillError
 from mrbt_mesh.adapters.vda5050.layout import (
     ActionTemplate,
     Layout,
@@ -117,5 +118,5 @@ def test_parameters_go_into_nodes_actions_and_conditions() -> None:
     (only,) = filled.stops
     assert only.at == "rack_7"
     assert only.actions[0].parameters == {"slot": "7", "n": 1}
-    with pytest.raises(RouteError, match="other parameters: slot"):
+    with pytest.raises(FillError, match="other parameters: slot"):
         task.filled(())

@@ -19,10 +19,10 @@ LAYOUT = EXAMPLES / "warehouse/agvs.yaml"
 
 def test_the_examples_layout_fits_its_mission_and_the_vehicles_of_the_tests() -> None:
     file, mission = load_layout(LAYOUT), load_mission(mission_file("warehouse"))
-    assert file.vehicles.keys() == mission.robots.keys() == VEHICLES.keys()
-    assert file.tasks.keys() == mission.local_tasks.keys()
+    assert file.addresses.keys() == mission.robots.keys() == VEHICLES.keys()
+    assert file.local_tasks.keys() == mission.local_tasks.keys()
     for robot, station in VEHICLES.items():
-        address, node = file.vehicles[robot], file.layout.nodes[station["node"]]
+        address, node = file.addresses[robot], file.layout.nodes[station["node"]]
         assert address.manufacturer == station["manufacturer"]
         assert address.dialect.version == station["version"]
         assert address.serial_number == robot
@@ -33,7 +33,7 @@ def test_the_examples_layout_fits_its_mission_and_the_vehicles_of_the_tests() ->
     for start in file.layout.nodes:
         for end in file.layout.nodes:
             assert file.layout.way(start, end)
-    assert file.tasks["count"].filled(("R3",)).sets == {"counted(R3)": True}
+    assert file.local_tasks["count"].filled(("R3",)).sets == {"counted(R3)": True}
 
 
 def test_the_examples_mission_is_its_single_tree_lifted(tmp_path: Path) -> None:
@@ -68,8 +68,8 @@ def test_what_a_short_file_means(tmp_path: Path) -> None:
     file = load(tmp_path, GOOD)
     assert file.layout.edges == {"A": {"B": 0.5}, "B": {}}
     assert file.layout.nodes["B"].theta == 1.5
-    assert file.vehicles["R1"].topic("state") == "uagv/v2/Acme/R1/state"
-    assert file.vehicles["R2"].topic("state") == "uagv/v3/Acme/7/state"
+    assert file.addresses["R1"].topic("state") == "uagv/v2/Acme/R1/state"
+    assert file.addresses["R2"].topic("state") == "uagv/v3/Acme/7/state"
     assert (file.broker.host, file.broker.port) == ("127.0.0.1", 1883)
 
 
@@ -78,7 +78,7 @@ def test_what_a_short_file_means(tmp_path: Path) -> None:
     [
         ("to: B", "to: C", "agvs.yaml:4: edges[1]/to: unknown node 'C'"),
         ("to: B", "to: A", "an edge leads to another node, not back to A"),
-        ("$place", "$plac", "unknown parameter $plac; did you mean 'place'?"),
+        ("$place", "$plac", "local_tasks/go/stops[1]/at: unknown $plac; did you mean 'place'?"),
         ("$place", "Z", "unknown node 'Z'"),
         ("map: hall", "", "the key 'map' is missing"),
         ('"3.0"', '"2.5"', "1.1, 2.0, 2.1 or 3.0 is expected"),

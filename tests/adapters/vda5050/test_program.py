@@ -25,7 +25,7 @@ from tests.support.extras import said_without
 from tests.support.paths import EXAMPLES
 from tests.support.vda5050.model_agv import ModelAgv
 
-F2 = load_layout(EXAMPLES / "warehouse/agvs.yaml").vehicles["F2"].topic("mrbt")
+F2 = load_layout(EXAMPLES / "warehouse/agvs.yaml").addresses["F2"].topic("mrbt")
 
 
 class Told:
@@ -129,7 +129,7 @@ async def test_a_vehicle_that_is_not_there_yet_is_no_fault_until_the_start_is_ov
 
 async def test_a_bid_waits_for_the_first_state() -> None:
     robot = Robot()
-    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
     bids: list[float | None] = []
 
     async def ask() -> None:
@@ -150,7 +150,7 @@ async def test_a_task_is_an_order_and_fails_with_a_reason() -> None:
     robot = Robot()
     robot.connect()
     robot.hear()
-    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
     port = Told()
     async with anyio.create_task_group() as group:
         group.start_soon(robot.member.perform, context(port), stops)
@@ -167,7 +167,7 @@ async def test_a_refused_task_fails_with_the_vehicles_words() -> None:
     robot.connect()
     robot.hear()
     robot.agv.refuses = True
-    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
 
     async def perform() -> None:
         with pytest.raises(TaskFailedError, match="refused the order: orderError"):
@@ -184,7 +184,7 @@ async def test_a_cancelled_task_ends_when_its_vehicle_has_stopped() -> None:
     robot = Robot()
     robot.connect()
     robot.hear()
-    stops = robot.file.tasks["count"].filled(("R1",)).stops
+    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
     ended = anyio.Event()
 
     async def perform() -> None:

@@ -56,7 +56,7 @@ def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     mission = load_mission(folder / "mission.yaml")
     layout = load_layout(folder / "agvs.yaml")
     assert set(layout.vehicles) == set(mission.robots)
-    assert set(layout.tasks) == {"fetch"}
+    assert set(layout.local_tasks) == {"fetch"}
     assert mission.program is not None
     program = load_program(mission.program)
     assert program.record_work

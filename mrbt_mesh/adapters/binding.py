@@ -1,0 +1,228 @@
+"""Files that bind a mission's local tasks to another system, and the robot programs made of them.
+
+Texts in such a file may contain `$name`: a parameter of the local task, or a value of the robot.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from string import Template
+from typing import Any, ClassVar, TypeAlias, TypeVar
+
+import anyio
+from pydantic import PrivateAttr
+
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.formats.file_model import FileModel, Name, read_model
+from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
+from mrbt_mesh.formats.problems import Report, SourcePath
+from mrbt_mesh.formats.tree_model import CallText
+from mrbt_mesh.formats.yaml_source import decode, read_yaml
+from mrbt_mesh.runtime.context import RobotContext
+
+Tables: TypeAlias = Mapping[str, Mapping[str, Any]]
+Problems: TypeAlias = Iterator[tuple[SourcePath, str]]
+
+_WHOLE = re.compile(r"\$([A-Za-z_]\w*)((?:\.\w+)*)")
+
+
+# -- templates --------------------------------------------------------------------------------
+
+
+class FillError(Exception):
+    """A task's arguments do not fit its template; the text has the reason."""
+
+
+@dataclass(frozen=True)
+class KnownValues:
+    """The values of `$name`. With a table for a name, `$name` alone is the table's value for it,
+    and `$name.part` a part of that.
+    """
+
+    values: Mapping[str, str]
+    tables: Tables = field(default_factory=dict)
+
+    def text(self, text: str) -> str:
+        """A text with values in it."""
+        return Template(text).safe_substitute(self.values)
+
+    def data(self, data: Any) -> Any:
+        """Plain data with values in it; what is not known keeps its `$`. Raises FillError."""
+        if isinstance(data, str):
+            whole = _WHOLE.fullmatch(data)
+            return self._whole(whole[1], whole[2], data) if whole else self.text(data)
+        if isinstance(data, Mapping):
+            return {key: self.data(value) for key, value in data.items()}
+        if isinstance(data, list | tuple):
+            return [self.data(value) for value in data]
+        return data
+
+    def _whole(self, name: str, path: str, text: str) -> Any:
+        table = self.tables.get(name)
+        if name not in self.values or (table is None and not path):
+            return self.text(text)
+        argument = self.values[name]
+        if table is None:
+            raise FillError(f"{text}: values has no table for {name}")
+        if argument not in table:
+            raise FillError(f"values/{name} has no {argument!r}{nearest(argument, table)}")
+        value = table[argument]
+        for key in path.split(".")[1:]:
+            if not isinstance(value, Mapping) or key not in value:
+                known = value if isinstance(value, Mapping) else ()
+                raise FillError(f"{text}: {argument} has no {key!r}{nearest(key, known)}")
+            value = value[key]
+        return value
+
+
+def unknown_names(data: Any, names: Collection[str], place: SourcePath) -> Problems:
+    """Each `$name` in plain data that is not among the names."""
+    if isinstance(data, Mapping):
+        for key, value in data.items():
+            yield from unknown_names(key, names, (*place, key))
+            yield from unknown_names(value, names, (*place, key))
+    elif isinstance(data, list | tuple):
+        for index, value in enumerate(data):
+            yield from unknown_names(value, names, (*place, index))
+    elif isinstance(data, str):
+        for name in Template(data).get_identifiers():
+            if name not in names:
+                yield place, f"unknown ${name}{nearest(name, names)}"
+
+
+# -- files ------------------------------------------------------------------------------------
+
+
+class BoundTask(FileModel):
+    """A local task; `sets`: the conditions that it sets when it has succeeded."""
+
+    parameters: list[Name] = []
+    sets: Mapping[CallText, Any] = {}
+
+    def known(
+        self,
+        arguments: Sequence[str],
+        robot_values: Mapping[str, str] | None = None,
+        tables: Tables | None = None,
+    ) -> KnownValues:
+        """The values of `$name` for a ground local task. Raises FillError."""
+        if len(arguments) != len(self.parameters):
+            wanted = ", ".join(self.parameters) or "none"
+            raise FillError(f"the file has other parameters: {wanted}")
+        values = dict(zip(self.parameters, arguments, strict=True))
+        return KnownValues({**(robot_values or {}), **values}, tables or {})
+
+
+class BoundFile(FileModel):
+    """A whole file. `ROBOTS`: the key of its robots."""
+
+    ROBOTS: ClassVar[str]
+    local_tasks: Mapping[Name, BoundTask]
+    _report: Report = PrivateAttr()
+
+    @property
+    def file(self) -> str:
+        """The file's path as it was given."""
+        return self._report.file
+
+    def new_report(self) -> Report:
+        """An empty report on this file."""
+        return Report(self.file, self._report.lines)
+
+    def problems(self) -> Problems:
+        """What is wrong beyond the shape of single parts."""
+        raise NotImplementedError
+
+    def condition_places(self) -> Problems:
+        """Each condition that is set, with its place."""
+        for name, task in self.local_tasks.items():
+            yield from ((("local_tasks", name, "sets", c), c) for c in task.sets)
+
+    def check_mission(self, mission: Mission, robots: Iterable[str]) -> None:
+        """Raise FileError if it does not fit a mission and the robots that take part.
+
+        Local tasks that the mission lacks do not matter: a file may serve several missions.
+        """
+        report = self.new_report()
+        for name, task in self.local_tasks.items():
+            declared = mission.local_tasks.get(name)
+            if declared is not None and len(declared.parameters) != len(task.parameters):
+                own, wanted = (", ".join(each) for each in (task.parameters, declared.parameters))
+                text = f"the parameters are [{own}], but the mission declares {name}({wanted})"
+                report.add(("local_tasks", name, "parameters"), text)
+        for place, condition in self.condition_places():
+            name = type_name(condition)
+            if name not in mission.conditions:
+                hint = nearest(name, mission.conditions)
+                report.add(place, f"mission {mission.name} has no condition {name!r}{hint}")
+        known = getattr(self, self.ROBOTS)
+        for robot in sorted(set(robots) - set(known)) if known else ():
+            report.add((self.ROBOTS,), f"the mission's robot {robot} is missing here")
+        report.raise_if_any()
+
+
+_File = TypeVar("_File", bound=BoundFile)
+
+
+def load_bound(kind: type[_File], path: Path, expected: str, explained: Mapping[str, str]) -> _File:
+    """Read a file; `explained` is that of `read_model`. Raises FileError with all its problems."""
+    file = str(path)
+    data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
+    if not isinstance(data, dict):
+        raise whole_file_error(file, expected)
+    found = read_model(kind, data, report, explained)
+    for place, text in found.problems():
+        report.add(place, text)
+    report.raise_if_any()
+    found._report = report
+    return found
+
+
+# -- programs ---------------------------------------------------------------------------------
+
+
+class News:
+    """Wakes all tasks that wait for a change."""
+
+    def __init__(self) -> None:
+        self._event = anyio.Event()
+
+    def tell(self) -> None:
+        """Something has changed."""
+        self._event.set()
+        self._event = anyio.Event()
+
+    async def wait(self) -> None:
+        """Wait for the next change."""
+        await self._event.wait()
+
+
+ALL = "all"
+
+
+class LostCapabilities:
+    """Reports to the team what a robot cannot do; only changes are reported."""
+
+    def __init__(self) -> None:
+        self._told: Mapping[str, tuple[str, bool]] = {}
+
+    def tell(self, robot: RobotContext, lost: Mapping[str, tuple[str, bool]]) -> bool:
+        """Report `lost`: local task, or `ALL` -> (why, whether it is not there yet and no fault).
+
+        Returns whether anything has changed.
+        """
+        if lost == self._told:
+            return False
+        before, self._told = self._told, dict(lost)
+        restored = set() if ALL in lost else before.keys() - lost.keys()
+        for name in sorted(restored):
+            robot.restore_capability(name)
+        for name, (why, is_pending) in lost.items():
+            if ALL in restored or before.get(name) != (why, is_pending):
+                (robot.defer_capability if is_pending else robot.lose_capability)(name, why)
+        return True
