@@ -26,8 +26,7 @@ from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.runtime.flood_gate import FloodGate
-from mrbt_mesh.runtime.manifest import Manifest
-from mrbt_mesh.runtime.member_keys import MemberKeys, public_member, signing_key
+from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys, public_member, signing_key
 from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, WIRED
 
 BEAT_BYTES, ROBOTS, RUN = 350, 6, "run"

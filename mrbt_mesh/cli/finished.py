@@ -43,9 +43,9 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     from mrbt_mesh.core.observer.observer import Observer
     from mrbt_mesh.core.observer.summary import run_summary
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.runtime.engine_choice import chosen_engine
     from mrbt_mesh.runtime.fencing import boottime_us
     from mrbt_mesh.runtime.past import tell_past
+    from mrbt_mesh.runtime.solver_loader import chosen_engine
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.team_address import timing_of
 

@@ -29,7 +29,7 @@ LOADED_ONCE = (
     "anyio._backends._asyncio",
     "mcap.writer",
     "mrbt_mesh.cli.commands.agent",
-    "mrbt_mesh.runtime.manifest_watch",
+    "mrbt_mesh.runtime.key_folder",
     "mrbt_mesh.runtime.robot_process",
 )
 # What those load as well whose team is large: robots for which few demands are not the rule.

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import partial
 from numbers import Real
 from typing import Any, TypeVar
@@ -28,6 +29,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.bt.tree import Tree
+from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
@@ -41,11 +43,14 @@ from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskFunction, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction
-from mrbt_mesh.runtime.task_call import perform
 from mrbt_mesh.runtime.task_port import AgentPort, Host
-from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, shown
+from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, shown, wrong_result
 
 _T = TypeVar("_T")
+EXPECTED = (
+    "return None or True for success, False for failure, "
+    "or {condition: bool} for success with conditions"
+)
 # After so long, code that was cancelled and still runs is named.
 CANCEL_LIMIT_S = 5.0
 # No mission waits longer for a bid.
@@ -321,3 +326,64 @@ class ActionRunner:
             "simulation": Simulation(robot.speed, robot.pid, robot.is_virtual, work, duration_s),
             "_port": port,
         }
+
+
+async def perform(call: UserCall, task: TaskContext, port: AgentPort, is_recorded: bool) -> bool:
+    """Whether the local task has succeeded, by its function's result.
+
+    `is_recorded`: its start, and its end or cancellation, are lines of the run's events. Raises
+    UserCodeError for whatever the function raised, and for a result that means nothing.
+    """
+    outcome = None
+    if is_recorded:
+        _record(task, "start")
+    try:
+        success = _succeeded(await call.run(), call.function, port)
+        outcome = "success" if success else "failure"
+    except UserCodeError:
+        outcome = "failure"
+        raise
+    except Exception as error:  # of a result that cannot even be looked at
+        outcome = "failure"
+        raise failure_of(error, call.function) from None
+    finally:
+        if is_recorded:
+            _record(task, "end" if outcome else "cancel", outcome)
+    return success
+
+
+def _succeeded(result: Any, function: Callable[..., Any], port: AgentPort) -> bool:
+    """What a result means; sets the conditions of a mapping. Raises UserCodeError."""
+    if result is None:
+        return True
+    truth = truth_of(result)
+    if truth is not None:
+        return truth
+    if isinstance(result, Mapping):
+        try:
+            port.set_conditions(result)
+        except ValueError as error:
+            raise wrong_result(function, result, str(error)) from None
+        return True
+    # NodeStatus and py_trees' Status: members of trees' leaves that became local tasks.
+    ended = str(result.name) if isinstance(result, Enum) else ""
+    if ended in ("SUCCESS", "FAILURE"):
+        return ended == "SUCCESS"
+    raise wrong_result(function, result, EXPECTED)
+
+
+def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
+    task.record_event(
+        {
+            "t": task.unix_time_s(),
+            "robot": task.robot,
+            "pid": task.simulation.pid,
+            "incarnation": task.incarnation,
+            "event": event,
+            "outcome": outcome,
+            "activation": task.activation,
+            "global_task": task.global_task,
+            "local_task": type_name(task.local_task),
+            "args": list(task.arguments),
+        }
+    )

@@ -61,7 +61,7 @@ from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
     from mrbt_mesh.plugins import RobotMeter
-    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.key_folder import ManifestWatch
 
 EVENTS_FILE = "events.jsonl"
 CLOSE_TIMEOUT_S = 1.0

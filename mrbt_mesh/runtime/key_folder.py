@@ -23,17 +23,15 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.manifest import (
+from mrbt_mesh.runtime.member_keys import (
     PUBLIC_BYTES,
+    SECRET_BYTES,
     Manifest,
     ManifestError,
-    PublicKeys,
-    parse_manifest,
-)
-from mrbt_mesh.runtime.member_keys import (
-    SECRET_BYTES,
     MemberKeys,
+    PublicKeys,
     link_key,
+    parse_manifest,
     public_member,
     signing_key,
 )
@@ -229,3 +227,46 @@ def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:
     if len(found) != size:
         raise KeysError(f"{path} is no private key of `mrbt keys`")
     return found
+
+
+class ManifestWatch:
+    """Looks whether the manifest in a folder has changed. `problem`: why it was not taken over."""
+
+    def __init__(self, folder: KeyFolder, keys: MemberKeys) -> None:
+        self.problem = ""
+        self._folder = folder
+        self._keys = keys
+        self._seen = self._stamp()
+
+    @property
+    def is_revoked(self) -> bool:
+        """Whether this member is none any more, or has another key by now."""
+        return self._keys.is_outdated
+
+    def look(self) -> bool:
+        """Whether there was something new: it has been taken over, or there is a `problem`."""
+        stamp = self._stamp()
+        if stamp is None or stamp == self._seen:
+            return False
+        self._seen = stamp
+        before = self._keys.manifest
+        try:
+            found = self._folder.manifest(before.authority)
+        except InputError as error:
+            self.problem = str(error)
+            return True
+        self.problem = ""
+        if found.version <= before.version:
+            if found == before:
+                return False
+            self.problem = f"version {found.version} of the manifest is not newer than ours"
+            return True
+        self._keys.replace(found)
+        return True
+
+    def _stamp(self) -> tuple[int, int] | None:
+        try:
+            status = self._folder.manifest_path.stat()
+        except OSError:
+            return None
+        return status.st_mtime_ns, status.st_ino

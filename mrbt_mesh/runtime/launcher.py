@@ -20,6 +20,7 @@ import anyio
 import anyio.abc
 import psutil
 
+from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
@@ -66,11 +67,20 @@ def free_endpoints(count: int, protocol: str) -> list[str]:
 
 
 def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
-    """Make what keys a robot of this run lacks; raises KeysError."""
-    if not info.insecure:
-        from mrbt_mesh.runtime.run_keys import ensure_member
+    """Make the keys that a robot of this run lacks, and an operator's; raises KeysError."""
+    if info.insecure:
+        return
+    from mrbt_mesh.runtime.key_folder import OPERATOR, KeyFolder
 
-        ensure_member(run_dir, info, robot)
+    folder = KeyFolder(run_dir.keys_path)
+    if not folder.manifest_path.exists():
+        members = dict.fromkeys([*info.robots, robot], Role.ROBOT)
+        operator = OPERATOR
+        while operator in members:
+            operator += "_"
+        KeyFolder.create(folder.path, {**members, operator: Role.OPERATOR})
+    elif robot not in folder.manifest().members:
+        folder.add({robot: Role.ROBOT})
 
 
 def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:

@@ -11,8 +11,8 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import RecordingError, read_recording
-from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.solver_loader import chosen_engine
 
 # What was written so much later than another one is the one that goes on.
 STILL_WRITTEN_S = 10.0

@@ -25,7 +25,6 @@ from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
-from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, protect_output
@@ -35,13 +34,13 @@ from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
-from mrbt_mesh.runtime.solver_loader import solver_for
+from mrbt_mesh.runtime.solver_loader import chosen_engine, solver_for
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
     from mrbt_mesh.plugins import MetricsAddress
-    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.key_folder import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
 
 # From so many on, planning may take longer than the event loop may stand still.
@@ -210,8 +209,7 @@ def keys_of(folder: Path | None, robot: str) -> tuple[MemberKeys | None, Manifes
     if folder is None:
         return None, None
     # The library is large.
-    from mrbt_mesh.runtime.key_folder import KeyFolder
-    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.key_folder import KeyFolder, ManifestWatch
 
     keys = KeyFolder(folder).keys_of(robot)
     return keys, ManifestWatch(KeyFolder(folder), keys)

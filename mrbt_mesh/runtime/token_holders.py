@@ -22,8 +22,8 @@ from typing import NamedTuple
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.keys import Keys, Role
 from mrbt_mesh.core.membership.peer import Peer
-from mrbt_mesh.runtime.budget import Budget
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.flood_gate import Budget
 
 # Of one robot: changes at once after a pause, and in each second; lives, and sessions of each.
 CHANGES_AT_ONCE, CHANGES_PER_S = 20, 5

@@ -29,7 +29,6 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder
-from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
@@ -39,6 +38,7 @@ from mrbt_mesh.runtime.recording import (
     observer_metadata,
     observer_recording,
 )
+from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
@@ -46,7 +46,7 @@ from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 if TYPE_CHECKING:
     from mrbt_mesh.recording.messages import MessageSink
     from mrbt_mesh.recording.metadata import RunMetadata
-    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.key_folder import ManifestWatch
 
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 10.0
@@ -253,8 +253,7 @@ def _keys_of(address: TeamAddress) -> tuple[Guard | None, ManifestWatch | None]:
     """
     if address.keys is None:
         return None, None
-    from mrbt_mesh.runtime.key_folder import KeyFolder
-    from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+    from mrbt_mesh.runtime.key_folder import KeyFolder, ManifestWatch
 
     folder = KeyFolder(address.keys)
     keys = folder.keys_of(folder.reader())

@@ -23,6 +23,7 @@ Facts that shaped it (eclipse-zenoh 1.10, measured):
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import threading
@@ -48,7 +49,6 @@ from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MAX_NONCE, Message
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import AN_ANSWER, NO_SOURCE, NOBODY, Deliver
-from mrbt_mesh.runtime.router_asks import RouterAsks
 from mrbt_mesh.runtime.session_config import (
     TransportConfig,
     TransportError,
@@ -90,7 +90,7 @@ class ZenohTransport:
         self._queries: dict[int, zenoh.Query] = {}
         self._query_number = 0
         self._lock = threading.Lock()
-        self._asks = RouterAsks(self.ask_routers)
+        self._asked: list[AskRouter] = []
         self._heard_us: dict[str, int] = {}
         self._holders = TokenHolders(life_of)
         self._token_subscriber: zenoh.Subscriber[Any] | None = None
@@ -270,8 +270,18 @@ class ZenohTransport:
             give(AnswerReceived(peer, None), None)
 
     def ask_router(self, effect: AskRouter) -> None:
-        """Ask a router, together with what else is asked now; call it in the event loop."""
-        self._asks.add(effect)
+        """Ask a router; call it in the event loop.
+
+        When a router dies, the tokens of all its clients end at once: what is asked in one turn of
+        the loop is one question.
+        """
+        self._asked.append(effect)
+        if len(self._asked) == 1:
+            asyncio.get_running_loop().call_soon(self._ask_routers)
+
+    def _ask_routers(self) -> None:
+        asked, self._asked = self._asked, []
+        self.ask_routers(asked)
 
     def ask_routers(self, asked: Sequence[AskRouter]) -> None:
         """Ask which links routers have: RouterAnswered is delivered for each robot.

@@ -16,9 +16,9 @@ from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
-from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.robot_loop import LoopWatchdog
+from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.runtime.user_code import UserCall, place_of
 from mrbt_mesh.sim.checkers.checkers import Checkers
 from mrbt_mesh.sim.checkers.comparison import PlanComparison

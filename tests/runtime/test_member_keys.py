@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from mrbt_mesh.core.membership.keys import SIGNATURE_BYTES, TAG_BYTES, Role
-from mrbt_mesh.runtime.manifest import Manifest
-from mrbt_mesh.runtime.member_keys import public_member
+from mrbt_mesh.runtime.member_keys import Manifest, public_member
 from tests.support.keys import keys_of, secret_of
 
 KEYS = keys_of("A", "B", "C", observer="eye")

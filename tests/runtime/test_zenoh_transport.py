@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import threading
 from types import SimpleNamespace
@@ -264,3 +265,19 @@ def test_an_answer_that_is_too_large_is_refused_unread(monkeypatch: pytest.Monke
     heard.transport.ask("A1", MessageKind.PULL, b"x", 1)
     refused = InputRefused("an answer", f"more than {MAX_MESSAGE_BYTES} bytes", 1)
     assert heard.inputs == [refused, AnswerReceived("A1", bytes(10))]
+
+
+async def test_what_is_asked_in_one_turn_of_the_loop_is_one_question(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    transport = ZenohTransport(TransportConfig("team", "A1"), lambda *_: True, LIVES.get)
+    asked: list[list[str]] = []
+    monkeypatch.setattr(
+        transport, "ask_routers", lambda asks: asked.append([each.robot for each in asks])
+    )
+    for robots in (["A1", "B1"], ["C1"]):
+        for robot in robots:
+            transport.ask_router(AskRouter(robot, LIFE, "r1"))
+        assert robots not in asked, "others may follow"
+        await asyncio.sleep(0)
+    assert asked == [["A1", "B1"], ["C1"]]

@@ -10,9 +10,9 @@ from typing import Any
 import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.runtime.actions import perform
 from mrbt_mesh.runtime.context import Simulation
 from mrbt_mesh.runtime.program import functions_of
-from mrbt_mesh.runtime.task_call import perform
 from mrbt_mesh.runtime.user_code import UserCall
 
 

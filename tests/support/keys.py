@@ -6,8 +6,7 @@ import hashlib
 from collections.abc import Mapping
 
 from mrbt_mesh.core.membership.keys import Role
-from mrbt_mesh.runtime.manifest import Manifest
-from mrbt_mesh.runtime.member_keys import MemberKeys, public_member, signing_key
+from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys, public_member, signing_key
 
 
 def secret_of(name: str) -> bytes:

@@ -22,7 +22,7 @@ from mrbt_mesh.core.mission.mission import (
     MissionEnd,
 )
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.runtime.engine_choice import chosen_engine
+from mrbt_mesh.runtime.solver_loader import chosen_engine
 from tests.support import build
 from tests.support.harness import TIMING, Team
 from tests.support.intruders import Intruders

@@ -13,8 +13,8 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header
 from mrbt_mesh.core.mission.mission import Mission, Robot
-from mrbt_mesh.runtime.engine_choice import chosen_engine
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.sim.world.faults import Fault
 from mrbt_mesh.sim.world.network import NetworkKnobs
 

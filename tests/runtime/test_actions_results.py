@@ -63,7 +63,7 @@ async def test_any_other_result_is_a_failure_that_names_the_function(result: Any
     line = x.__code__.co_firstlineno
     reason = failure.value.reason
     assert reason.startswith("x returned ")
-    assert f" (test_task_call.py:{line}): return None or True for success, False for" in reason
+    assert f" (test_actions_results.py:{line}): return None or True for success," in reason
     assert outcomes(port) == [("start", None), ("end", "failure")]
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.membership.keys import Role
-from mrbt_mesh.runtime.key_folder import KeyFolder
-from mrbt_mesh.runtime.manifest_watch import ManifestWatch
+from mrbt_mesh.runtime.key_folder import KeyFolder, ManifestWatch
 from mrbt_mesh.runtime.member_keys import MemberKeys
 from mrbt_mesh.runtime.run_dir import write_atomically
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.membership.keys import Role
-from mrbt_mesh.runtime.manifest import ManifestError, parse_manifest
+from mrbt_mesh.runtime.member_keys import ManifestError, parse_manifest
 from tests.support.keys import manifest_of
 
 MANIFEST = manifest_of({"A": Role.ROBOT, "op": Role.OPERATOR, "eye": Role.OBSERVER})
