@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import anyio
 
@@ -33,11 +33,6 @@ PORT = 8765
 BACKLOG_MESSAGES = 1 << 16
 
 
-def require_extra() -> None:
-    """Raises InputError without the library."""
-    require("Foxglove's protocol", "foxglove", "foxglove")
-
-
 class FoxgloveViewer:
     """All that a recording of the team would have, live."""
 
@@ -45,7 +40,7 @@ class FoxgloveViewer:
 
     def check(self, options: ViewerOptions) -> None:
         """Raises InputError without the extra."""
-        require_extra()
+        _require()
 
     @asynccontextmanager
     async def showing(
@@ -78,7 +73,7 @@ class FoxgloveServer:
 
         To be called in a running event loop.
         """
-        require_extra()
+        _require()
         from foxglove import Channel, Context, Schema, start_server
 
         self._loop = asyncio.get_running_loop()
@@ -111,7 +106,8 @@ class FoxgloveServer:
             )
         except (RuntimeError, OverflowError, ValueError) as error:
             self._close_channels()
-            _refuse(host, port, error)
+            text = str(error).removeprefix("FoxgloveError: ")
+            raise InputError(f"cannot serve Foxglove at {host} port {port}: {text}") from None
         shown = f"[{host}]" if ":" in host else host
         self.address = f"ws://{shown}:{self._server.port}"
 
@@ -182,6 +178,5 @@ class _Listener:
         pass
 
 
-def _refuse(host: str, port: int, error: Exception) -> NoReturn:
-    text = str(error).removeprefix("FoxgloveError: ")
-    raise InputError(f"cannot serve Foxglove at {host} port {port}: {text}") from None
+def _require() -> None:
+    require("Foxglove's protocol", "foxglove", "foxglove")

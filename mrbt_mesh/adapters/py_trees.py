@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import anyio
 
-from mrbt_mesh.errors import InputError, TaskFailedError
+from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.plugins import require
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.runtime.program import TaskFunction
 from mrbt_mesh.runtime.program_function import ProgramError
@@ -28,19 +29,7 @@ if TYPE_CHECKING:
 
     Tree: TypeAlias = Behaviour | BehaviourTree
 
-EXTRA = "py_trees"
 RATE_HZ = 10.0
-
-
-def require_extra() -> None:
-    """Raises InputError without the library."""
-    try:
-        import py_trees.trees  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "trees of py_trees need the library py_trees; install it with: "
-            f"pip install 'mrbt-mesh[{EXTRA}]'"
-        ) from None
 
 
 def local_task(
@@ -59,7 +48,7 @@ def local_task(
     Every run has a blackboard of its own. `setup` of the behaviours gets `task`, the TaskContext.
     Raises InputError without the extra, and ProgramError for what is no tree or no rate.
     """
-    require_extra()
+    require("a tree of py_trees", "py_trees", "py_trees")
     if rate_hz <= 0:
         raise ProgramError(f"rate_hz is ticks a second, above 0, not {rate_hz!r}")
     if not callable(tree):
@@ -98,10 +87,10 @@ def _as_tree(given: Any) -> BehaviourTree:
 
 
 class _Run:
-    """One run, with the blackboard that py_trees has only one of in a process.
+    """One run with a blackboard of its own; py_trees has one in a process.
 
-    A tree that is made for the run has clients of its own as well: what each of them alone may
-    write, other robots' trees may too.
+    A tree that is made for the run also has its own clients: a key that one of them writes
+    exclusively can be written in other robots' trees as well.
     """
 
     def __init__(self, storage: dict[str, Any], is_made: bool) -> None:
@@ -111,7 +100,7 @@ class _Run:
 
     @contextmanager
     def blackboard(self) -> Iterator[None]:
-        """Whatever is done here finds this run's entries. Nothing here may wait."""
+        """Code in the block sees this run's entries; it must not await."""
         from py_trees.blackboard import Blackboard
 
         others = {name: getattr(Blackboard, name) for name in self.own}
@@ -156,7 +145,7 @@ class _Run:
 
 
 def _reason(tree: BehaviourTree) -> str:
-    """What the behaviour says that decided the failure, else who that was."""
+    """The feedback of the behaviour that decided the failure, or its name."""
     tip = tree.tip() or tree.root
     said = tip.feedback_message or tree.root.feedback_message
     return f"{tip.name}: {said}" if said else f"{tip.name} ended as {tip.status.value}"

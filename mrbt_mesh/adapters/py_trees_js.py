@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Node, Status
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
@@ -32,11 +32,17 @@ class SnapshotExport:
         self, mission: Mission, began_us: int, began_unix_us: int
     ) -> tuple[bytes, Callable[[Observer, int], bytes]]:
         """There is no header."""
-        snapshots = Snapshots(GlobalTree(mission))
+        observed = ObservedTree(mission)
+        last: dict[str, Any] = {}
 
         def line(observer: Observer, now_us: int) -> bytes:
-            found = snapshots.changed(observer, now_us - began_us + began_unix_us)
-            return b"" if found is None else json.dumps(found).encode() + b"\n"
+            nonlocal last
+            found = snapshot(observed, observer)
+            if found == last:
+                return b""
+            last = found
+            timestamp = (now_us - began_us + began_unix_us) / 1e6
+            return json.dumps({"timestamp": timestamp, **found}).encode() + b"\n"
 
         return b"", line
 
@@ -44,26 +50,10 @@ class SnapshotExport:
 export = SnapshotExport()
 
 
-class Snapshots:
-    """One snapshot after the other, where something has changed."""
-
-    def __init__(self, observed: ObservedTree) -> None:
-        self._observed = observed
-        self._last: dict[str, Any] = {}
-
-    def changed(self, observer: Observer, at_us: int) -> dict[str, Any] | None:
-        """The tree as it is now, or None if that is as it was; `at_us`: its time."""
-        found = snapshot(self._observed, observer)
-        if found == self._last:
-            return None
-        self._last = found
-        return {"timestamp": at_us / 1e6, **found}
-
-
 def snapshot(observed: ObservedTree, observer: Observer) -> dict[str, Any]:
-    """A tree with its statuses, its conditions on the blackboard, and who works on what.
+    """A tree with its statuses, its conditions on the blackboard, and the robots at work.
 
-    Nodes are called by their numbers, from 1 on, depth first.
+    The ids of nodes are numbers from 1 on, depth first.
     """
     statuses, nodes = observed.statuses(observer), observed.tree.nodes
     workers: dict[str, list[str]] = {}

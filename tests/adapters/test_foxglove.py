@@ -180,7 +180,7 @@ async def test_a_port_that_is_taken_is_named() -> None:
 
 
 def test_without_the_extra_it_says_what_to_install() -> None:
-    said = said_without("foxglove", "mrbt_mesh.adapters.foxglove", "require_extra()")
+    said = said_without("foxglove", "mrbt_mesh.adapters.foxglove", "FoxgloveViewer().check(None)")
     assert (
         said
         == "Foxglove's protocol needs the extra 'foxglove': pip install 'mrbt-mesh[foxglove]'\n"

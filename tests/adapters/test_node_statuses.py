@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree, RobotTrees, observed_tree
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
@@ -22,7 +22,7 @@ def shown(tree: ObservedTree, observer: Observer) -> dict[str, Status]:
 
 def test_t_g_is_that_of_the_plan() -> None:
     _, observer = watched(COVER, "succeed A", "pass 200")
-    tree = GlobalTree(observer.mission)
+    tree = ObservedTree(observer.mission)
     assert list(shown(tree, observer).values()) == [Status.RUNNING, Status.SUCCESS, Status.RUNNING]
     assert tree.title == "T_G of m"
 
@@ -33,8 +33,8 @@ def test_nothing_is_said_of_a_team_of_which_nobody_is_heard() -> None:
     observer = script.team.observer
     assert observer is not None
     observer.update(0)
-    assert set(GlobalTree(observer.mission).statuses(observer)) == {Status.IDLE}
-    assert set(observed_tree(observer.mission, "A").statuses(observer)) == {Status.IDLE}
+    assert set(ObservedTree(observer.mission).statuses(observer)) == {Status.IDLE}
+    assert set(ObservedTree(observer.mission, "A").statuses(observer)) == {Status.IDLE}
 
 
 @pytest.mark.parametrize("robot", ["A", "B", "C"])
@@ -47,7 +47,7 @@ def test_t_i_has_the_statuses_that_the_robot_itself_has(robot: str, commands: li
     script, observer = watched(COVER, *commands)
     if robot not in script.team.processes:
         return
-    tree = observed_tree(observer.mission, robot)
+    tree = ObservedTree(observer.mission, robot)
     statuses = tree.statuses(observer)
     nodes = tree.tree.nodes
     assert nodes[0].kind is Kind.PARALLEL
@@ -57,21 +57,21 @@ def test_t_i_has_the_statuses_that_the_robot_itself_has(robot: str, commands: li
 
 def test_what_a_robot_works_on_runs_in_its_t_li() -> None:
     _, observer = watched(COVER)
-    found = shown(observed_tree(observer.mission, "A"), observer)
+    found = shown(ObservedTree(observer.mission, "A"), observer)
     running = [path for path, status in found.items() if status is Status.RUNNING]
     assert any("T_Li" in path and path.endswith("/weld") for path in running)
-    idle = shown(observed_tree(observer.mission, "C"), observer)
+    idle = shown(ObservedTree(observer.mission, "C"), observer)
     assert not any("T_Li" in p and s is Status.RUNNING for p, s in idle.items())
 
 
 def test_a_dead_robot_has_no_statuses() -> None:
     _, observer = watched(COVER, "kill B", "pass 3000")
-    assert set(observed_tree(observer.mission, "B").statuses(observer)) == {Status.IDLE}
+    assert set(ObservedTree(observer.mission, "B").statuses(observer)) == {Status.IDLE}
 
 
 def test_a_subtree_has_the_status_of_what_it_names() -> None:
     _, observer = watched(COVER, "succeed A", "pass 200")
-    tree = RobotTrees(observer.mission, "A", observer.mission.robots["A"].capabilities)
+    tree = ObservedTree(observer.mission, "A")
     statuses = tree.statuses(observer)
     for node in tree.tree.nodes:
         if node.kind is Kind.SUBTREE:
@@ -81,4 +81,4 @@ def test_a_subtree_has_the_status_of_what_it_names() -> None:
 def test_a_robot_that_the_mission_lacks_is_said() -> None:
     _, observer = watched(COVER)
     with pytest.raises(InputError, match=r"mission m has no robot 'X' \(it has A, B, C\)"):
-        observed_tree(observer.mission, "X")
+        ObservedTree(observer.mission, "X")

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.adapters.node_statuses import GlobalTree, observed_tree
-from mrbt_mesh.adapters.py_trees_js import Snapshots, snapshot
+from mrbt_mesh.adapters.node_statuses import ObservedTree
+from mrbt_mesh.adapters.py_trees_js import export, snapshot
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate
@@ -47,8 +47,8 @@ def check(found: dict[str, Any]) -> None:
 def test_a_team_at_work() -> None:
     desk = Desk()
     desk.go("pass 300")
-    found = Snapshots(GlobalTree(desk.observer.mission)).changed(desk.observer, 1_500_000)
-    assert found is not None
+    header, line = export.start(desk.observer.mission, 1_000_000, 0)
+    found = json.loads(header + line(desk.observer, 2_500_000))
     check(found)
     assert found["timestamp"] == 1.5
     assert found["visited_path"] == ["1", "2", "3", "4"]
@@ -63,14 +63,12 @@ def test_a_team_at_work() -> None:
 def test_only_what_has_changed_is_told_again() -> None:
     desk = Desk()
     desk.go("pass 300")
-    snapshots = Snapshots(GlobalTree(desk.observer.mission))
-    assert snapshots.changed(desk.observer, 1) is not None
+    _, line = export.start(desk.observer.mission, 0, 0)
+    assert line(desk.observer, 1).endswith(b"\n")
     desk.go("pass 300")
-    assert snapshots.changed(desk.observer, 2) is None
+    assert line(desk.observer, 2) == b""
     desk.go("set A done=true", "pass 300")
-    found = snapshots.changed(desk.observer, 3)
-    assert found is not None
-    assert found["blackboard"]["data"] == {"/done": "True"}
+    assert json.loads(line(desk.observer, 3))["blackboard"]["data"] == {"/done": "True"}
 
 
 @pytest.mark.parametrize("example", ["vehicle_repair", "explore", "couriers"])
@@ -79,7 +77,7 @@ def test_every_snapshot_of_a_run_is_one(example: str, is_robot: bool) -> None:
     mission = load_mission(mission_file(example))
     assert mission.program is not None
     robot = next(iter(mission.robots)) if is_robot else None
-    tree = observed_tree(mission, robot)
+    tree = ObservedTree(mission, robot)
     found: list[dict[str, Any]] = []
     result = simulate(
         mission,
@@ -106,7 +104,7 @@ def test_its_own_example_passes_the_same_check() -> None:
     check(example)
     desk = Desk()
     desk.go("pass 300")
-    mine = {"timestamp": 0, **snapshot(GlobalTree(desk.observer.mission), desk.observer)}
+    mine = {"timestamp": 0, **snapshot(ObservedTree(desk.observer.mission), desk.observer)}
     assert mine.keys() <= example.keys()
     keys = {key for each in example["behaviours"].values() for key in each}
     assert {key for each in mine["behaviours"].values() for key in each} <= keys

@@ -16,7 +16,7 @@ import zmq
 
 from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
 from mrbt_mesh.adapters.groot2.viewer import answer_all, listening
-from mrbt_mesh.adapters.node_statuses import observed_tree
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.observer.observer import Observer
 from tests.support.script import Script
 
@@ -44,7 +44,7 @@ class Desk:
         observer = self.script.team.observer
         assert observer is not None
         self.observer: Observer = observer
-        self.monitored = MonitoredTree(observed_tree(observer.mission, robot), observer)
+        self.monitored = MonitoredTree(ObservedTree(observer.mission, robot), observer)
 
     def go(self, *commands: str) -> None:
         self.script.block(list(commands))

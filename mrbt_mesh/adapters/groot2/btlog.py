@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable
 
 from mrbt_mesh.adapters.groot2.monitor import FullTree, transition
-from mrbt_mesh.adapters.node_statuses import GlobalTree, ObservedTree
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 
@@ -28,35 +28,23 @@ class BtlogExport:
     def start(
         self, mission: Mission, began_us: int, began_unix_us: int
     ) -> tuple[bytes, Callable[[Observer, int], bytes]]:
-        """The header has the tree."""
-        log = Btlog(GlobalTree(mission))
-        changes = lambda observer, now_us: log.changes(observer, now_us - began_us)  # noqa: E731
-        return log.header(began_unix_us), changes
+        """The header has the tree. Raises InputError for a tree of too many nodes."""
+        observed = ObservedTree(mission)
+        before = bytes(len(observed.tree.nodes))
+        xml = FullTree(observed.tree, observed.title).xml.encode()
+        header = MAGIC + bytes([VERSION]) + struct.pack("<i", len(xml)) + xml
+
+        def changes(observer: Observer, now_us: int) -> bytes:
+            """What has changed since the last call, in the order of the nodes."""
+            nonlocal before
+            old, before = before, observed.statuses(observer)
+            return b"".join(
+                transition(now_us - began_us, index + 1, status)
+                for index, status in enumerate(before)
+                if status != old[index]
+            )
+
+        return header + struct.pack("<q", began_unix_us), changes
 
 
 export = BtlogExport()
-
-
-class Btlog:
-    """The bytes of one file, piece by piece; times are microseconds since its beginning."""
-
-    def __init__(self, observed: ObservedTree) -> None:
-        """Raises InputError for a tree of more nodes than such a file can number."""
-        self._observed = observed
-        self._xml = FullTree(observed.tree, observed.title).xml.encode()
-        self._statuses = bytes(len(observed.tree.nodes))
-
-    def header(self, began_unix_us: int) -> bytes:
-        """What the file begins with."""
-        length = struct.pack("<i", len(self._xml))
-        return MAGIC + bytes([VERSION]) + length + self._xml + struct.pack("<q", began_unix_us)
-
-    def changes(self, observer: Observer, at_us: int) -> bytes:
-        """What has changed since the last call, in the order of the nodes."""
-        statuses = self._observed.statuses(observer)
-        before, self._statuses = self._statuses, statuses
-        return b"".join(
-            transition(at_us, index + 1, status)
-            for index, status in enumerate(statuses)
-            if status != before[index]
-        )

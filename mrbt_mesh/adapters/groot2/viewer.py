@@ -40,10 +40,10 @@ class Groot2Viewer:
     ) -> AsyncIterator[OpenView]:
         """Answer monitors. Raises InputError if it cannot listen, or the robot is not known."""
         from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
-        from mrbt_mesh.adapters.node_statuses import observed_tree
+        from mrbt_mesh.adapters.node_statuses import ObservedTree
         from mrbt_mesh.runtime.fencing import boottime_us
 
-        tree = observed_tree(watcher.observer.mission, options.robot)
+        tree = ObservedTree(watcher.observer.mission, options.robot)
         port = PORT if options.port is None else options.port
         with listening(options.host, port) as (socket, opened):
             monitored = MonitoredTree(tree, watcher.observer)

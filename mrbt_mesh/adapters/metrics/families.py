@@ -2,7 +2,7 @@
 
 Names follow Prometheus' rules: `mrbt_` first, base units (seconds, bytes) last. A counter's name
 is given without `_total`, which the server adds. Labels are names from the mission file and
-constants: messages quote what strangers send, and labels must stay few.
+constants: the texts of refusals quote strangers, and labels must stay few.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
@@ -70,22 +71,26 @@ class Family:
     samples: tuple[tuple[Labels, Value], ...]
 
 
-def single(kind: FamilyKind, name: str, text: str, value: Value) -> Family:
-    """A family of one sample without labels."""
-    return Family(kind, name, text, (), (((), value),))
-
-
-def labelled(
-    kind: FamilyKind, name: str, text: str, labels: Labels, samples: Iterable[tuple[Labels, float]]
+def family(
+    kind: FamilyKind,
+    name: str,
+    text: str,
+    value: Value | Mapping[Labels, float],
+    *labels: str,
 ) -> Family:
-    """A family with labels, its samples in the order of these."""
-    return Family(kind, name, text, labels, tuple(sorted(samples)))
+    """A family of one sample, or with labels: values of the labels -> value, sorted."""
+    samples = tuple(sorted(value.items())) if isinstance(value, Mapping) else (((), value),)
+    return Family(kind, name, text, labels, samples)
 
 
-def one_of(name: str, text: str, label: str, all_names: Iterable[str], holds: str) -> Family:
-    """A gauge for each name: 1 for `holds`, 0 for the others."""
-    samples = tuple(((each,), float(each == holds)) for each in all_names)
-    return Family(FamilyKind.GAUGE, name, text, (label,), samples)
+gauge, counter, histogram = (
+    partial(family, kind) for kind in (FamilyKind.GAUGE, FamilyKind.COUNTER, FamilyKind.HISTOGRAM)
+)
+
+
+def by_name(counts: Mapping[str, float], names: Iterable[str] | None = None) -> dict[Labels, float]:
+    """Values of one label; 0 for those of the `names` that are not counted."""
+    return {(name,): float(counts.get(name, 0)) for name in (counts if names is None else names)}
 
 
 def robot_label(mission: Mission, name: str) -> str:
@@ -118,9 +123,9 @@ def reason_class(reason: str) -> str:
     return next((name for name, text in _CLASSES if re.search(text, reason)), MALFORMED)
 
 
-def refusals_by_class(mission: Mission, refused: Mapping[str, int]) -> Counter[tuple[str, str]]:
+def refusals_by_class(mission: Mission, refused: Mapping[str, int]) -> Counter[Labels]:
     """(source, class) -> number of messages, from `AgentView.refused`."""
-    found: Counter[tuple[str, str]] = Counter()
+    found: Counter[Labels] = Counter()
     for text, count in refused.items():
         source, _, reason = text.partition(": ")
         found[robot_label(mission, source), reason_class(reason) if reason else OTHER] += count

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
-from mrbt_mesh.adapters.metrics.families import Distribution, robot_label, task_label
+from mrbt_mesh.adapters.metrics.families import Distribution, Labels, robot_label, task_label
 from mrbt_mesh.core.agent.effects import (
     Ask,
     Effect,
@@ -34,33 +34,22 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
+KINDS = {kind: kind.name.lower() for kind in MessageKind}
+# To a question or a command.
 REPLY = "reply"
 
 
 class Traffic:
-    """Numbers of messages and bytes, by kind."""
+    """Numbers of messages and of their bytes, by kind."""
 
     def __init__(self) -> None:
-        # Written with every message, so each kind has its list of two numbers.
-        self._counts = {kind: [0, 0] for kind in MessageKind}
-        self._replies = [0, 0]
+        self.messages: Counter[str] = Counter()
+        self.bytes: Counter[str] = Counter()
 
-    def count(self, kind: MessageKind, data: bytes) -> None:
+    def count(self, kind: str, data: bytes) -> None:
         """One more message."""
-        counts = self._counts[kind]
-        counts[0] += 1
-        counts[1] += len(data)
-
-    def count_reply(self, data: bytes) -> None:
-        """One more answer to a question or a command."""
-        self._replies[0] += 1
-        self._replies[1] += len(data)
-
-    def by_kind(self) -> dict[str, tuple[int, int]]:
-        """Kind -> (messages, bytes), without kinds that did not occur."""
-        named = {kind.name.lower(): counts for kind, counts in self._counts.items()}
-        named[REPLY] = self._replies
-        return {name: (count, size) for name, (count, size) in named.items() if count}
+        self.messages[kind] += 1
+        self.bytes[kind] += len(data)
 
 
 class Meter:
@@ -78,8 +67,8 @@ class Meter:
         self.mission = mission
         self.received = Traffic()
         self.sent = Traffic()
-        self.claims: Counter[tuple[str, str]] = Counter()
-        self.outcomes: Counter[tuple[str, str]] = Counter()
+        self.claims: Counter[Labels] = Counter()
+        self.outcomes: Counter[Labels] = Counter()
         self.suspicions: Counter[str] = Counter()
         self.deaths: Counter[str] = Counter()
         self.fencings = 0
@@ -96,26 +85,26 @@ class Meter:
     def take(self, event: Input) -> None:
         """An input that is handed to the agent."""
         if isinstance(event, MessageReceived):  # most are
-            self.received.count(event.kind, event.data)
+            self.received.count(KINDS[event.kind], event.data)
         elif isinstance(event, InputBatch):
             for each in event.inputs:
                 self.take(each)
         elif isinstance(event, QueryReceived):
-            self.received.count(event.kind, event.data)
+            self.received.count(KINDS[event.kind], event.data)
         elif isinstance(event, AnswerReceived) and event.data is not None:
-            self.received.count_reply(event.data)
+            self.received.count(REPLY, event.data)
 
     def carry_out(self, effect: Effect) -> None:
         """An effect that the driver carries out."""
         if isinstance(effect, Publish):  # most are
-            self.sent.count(effect.kind, effect.data)
+            self.sent.count(KINDS[effect.kind], effect.data)
             return
         match effect:
             case Ask(_, data):
-                self.sent.count(MessageKind.PULL, data)
+                self.sent.count(KINDS[MessageKind.PULL], data)
             case Reply(_, pages):
                 for page in pages:
-                    self.sent.count_reply(page)
+                    self.sent.count(REPLY, page)
             # All facts once more, for a journal that was lost, are of several batches.
             case Persist(entries) if len({entry.version for entry in entries}) == 1:
                 for entry in entries:

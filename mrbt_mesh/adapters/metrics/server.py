@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
-from mrbt_mesh.adapters.metrics.families import Distribution, Family, FamilyKind, single
+from mrbt_mesh.adapters.metrics.families import Distribution, Family, FamilyKind, gauge
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import MetricsAddress, require
 
@@ -56,7 +56,7 @@ def read_in_loop(loop: asyncio.AbstractEventLoop, read: ReadFamilies) -> list[Fa
     except (TimeoutError, RuntimeError):  # it hangs, or has ended
         responds = False
     text = f"Whether the event loop answered within {LOOP_TIMEOUT_S:g} s."
-    return [single(FamilyKind.GAUGE, RESPONDS, text, float(responds)), *found]
+    return [gauge(RESPONDS, text, float(responds)), *found]
 
 
 def metrics_app(read: ReadFamilies) -> WSGIApplication:

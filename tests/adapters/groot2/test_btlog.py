@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-from mrbt_mesh.adapters.groot2.btlog import Btlog
-from mrbt_mesh.adapters.node_statuses import GlobalTree
+from mrbt_mesh.adapters.groot2.btlog import export
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from tests.support.groot2 import Desk, read_btlog
 
 WELD, COVER = 4, 5
@@ -13,11 +13,10 @@ WELD, COVER = 4, 5
 
 def test_a_file_tells_what_happened() -> None:
     desk = Desk()
-    log = Btlog(GlobalTree(desk.observer.mission))
-    data = log.header(1_700_000_000_000_000)
+    data, changes = export.start(desk.observer.mission, 0, 1_700_000_000_000_000)
     for command in ("pass 300", "pass 100", "succeed A", "pass 100", "set A done=true", "pass 100"):
         desk.go(command)
-        data += log.changes(desk.observer, desk.script.team.now_us)
+        data += changes(desk.observer, desk.script.team.now_us)
     found = read_btlog(data)
     assert found.began_unix_us == 1_700_000_000_000_000
     names = {int(e.get("_uid", 0)): e.get("name") for e in ElementTree.fromstring(found.xml).iter()}
@@ -31,16 +30,15 @@ def test_a_file_tells_what_happened() -> None:
 
 def test_what_a_file_tells_ends_as_the_tree_stands() -> None:
     desk = Desk()
-    tree = GlobalTree(desk.observer.mission)
-    log = Btlog(tree)
-    data = log.header(0)
+    tree = ObservedTree(desk.observer.mission)
+    data, changes = export.start(desk.observer.mission, 0, 0)
     for number in range(40):
         if number == 10:
             desk.go("succeed A")
         if number % 7 == 3:
             desk.go(f"set A done={str(number % 2 == 0).lower()}")
         desk.go("pass 50")
-        data += log.changes(desk.observer, desk.script.team.now_us)
+        data += changes(desk.observer, desk.script.team.now_us)
     statuses = dict.fromkeys(range(1, 6), 0)
     before_us = 0
     for at_us, uid, status in read_btlog(data).changes:

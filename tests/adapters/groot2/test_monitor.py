@@ -22,7 +22,7 @@ from mrbt_mesh.adapters.groot2.monitor import (
     status_buffer,
     transition,
 )
-from mrbt_mesh.adapters.node_statuses import observed_tree
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.btcpp.files.document import parse_document, type_id
 from mrbt_mesh.core.bt.tree import Kind, build_tree
 from mrbt_mesh.errors import InputError
@@ -92,7 +92,7 @@ MISSIONS = sorted(EXAMPLES.glob("*/mission.yaml"))
 @pytest.mark.parametrize("is_robot", [False, True], ids=["team", "robot"])
 def test_every_node_has_the_uid_of_its_index(path: Path, is_robot: bool) -> None:
     mission = load_mission(path)
-    tree = observed_tree(mission, next(iter(mission.robots)) if is_robot else None).tree
+    tree = ObservedTree(mission, next(iter(mission.robots)) if is_robot else None).tree
     document = parse_document(FullTree(tree, mission.name).xml, "full tree")
     elements = {int(e.get("_uid")): e for e in document.root.walk() if e.get("_uid")}
     assert sorted(elements) == [node.index + 1 for node in tree.nodes]

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import pytest
 
 from mrbt_mesh.adapters.groot2.monitor import FullTree
-from mrbt_mesh.adapters.node_statuses import observed_tree
+from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.groot2 import Desk, Monitor, monitoring, read_btlog, served
@@ -65,7 +65,7 @@ def publisher(tree: Tree) -> Iterator[tuple[Any, Monitor]]:
 def test_behaviortree_cpp_counts_the_nodes_as_we_do(path: Path, is_robot: bool) -> None:
     """It reads our XML, numbers the nodes by itself, and tells its monitors the same tree."""
     mission = load_mission(path)
-    tree = observed_tree(mission, next(iter(mission.robots)) if is_robot else None).tree
+    tree = ObservedTree(mission, next(iter(mission.robots)) if is_robot else None).tree
     mine = ElementTree.fromstring(FullTree(tree, "T_G").xml)
     with publisher(tree) as (_, monitor):
         (xml,) = monitor.ask("T")

@@ -7,7 +7,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.adapters.metrics.families import DURATIONS_S, Distribution, one_of
+from mrbt_mesh.adapters.metrics.families import DURATIONS_S, Distribution, by_name, gauge
 
 
 def test_a_duration_counts_up_to_its_bound_included() -> None:
@@ -31,5 +31,5 @@ def test_buckets_never_fall_and_end_with_all(durations: list[float]) -> None:
 
 
 def test_one_of_several_holds() -> None:
-    family = one_of("m", "Which.", "status", ("idle", "running"), "running")
+    family = gauge("m", "Which.", by_name({"running": 1.0}, ("running", "idle")), "status")
     assert family.samples == ((("idle",), 0.0), (("running",), 1.0))

@@ -29,10 +29,10 @@ def test_messages_are_counted_one_by_one_also_those_that_waited_together() -> No
     found.take(QueryReceived(1, MessageKind.PULL, b"123"))
     found.take(AnswerReceived("B", b"1234"))
     found.take(AnswerReceived("B", None))
-    expected = {"heartbeat": (2, 10), "fact": (1, 1), "pull": (1, 3), "reply": (1, 4)}
-    assert found.received.by_kind() == expected
+    assert found.received.messages == {"heartbeat": 2, "fact": 1, "pull": 1, "reply": 1}
+    assert found.received.bytes == {"heartbeat": 10, "fact": 1, "pull": 3, "reply": 4}
     found.carry_out(Reply(1, (b"12", b"3")))
-    assert found.sent.by_kind() == {"reply": (2, 3)}
+    assert (found.sent.messages, found.sent.bytes) == ({"reply": 2}, {"reply": 3})
 
 
 def test_its_work_and_what_it_says_of_others() -> None:
@@ -41,7 +41,7 @@ def test_its_work_and_what_it_says_of_others() -> None:
     assert found.claims["weld", "running"] == 1
     assert found.outcomes == {("weld", "success"): 1}
     assert (found.suspicions["B"], found.deaths["B"]) == (1, 1)
-    assert found.sent.by_kind()["heartbeat"][0] > 10 < found.received.by_kind()["heartbeat"][0]
+    assert found.sent.messages["heartbeat"] > 10 < found.received.messages["heartbeat"]
     assert found.fencings == 0
 
 

@@ -14,7 +14,15 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as parse_text
 
 from mrbt_mesh.adapters.metrics import server
-from mrbt_mesh.adapters.metrics.families import Distribution, Family, FamilyKind, labelled, single
+from mrbt_mesh.adapters.metrics.families import (
+    Distribution,
+    Family,
+    FamilyKind,
+    counter,
+    family,
+    gauge,
+    histogram,
+)
 from mrbt_mesh.adapters.metrics.pages import robot_page, team_page
 from mrbt_mesh.adapters.metrics.server import metrics_app, read_in_loop, serving
 from mrbt_mesh.errors import InputError
@@ -31,10 +39,10 @@ def families() -> list[Family]:
     durations.observe(0.5)
     counts = {("A",): 3.0, ('odd "name"\n',): 1.0}
     return [
-        single(FamilyKind.GAUGE, "mrbt_g", "A gauge.", 1.5),
-        labelled(FamilyKind.COUNTER, "mrbt_c", "A counter.", ("robot",), counts.items()),
-        Family(FamilyKind.INFO, "mrbt_i", "Info.", ("a", "b"), ((("1", "2"), 1.0),)),
-        single(FamilyKind.HISTOGRAM, "mrbt_h_seconds", "Durations.", durations),
+        gauge("mrbt_g", "A gauge.", 1.5),
+        counter("mrbt_c", "A counter.", counts, "robot"),
+        family(FamilyKind.INFO, "mrbt_i", "Info.", {("1", "2"): 1.0}, "a", "b"),
+        histogram("mrbt_h_seconds", "Durations.", durations),
     ]
 
 
