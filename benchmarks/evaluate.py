@@ -23,8 +23,7 @@ from mrbt_mesh.core.facts.records import ConditionValue, Member
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.local_tasks import LocalTask
-from mrbt_mesh.core.mission.mission import GlobalTask, Mission, Need, Robot
+from mrbt_mesh.core.mission.mission import GlobalTask, LocalTask, Mission, Need, Robot
 
 SIZES = (30, 1_000, 10_000)
 ROBOTS = 5

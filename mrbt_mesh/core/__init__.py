@@ -2,9 +2,9 @@
 
 No clock, no randomness, no I/O. Packages, each of which may import only what stands below it:
 
-    agent | observer         one robot; somebody who only watches
-    engine                   what agents and observers compute with
-    planning | membership    who does what; who is alive
+    agent | observer         one robot; a passive observer
+    engine                   the functions that agents and observers use
+    planning | membership    plans; the alive set
     facts                    what the team knows, and how it joins
     mission                  robots, tasks, side constraints
     bt | assignment          behavior trees; the assignment problem

@@ -8,14 +8,14 @@ from typing import Any
 
 from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
 from mrbt_mesh.core.mission.constraints import Constraint
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.mission import (
     MAX_GLOBAL_TASKS,
     AssignmentPolicy,
+    Costs,
     FailurePolicy,
     GlobalTask,
     InDoubtPolicy,
+    LocalTask,
     Mission,
     MissionEnd,
     Need,

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Costs, Mission
 from mrbt_mesh.errors import nearest, read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import FileModel, Name, read_model
 from mrbt_mesh.formats.mission_model import Cost

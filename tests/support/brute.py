@@ -10,8 +10,14 @@ from functools import cache
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, build_tree
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.local_tasks import LocalTask
-from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+)
 
 Fault = str | tuple[str, str]
 MAX_CAPABILITIES = 9

@@ -17,8 +17,14 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.local_tasks import LocalTask
-from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+)
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan

@@ -27,8 +27,7 @@ from mrbt_mesh.analysis.tolerance.service import (
     capability_faults,
     robot_faults,
 )
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import MICRO, Mission, Robot
+from mrbt_mesh.core.mission.mission import MICRO, Costs, Mission, Robot
 from mrbt_mesh.core.mission.names import type_name
 
 MAX_EXTRA_ROBOTS = 20

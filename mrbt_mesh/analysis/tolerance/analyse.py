@@ -12,8 +12,7 @@ from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.readings import READINGS, Question
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.core.facts.coalitions import majority
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Costs, Mission
 from mrbt_mesh.formats.cautions import cautions
 
 # Called with what is being worked out, how much of it is done, and how much there is.

@@ -5,8 +5,8 @@ with Zenoh and a real clock, the simulator with a faulty network and a virtual o
 there to look at.
 
 Each step takes inputs in, decides what follows, and acts: it brings everything up to date in one
-order, from who is alive to what the others must hear. Most heartbeats change nothing that any of it
-follows from; then only heartbeats are sent that are due.
+order, from failure detection to its own heartbeats. Most inputs change nothing that any of it
+follows from; then it only sends the heartbeats that are due.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 
-# What robots and operators ask for is always followed up.
+# Any other input is always followed up.
 _MAY_CHANGE_NOTHING = (
     inputs.MessageReceived,
     inputs.PositionReported,
@@ -112,11 +112,11 @@ class Agent:
         self._deadline_us = now_us
         # When time alone asks for more than asking others, and heartbeats.
         self._step_us = now_us
-        # The changes that the last step went by, None if the next input is to be followed up
-        # whatever it is; and whether these include what others report.
+        # The changes that the last step went by, None if the next input is always followed up; and
+        # whether these include the reports of others.
         self._seen: int | None = None
         self._reads_reports = False
-        # Until when others that join are waited for, None if nobody does.
+        # Until when the robot waits for others that join, None if none do.
         self._joining_until_us: int | None = None
         self._most_joined = 0
         # When the last plan was made, and before when none is made, None if one may be.
@@ -126,7 +126,7 @@ class Agent:
     # -- the two calls ------------------------------------------------------------------------
 
     def handle(self, event: Input, now_us: int) -> list[Effect]:
-        """Take in one input; returns what is to be done, in order."""
+        """Take in one input; returns the effects, in order."""
         context = self._context
         if context.has_stopped:
             return []
@@ -180,8 +180,8 @@ class Agent:
             self._heartbeats.send_if_regular(now_us)
 
     def _reconcile(self, events: Sequence[Input], now_us: int) -> None:
-        """Bring everything up to date: who is alive, this robot's place in the team, the plan, its
-        own assignment, what the others must hear.
+        """Bring everything up to date: the alive set, this robot's place in the team, the plan,
+        its own assignment, its heartbeats.
         """
         context = self._context
         self._detect_failures(now_us)
@@ -235,8 +235,8 @@ class Agent:
     def _awaits_joining(self, now_us: int) -> bool:
         """Whether a plan would be too early, while others are about to join.
 
-        Each of them changes the plan, and nobody begins before they have it too. They are waited
-        for no longer than agreement is, from the last one that did.
+        Each of them changes the plan, and nobody begins before they have it too. The robot waits
+        for them no longer than for agreement, from the last one that joined.
         """
         membership = self._context.membership
         if not membership.around.newcomers:
@@ -249,8 +249,8 @@ class Agent:
     def _awaits_news(self, events: Sequence[Input], now_us: int) -> bool:
         """Whether a plan would be too early, right after another one.
 
-        Where many begin at once each of them changes the plan of all. What the robot itself reports
-        is followed up at once: it is a step of the tree.
+        Where many begin at once each of them changes the plan of all. The robot's own reports are
+        followed up at once: each is a step of the tree.
         """
         self._plans_at_us = None
         are_from_others = all(

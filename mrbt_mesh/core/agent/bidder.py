@@ -24,7 +24,7 @@ class Bidder:
         self._failed: set[str] = set()
 
     def ask(self, plan: Plan) -> None:
-        """Have this robot's program bid for what the plan lacks its bids for, once each."""
+        """Ask this robot's program for the bids that the plan lacks, once each."""
         context = self._context
         wanted = {
             (bidding.activation, bidding.local_task): bidding.global_task
@@ -66,7 +66,7 @@ class Bidder:
 
 
 def _checked(bid: BidMade) -> tuple[Bid, str]:
-    """The bid of a robot's program, none if something is wrong with it, and what that is."""
+    """The record of a bid, one without a performance if its program failed, and the error."""
     try:
         return Bid.parse(None if bid.error else bid.performance), bid.error
     except ValueError as error:

@@ -1,10 +1,11 @@
-"""What an operator may ask of one robot over the network, and the answer."""
+"""Commands of an operator to one robot over the network, and the answers."""
 
 from __future__ import annotations
 
 import enum
 import json
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
@@ -24,9 +25,12 @@ REFUSALS = "refusals"
 MAX_ARGUMENT = 1_024
 MAX_REFUSALS = 100
 
+# Whether a command was carried out, and a text for people.
+Answer: TypeAlias = tuple[bool, str]
+
 
 class Decision(enum.StrEnum):
-    """What an operator may say of an exclusive task in doubt."""
+    """An operator's decision on an exclusive task in doubt."""
 
     DONE = "done"
     FAILED = "failed"
@@ -39,12 +43,12 @@ def command_body(command: str, argument: str = "") -> list[str]:
 
 
 def answer_body(good: bool, text: str) -> list[Any]:
-    """An answer as plain data: whether it was done, and a text for people."""
+    """An answer as plain data."""
     return [good, text]
 
 
 class Commands:
-    """Carries out what an operator asks of one robot."""
+    """Carries out an operator's commands on one robot."""
 
     def __init__(
         self, context: Context, planner: Planner, reports: Reports, health: Health
@@ -53,9 +57,18 @@ class Commands:
         self._planner = planner
         self._reports = reports
         self._health = health
+        self._known: dict[str, Callable[[str, int], Answer]] = {
+            FAULT: lambda names, now_us: self._change_capability(names, True, now_us),
+            RESTORE: lambda names, now_us: self._change_capability(names, False, now_us),
+            PERFORM: self._perform,
+            LEAVE: self._leave,
+            ORDER: self._order,
+            REFUSALS: self._refusals,
+            DECIDE: self._decide,
+        }
 
-    def carry_out(self, body: Any, now_us: int) -> tuple[bool, str]:
-        """Do what a command says; (False, why) for anything malformed or unknown."""
+    def carry_out(self, body: Any, now_us: int) -> Answer:
+        """Carry out a command; (False, why) for anything malformed or unknown."""
         if (
             not isinstance(body, list)
             or len(body) != 2
@@ -63,34 +76,27 @@ class Commands:
         ):
             return False, "a command is a list of two texts"
         command, argument = body
-        me = self._context.me
-        match command:
-            case "fault" | "restore":
-                change = CapabilityChanged(argument, command == FAULT, OPERATOR, OPERATOR)
-                problem = self._health.change_capability(change, now_us)
-                if problem is not None:
-                    return False, problem
-                names = ", ".join(self._context.description.lost) or "nothing"
-                return True, f"{me} has lost {names}"
-            case "perform":
-                return self._perform(argument, now_us)
-            case "leave":
-                self._reports.leave(now_us)
-                return True, f"{me} leaves"
-            case "order":
-                return self._order(argument, now_us)
-            case "refusals":
-                return True, self._refusals()
-            case "decide":
-                return self._decide(argument, now_us)
-        return False, f"no command {command!r}"
+        carry_out = self._known.get(command)
+        return carry_out(argument, now_us) if carry_out else (False, f"no command {command!r}")
 
-    def _refusals(self) -> str:
-        """What was refused most, as JSON: "source: reason" -> how often."""
+    def _change_capability(self, local_task: str, lost: bool, now_us: int) -> Answer:
+        change = CapabilityChanged(local_task, lost, OPERATOR, OPERATOR)
+        problem = self._health.change_capability(change, now_us)
+        if problem is not None:
+            return False, problem
+        names = ", ".join(self._context.description.lost) or "nothing"
+        return True, f"{self._context.me} has lost {names}"
+
+    def _leave(self, _: str, now_us: int) -> Answer:
+        self._reports.leave(now_us)
+        return True, f"{self._context.me} leaves"
+
+    def _refusals(self, _: str, now_us: int) -> Answer:
+        """The most frequent refusals, as JSON: "source: reason" -> how often."""
         counts = sorted(self._context.refused.items(), key=lambda pair: (-pair[1], pair[0]))
-        return json.dumps(dict(counts[:MAX_REFUSALS]))
+        return True, json.dumps(dict(counts[:MAX_REFUSALS]))
 
-    def _perform(self, argument: str, now_us: int) -> tuple[bool, str]:
+    def _perform(self, argument: str, now_us: int) -> Answer:
         """`argument` is a local task and a performance in units: `replace_hw=0.5`."""
         local_task, _, text = argument.rpartition("=")
         try:
@@ -100,16 +106,16 @@ class Commands:
         problem = self._health.change_performance(local_task, value, OPERATOR, now_us)
         if problem is not None:
             return False, problem
-        me, lost = self._context.me, not value
-        return True, f"{me} has lost {local_task}" if lost else f"{me} does {local_task} at {text}"
-
-    def _order(self, argument: str, now_us: int) -> tuple[bool, str]:
         me = self._context.me
+        return True, f"{me} does {local_task} at {text}" if value else f"{me} has lost {local_task}"
+
+    def _order(self, argument: str, now_us: int) -> Answer:
         try:
             kind = OrderKind(argument)
         except ValueError:
             return False, f"no order {argument!r}; there is pause, resume, abort"
         if self._context.is_new:
+            me = self._context.me
             return False, f"{me} is still joining the team: ask again, or another robot"
         self._reports.order(kind, now_us)
         return True, f"{kind} is the team's order"
@@ -124,24 +130,22 @@ class Commands:
         ]
         return [(activation, tokens) for activation, tokens in doubts if tokens]
 
-    def _decide(self, argument: str, now_us: int) -> tuple[bool, str]:
-        """`argument` is a global task and the operator's word on it: `dose(2) done`."""
+    def _decide(self, argument: str, now_us: int) -> Answer:
+        """`argument` is a global task and the operator's decision on it: `dose(2) done`."""
         subject, _, word = argument.rpartition(" ")
         try:
             decision = Decision(word)
         except ValueError:
             return False, f"no decision {word!r}; there is {', '.join(Decision)}"
-        doubts = self._in_doubt()
-        found = [name for name, _ in doubts if parse_activation(name).subject == subject]
+        doubts = [
+            (parse_activation(name).subject, name, tokens) for name, tokens in self._in_doubt()
+        ]
+        found = [(name, tokens) for task, name, tokens in doubts if task == subject]
         if not found:
-            listed = (
-                ", ".join(sorted({parse_activation(name).subject for name, _ in doubts})) or "none"
-            )
+            listed = ", ".join(sorted({task for task, _, _ in doubts})) or "none"
             return False, f"{subject!r} is not in doubt (in doubt: {listed})"
         writes: list[Fact] = []
-        for activation, tokens in doubts:
-            if activation not in found:
-                continue
+        for activation, tokens in found:
             match decision:
                 case Decision.DONE:
                     writes.append((f"{records.DONE}/{activation}", LATCH))
@@ -151,7 +155,5 @@ class Commands:
                     writes += [(f"{records.CLEARED}/{activation}/{t}", LATCH) for t in tokens]
         self._context.log("warning", "decision", global_task=subject, decision=word)
         self._context.write(writes, now_us)
-        return (
-            True,
-            f"{subject} counts as {word}" if word != "retry" else f"{subject} is tried again",
-        )
+        is_retry = decision is Decision.RETRY
+        return True, f"{subject} is tried again" if is_retry else f"{subject} counts as {word}"

@@ -1,4 +1,4 @@
-"""Who a robot is, and how it is to behave: fixed for the life of its agent."""
+"""The configuration of one robot, fixed for the life of its agent."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from mrbt_mesh.core.membership.timing import Timing
 class AgentConfig:
     """One robot's configuration; performances in `capabilities` are micro-units.
 
-    `expected` are the robots of the team that should be heard at the start; where nobody has
-    joined yet, they are waited for up to `gather_us`, at least one detection time. `takeover`
-    replaces a live robot of the same id. `exit_when_done` stops the agent once the whole team
-    has the mission's result; otherwise it stays to serve latecomers. `restored` is what the robot's
-    journal kept, `journal_problem` why that cannot be written, empty if it can. `plans_apart`:
-    plans are made outside of `Agent.handle` (`meanwhile`).
-    With `keys` nothing is believed that no member can be shown to have said; `life` is then greater
-    than that of every earlier process of this robot (see `membership.envelope`).
+    `expected`: the robots of the team that should be heard at the start; where nobody has joined
+    yet, the robot waits for them up to `gather_us`, at least one detection time. `takeover`: it
+    replaces a live robot of the same id. `exit_when_done`: it stops once the whole team has the
+    mission's result; otherwise it serves latecomers. `restored`: the entries of its journal;
+    `journal_problem`: why that cannot be written, empty if it can. `plans_apart`: plans are made
+    outside of `Agent.handle` (`deferred_inputs`). With `keys` only messages that a member has
+    signed are accepted; `life` is then greater than that of every earlier process of this robot
+    (see `membership.envelope`).
     """
 
     robot: str

@@ -1,4 +1,4 @@
-"""What the parts of one agent share: its facts, the team as it sees it, and what goes out.
+"""The state that the parts of one agent share: its facts, its view of the team, its effects.
 
 Each part takes this and the few other parts that it needs, never the agent.
 """
@@ -31,7 +31,7 @@ class Context:
     """One robot's facts, peers and outgoing effects.
 
     `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
-    `refused` counts what was refused, by source and reason; beyond `MAX_REASONS` different ones new
+    `refused` counts refusals by source and reason; beyond `MAX_REASONS` different ones new
     ones are counted together. `sealing` is None in a team without keys.
     `position` is the last one that the program has reported.
     """
@@ -68,7 +68,7 @@ class Context:
         """The program has reported where the robot is; its heartbeats carry it."""
         self.position = position
 
-    # -- what holds ---------------------------------------------------------------------------
+    # -- its state ----------------------------------------------------------------------------
 
     @property
     def has_place(self) -> bool:
@@ -77,7 +77,7 @@ class Context:
 
     @property
     def is_new(self) -> bool:
-        """Whether it has yet to join in this life: what it wrote now might not stand."""
+        """Whether it has yet to join in this life: its facts might lose against earlier ones."""
         return self.joining is not None and self.joining.is_first
 
     def alive(self) -> dict[str, Incarnation]:
@@ -88,12 +88,12 @@ class Context:
         """The fact with which this robot describes itself."""
         return records.MEMBER, self.description.member(self.is_leaving)
 
-    # -- what goes out ------------------------------------------------------------------------
+    # -- effects ------------------------------------------------------------------------------
 
     def write(self, facts: Sequence[Fact], now_us: int) -> None:
         """Write one batch of facts, at least one, to the journal and to the team.
 
-        It does not wait for the disk: what others may rely on is written by `promise`.
+        It does not wait for the disk: facts that others rely on are written by `promise`.
         """
         data, entries = self.replica.write(facts, now_us)
         self._effects += (Persist(entries, at_once=True), Publish(MessageKind.FACT, data))
@@ -106,7 +106,7 @@ class Context:
         return number
 
     def keep(self, entries: Iterable[Entry]) -> None:
-        """Keep what others have written in the journal."""
+        """Keep the entries of others in the journal."""
         self._effects.append(Persist(tuple(entries), at_once=False))
 
     def ask(self, peers: Iterable[str], now_us: int) -> None:
@@ -127,7 +127,7 @@ class Context:
         self._effects.append(Log(level, event, fields))
 
     def refuse(self, source: str, reason: str, incompatible: bool = False, count: int = 1) -> None:
-        """Count what is refused; log it once per source and reason."""
+        """Count a refusal; log it once per source and reason."""
         if self.count_refusal(source, reason, count):
             event = "robot_refused" if incompatible else "input_refused"
             self.log("error" if incompatible else "warning", event, source=source, reason=reason)
@@ -135,7 +135,7 @@ class Context:
             self.joining.refusal = f"{source}: {reason}"
 
     def count_refusal(self, source: str, reason: str, count: int = 1) -> bool:
-        """Count more of a kind that is worth one line in the log; whether they are the first."""
+        """Count more of a kind; whether they are the first, which is worth a line in the log."""
         key = f"{source}: {reason}"
         if key not in self.refused and len(self.refused) >= MAX_REASONS:
             key = OTHERS
@@ -149,6 +149,6 @@ class Context:
             self.emit(*self.work.drop(), Stop(code, reason))
 
     def take_effects(self) -> list[Effect]:
-        """What is to be done, in order; it is handed over once."""
+        """The effects, in order; they are handed over once."""
         effects, self._effects = self._effects, []
         return effects if self.sealing is None else [self.sealing.seal(each) for each in effects]

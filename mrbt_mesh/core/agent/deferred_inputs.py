@@ -1,9 +1,9 @@
-"""What an agent does while a plan is being made elsewhere.
+"""Inputs that wait while a plan is being made elsewhere.
 
-A large team's plan may take longer than a robot may be silent. Its making is then left to the
-runtime (`effects.MakePlan`). Until it is made the facts must stay as they are, since it reads
-them: what could change them waits. Beats go out and are heard, so that nobody takes the robot for
-dead, and nobody's death goes unnoticed.
+A large team's plan may take longer than a robot may be silent. The runtime then makes it
+(`effects.MakePlan`). Until it is made the facts must stay as they are, since it reads them, so any
+input that could change them waits. Heartbeats go out and are heard: nobody takes the robot for
+dead, and it misses no death.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from mrbt_mesh.core.membership.wire import MessageKind
 
 _FACTS = (inputs.MessageReceived, inputs.AnswerReceived)
 _ALWAYS = (
-    inputs.MessageReceived,
     inputs.TokenChanged,
     inputs.RouterAnswered,
     inputs.TimerFired,
@@ -40,16 +39,14 @@ class DeferredInputs:
         return bool(self._waiting)
 
     def due(self, events: Sequence[inputs.Input], busy: bool) -> list[inputs.Input]:
-        """What is to be taken in now that `events` have come, while a plan is made or not.
+        """The inputs to take in now that `events` have come; `busy`: a plan is being made.
 
-        What has waited comes before what may change facts, one step at a time: one input, or
-        the facts from others that come first.
+        Inputs that have waited come before new ones that may change facts, one step at a time: one
+        input, or the facts from others that come first.
         """
         found: list[inputs.Input] = []
         for event in events:
-            if isinstance(event, _ALWAYS) and not _changes_facts(event):
-                found.append(event)
-            elif busy or self._waiting:
+            if not _never_waits(event) and (busy or self._waiting):
                 self._waiting.append(event)
             else:
                 found.append(event)
@@ -64,5 +61,7 @@ class DeferredInputs:
         return found
 
 
-def _changes_facts(event: inputs.Input) -> bool:
-    return isinstance(event, inputs.MessageReceived) and event.kind is not MessageKind.HEARTBEAT
+def _never_waits(event: inputs.Input) -> bool:
+    if isinstance(event, inputs.MessageReceived):
+        return event.kind is MessageKind.HEARTBEAT
+    return isinstance(event, _ALWAYS)

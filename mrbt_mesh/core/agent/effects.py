@@ -1,4 +1,4 @@
-"""What comes out of an agent: plain data, no behaviour."""
+"""The effects of an agent: plain data, no behaviour."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mrbt_mesh.core.planning.plan import Plan
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Send to these robots, and to whoever watches; `to` is None: to everybody."""
+    """Send to these robots and to observers; `to` is None: to everybody."""
 
     kind: MessageKind
     data: bytes

@@ -47,7 +47,7 @@ class PlainStart:
         """The robot has promised, under this number, that it is ready."""
 
     def clear(self, situation: Situation) -> Clearance | None:
-        """With what the robot may start now; None: it has to wait."""
+        """The clearance to start now; None: the robot has to wait."""
         return Clearance()
 
     def given_up(self, claim: Claim) -> list[Fact]:
@@ -56,7 +56,7 @@ class PlainStart:
 
 
 class Executor:
-    """Claims and starts what the plan assigns to this robot; stops what it no longer does.
+    """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
     `starts`: the start policy of each global task. `shows_outcome`: T_Li was ticked with an
     outcome, and is to be ticked again.

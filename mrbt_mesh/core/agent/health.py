@@ -1,4 +1,4 @@
-"""What a robot writes of itself: its capabilities, and problems of its program and its journal."""
+"""The facts of a robot itself: its capabilities, and problems of its program and its journal."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Health:
     # -- its capabilities ---------------------------------------------------------------------
 
     def change_capability(self, change: CapabilityChanged, now_us: int) -> str | None:
-        """Declare a minor fault or its end; returns what is wrong with it, or None."""
+        """Declare a minor fault or its end; returns why it cannot be, or None."""
         description, name, source = self._context.description, change.local_task, change.source
         if not change.lost:
             return self._change(lambda: description.restore(name, source), now_us)
@@ -76,12 +76,12 @@ class Health:
     def change_performance(
         self, local_task: str, value: int, source: str, now_us: int
     ) -> str | None:
-        """Declare how well this robot does something; returns what is wrong with it, or None."""
+        """Declare how well this robot does something; returns why it cannot be, or None."""
         description = self._context.description
         return self._change(lambda: description.perform(local_task, value, source), now_us)
 
     def _change(self, change: Callable[[], str | None], now_us: int) -> str | None:
-        """Change the description, and tell the team if that makes a difference."""
+        """Change the description, and write it if it differs."""
         context, description = self._context, self._context.description
         before = description.changes()
         problem = change()
@@ -114,7 +114,7 @@ class Health:
         self.report_journal(now_us)
 
     def report_journal(self, now_us: int) -> None:
-        """Write what is wrong with the journal, and whether it allows promises, if that is news."""
+        """Write the journal's problem, and whether it allows promises, if that has changed."""
         context, durability = self._context, self._context.durability
         may_promise = durability.may_promise
         is_news = context.description.may_promise != may_promise

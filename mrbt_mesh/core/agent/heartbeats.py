@@ -1,4 +1,4 @@
-"""What a robot reports in its heartbeats, and when it sends one.
+"""This robot's heartbeats: their contents, and when to send one.
 
 Which robots get it is a matter of the team's dissemination (`core/membership/dissemination.py`).
 """
@@ -42,13 +42,13 @@ class Heartbeats:
         self._last: Urgent | None = None
 
     def send_if_due(self, now_us: int) -> None:
-        """Send one if it is time, or if there is something that others must hear at once."""
+        """Send one if it is time, or if others must hear something at once."""
         urgent = self._urgent()
         if self._schedule.is_due(urgent, now_us):
             self._send(urgent, now_us)
 
     def send_if_regular(self, now_us: int) -> None:
-        """The same where only reports of others may have changed."""
+        """The same, where only reports of others may have changed."""
         last, is_due = self._last, now_us >= self._schedule.next_due_us
         if is_due or (last and self._agrees(last.digest) != last.is_agreed):
             self._send(self._urgent(), now_us)

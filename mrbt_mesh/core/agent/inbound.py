@@ -1,6 +1,6 @@
-"""What comes from outside: heartbeats, facts, questions and answers, liveliness tokens.
+"""Messages from outside: heartbeats, facts, queries and answers, liveliness tokens.
 
-Whatever is malformed or of another run is counted and logged once per source, never fatal.
+A message that is malformed or of another run is counted and logged once per source, never fatal.
 """
 
 from __future__ import annotations
@@ -96,14 +96,11 @@ class Inbound:
                 self._refuse(peer, error)
                 self._context.replica.anti_entropy.mark_unanswered(peer, now_us)
             case QueryReceived(query, kind, _):
-                text = f"{self._context.me} refuses this: {error}"
-                header = self._context.replica.header
-                answer = encode(header, MessageKind.ANSWER, answer_body(False, text))
-                pages = (answer,) if kind is MessageKind.COMMAND else ()
-                self._context.emit(Reply(query, pages))
+                if kind is MessageKind.COMMAND:
+                    self._reply(query, False, f"{self._context.me} refuses this: {error}")
+                else:
+                    self._context.emit(Reply(query, ()))
                 self._refuse("a query", error)
-            case _:
-                pass
 
     def _read_beat(self, source: str, data: bytes, now_us: int) -> None:
         context = self._context
@@ -147,20 +144,21 @@ class Inbound:
         context.replica.compare_digest(source, beat.fact_digest + theirs, now_us, mine)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
-        context = self._context
-        header = context.replica.header
+        replica = self._context.replica
         try:
             if kind is MessageKind.PULL:
-                pages = context.replica.answer_pull(data, self._view)
+                self._context.emit(Reply(query, replica.answer_pull(data, self._view)))
             else:
-                _, body = decode(data, header, MessageKind.COMMAND)
-                good, text = self._commands.carry_out(body, now_us)
-                pages = (encode(header, MessageKind.ANSWER, answer_body(good, text)),)
-            context.emit(Reply(query, pages))
+                _, body = decode(data, replica.header, MessageKind.COMMAND)
+                self._reply(query, *self._commands.carry_out(body, now_us))
         except WireError as error:
-            answer = encode(header, MessageKind.ANSWER, answer_body(False, str(error)))
-            context.emit(Reply(query, (answer,)))
+            self._reply(query, False, str(error))
             self._refuse("a query", error)
+
+    def _reply(self, query: int, good: bool, text: str) -> None:
+        header = self._context.replica.header
+        answer = encode(header, MessageKind.ANSWER, answer_body(good, text))
+        self._context.emit(Reply(query, (answer,)))
 
     def _view(self, members_digest: bytes) -> dict[str, SelfReport]:
         """The robots that this one counts on, for one with other members; none while it joins."""

@@ -1,4 +1,4 @@
-"""What goes into an agent: plain data, no behaviour."""
+"""The inputs of an agent: plain data, no behaviour."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TokenChanged:
 class RouterAnswered:
     """The answer to AskRouter: whether a router has a link to the robot.
 
-    None: none is known to have one, and the router that was asked does not answer.
+    None: no router is known to have one, and the one that was asked does not answer.
     """
 
     robot: str
@@ -70,7 +70,7 @@ class AnswerReceived:
 
 @dataclass(frozen=True, slots=True)
 class InputRefused:
-    """So many inputs were refused before they came here."""
+    """The runtime has refused `count` inputs."""
 
     source: str
     reason: str
@@ -81,8 +81,8 @@ class InputRefused:
 class ActionFinished:
     """The action under `ticket` ended by itself.
 
-    `conditions` are those that it set, to be told together with the outcome. `error` is for the
-    log; `reason`: why it failed, for the team, empty where nothing is known of that.
+    `conditions`: those that it set, written together with the outcome. `error` is for the log;
+    `reason`: why it failed, for the team, empty if unknown.
     """
 
     ticket: int
@@ -119,7 +119,7 @@ class TreeTicked:
 
 @dataclass(frozen=True, slots=True)
 class PositionReported:
-    """Where the robot is; told with the heartbeats to come."""
+    """Where the robot is; its next heartbeats carry it."""
 
     position: Position
 
@@ -136,7 +136,7 @@ class ConditionSet:
 class CapabilityChanged:
     """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`.
 
-    `reason`: one line of text. `source`: who says so (`Description`). `is_pending`: it is no fault,
+    `reason`: one line of text. `source`: its origin (`Description`). `is_pending`: it is no fault,
     it cannot be used yet.
     """
 
@@ -160,9 +160,9 @@ class PerformanceChanged:
 
 @dataclass(frozen=True, slots=True)
 class ProblemFound:
-    """Something is wrong with the robot's own program: `subject` names the part, `text` says what.
+    """A problem of the robot's own program: `subject` names the part, `text` describes it.
 
-    The team is told for those who watch; nothing follows from it.
+    It is shown to people; nothing follows from it.
     """
 
     subject: str
@@ -171,10 +171,9 @@ class ProblemFound:
 
 @dataclass(frozen=True, slots=True)
 class BidMade:
-    """What this robot would do a local task with, in micro-units.
+    """The performance that this robot bids for a local task, in micro-units; None: it has no bid.
 
-    None: it has no bid. If something was wrong with it, `reason` says what, and `error`, for the
-    log, has the traceback.
+    If its program failed, `reason` is why, and `error` the traceback, for the log.
     """
 
     activation: str
@@ -186,7 +185,7 @@ class BidMade:
 
 @dataclass(frozen=True, slots=True)
 class BidsMade:
-    """Answers to RequestBid: as many as there are at once, to be told together."""
+    """Answers to RequestBid, all that there are at once."""
 
     bids: tuple[BidMade, ...]
 
@@ -211,16 +210,16 @@ class PlanMade:
 
 @dataclass(frozen=True, slots=True)
 class JournalSynced:
-    """What Persist of this number asked to keep is on disk, with all before it."""
+    """The entries of Persist of this number are on disk, and all before them."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class JournalReported:
-    """What is wrong with the journal, in words; empty: nothing. `is_failing`: it cannot be written.
+    """The journal's problem in words; empty: it has none. `is_failing`: it cannot be written.
 
-    What could not be written is tried again.
+    The runtime tries again to write the entries that it could not.
     """
 
     problem: str
@@ -280,8 +279,8 @@ AT_ONCE = 25
 def together(waiting: Iterable[Input]) -> Iterator[Input]:
     """The inputs that waited, in order; consecutive network inputs become one batch.
 
-    A robot that was slow so hears from all the others before it judges who is silent, and acts
-    once. Inputs of the robot itself or of an operator stay alone: each is a step of the tree.
+    So a robot that was slow hears all the others before it judges their silence, and acts once.
+    Inputs of the robot itself or of an operator stay alone: each is a step of the tree.
     """
     batch: list[NetworkInput] = []
     for event in waiting:

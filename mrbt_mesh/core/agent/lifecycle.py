@@ -58,12 +58,12 @@ class Lifecycle:
                 self._fence(silent_us, now_us)
 
     def _fence(self, silent_us: int, now_us: int) -> None:
-        """Begin a new life: what this robot has begun may have been taken over."""
+        """Begin a new life: other robots may have taken over this robot's task."""
         context = self._context
         context.log("warning", "fenced", silent_s=silent_us / 1e6)
         context.emit(DeclareToken(context.replica.next_incarnation(0)))
         self._join_again(frozenset(context.membership.members()), False, now_us)
-        # On disk before it is beaten out: no later process may take this incarnation again.
+        # On disk before the first heartbeat: no later process may take this incarnation again.
         context.write([(records.CLAIM, NO_CLAIM)], now_us)
 
     def _catch_up(self, silent_us: int, now_us: int) -> None:
@@ -78,8 +78,8 @@ class Lifecycle:
     def _has_nothing_to_lose(self) -> bool:
         """Whether nobody can have taken over anything from this robot.
 
-        A new life is news for everybody: where many robots are slow together, as when a large team
-        starts on one machine, it would make more of the load that made them slow.
+        All robots hear of a new life: where many are slow together, as when a large team starts on
+        one machine, new lives would add to the load that made them slow.
         """
         work = self._context.work
         has_begun = work.claim is not None and work.claim.phase is not Phase.CLAIMED
@@ -89,9 +89,9 @@ class Lifecycle:
     def join_above(self, later: Incarnation, now_us: int) -> None:
         """There is a later life of this robot: it started again without knowing of it.
 
-        Others ignore its beats, so it joins once more, above that life. If that life still
-        goes on, it is heard meanwhile, and this process stops: it listens for as long as it
-        takes, because it expects itself, whom it never hears.
+        Others ignore its heartbeats, so it joins once more, above that life. If that life still
+        goes on, this process hears it while it joins, and stops. It listens for the whole time,
+        since it expects its own id, which it never hears.
         """
         self._context.log("warning", "later_life_found", incarnation=str(later))
         self._join_again(frozenset({self._context.me}), True, now_us)
@@ -154,7 +154,7 @@ class Lifecycle:
     def result_to_stop_with(self, plan: Plan | None, now_us: int) -> Status | None:
         """The mission's result once every living robot has come to it, and has heard so.
 
-        None for ever where the team stands by.
+        None while the team stands by.
         """
         context = self._context
         if plan is None or not self._is_everybody_done(plan):

@@ -65,7 +65,7 @@ class Planner:
         self._number = 0
         # The facts and the alive set of the newest plan.
         self._planned: tuple[int, int] | None = None
-        # How many outcomes there were, and what the alive set was, when T_A last planned.
+        # The outcomes and the alive set when T_A last planned.
         self._finished: tuple[int, int] | None = None
 
     def _take_up(
@@ -84,7 +84,7 @@ class Planner:
             listener(plan, alive)
 
     def forget(self) -> None:
-        """Plan anew at the next update, whatever has changed or is being made."""
+        """Plan anew at the next update."""
         self._planned = self.awaited = self._finished = None
         self.deadlines.restart_verdicts()
 
@@ -149,7 +149,7 @@ class Planner:
         return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
 
     def made(self, event: PlanMade, now_us: int) -> None:
-        """*Assign Agents*, which took place elsewhere, has ended with this plan."""
+        """*Assign Agents* has ended elsewhere, with this plan."""
         awaited = self.awaited
         if awaited is not None and event.number == awaited.number:
             self.awaited = None
@@ -164,7 +164,7 @@ class Planner:
         """Compute the values of T_A's leaves and tick it; whether there is a new plan.
 
         A local task has finished with an outcome or the death of its robot. Any new fact may change
-        what T_G asks for, or the assignment problem: what a robot can do, or is doing.
+        the requests of T_G or the assignment problem.
         """
         context, state = self._context, self._state()
         ends = context.facts.outcome_changes, context.membership.member_changes

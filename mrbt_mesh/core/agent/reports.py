@@ -1,4 +1,4 @@
-"""What a robot writes of its work: outcomes and conditions, its leave, an operator's order."""
+"""The facts of a robot's work: outcomes and conditions, its leave, an operator's order."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class Reports:
         self._unsaid: dict[str, bool] = {}
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
-        """Write the outcome, what follows from it in T_G, its conditions and the end of the claim,
-        as one batch.
+        """Write the outcome, its conditions, the latched results of its tick of T_G and the end of
+        the claim, as one batch.
         """
         context, work = self._context, self._context.work
         claimed = work.claim
@@ -122,7 +122,7 @@ class Reports:
     # -- leaving, and orders ------------------------------------------------------------------
 
     def leave(self, now_us: int) -> None:
-        """Hand the work over, and tell everybody at once."""
+        """Hand the work over, and leave."""
         context = self._context
         if context.is_leaving:
             return

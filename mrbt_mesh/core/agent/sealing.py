@@ -19,7 +19,7 @@ MAX_ASKERS = 1_000
 
 
 class Sealing:
-    """A guard for one agent, which remembers who asked what: answers are for the asker alone.
+    """A guard for one agent. It remembers who sent each query: answers are for the sender alone.
 
     For `life` see `Guard`.
     """
@@ -44,7 +44,7 @@ class Sealing:
         return effect
 
     def _watchers(self) -> list[str]:
-        """Whoever is no robot may watch what goes to some robots only."""
+        """Members other than robots may read messages to some robots only."""
         keys = self.guard.keys
         return [name for name in keys.members() if keys.role_of(name) is not Role.ROBOT]
 

@@ -11,37 +11,32 @@ from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.peer import Peer
-from mrbt_mesh.core.membership.wire import Header, Position
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.core.planning.plan import Plan
 
 
 class AgentView:
-    """An agent as it is now, read-only: it changes with the agent."""
+    """An agent as it is now, read-only: it changes with the agent.
+
+    `robot`: its id. `header`: that of its messages. `facts`: its replica of the team's facts.
+    `peers`: the other robots as it knows them. `alive()`: the alive set of its plan, itself
+    included. `judges(robot)`: whether it judges the silence of another robot. `refused`: how often
+    input was refused, by source and reason.
+    """
 
     def __init__(self, context: Context, planner: Planner, executor: Executor) -> None:
+        self.robot = context.me
+        self.mission = context.mission
+        self.header = context.replica.header
+        self.facts = context.facts
+        self.peers: Mapping[str, Peer] = context.membership.peers
+        self.alive = context.alive
+        self.judges = context.membership.around.judges
+        self.refused: Mapping[str, int] = context.refused
         self._context = context
         self._planner = planner
         self._executor = executor
-
-    # -- who it is ----------------------------------------------------------------------------
-
-    @property
-    def robot(self) -> str:
-        """Its id."""
-        return self._context.me
-
-    @property
-    def mission(self) -> Mission:
-        """What it carries out."""
-        return self._context.mission
-
-    @property
-    def header(self) -> Header:
-        """What its messages begin with."""
-        return self._context.replica.header
 
     @property
     def incarnation(self) -> Incarnation:
@@ -64,34 +59,13 @@ class AgentView:
         return self._context.description.lost
 
     @property
-    def tree_statuses(self) -> bytes:
-        """Of the nodes of the tree that carries out this robot's local task; empty if none does."""
-        return self._context.work.tree_statuses
-
-    @property
     def position(self) -> Position | None:
-        """Where its program has said last that it is."""
+        """The last one that its program has reported."""
         return self._context.position
-
-    # -- what it knows ------------------------------------------------------------------------
-
-    @property
-    def facts(self) -> TeamFacts:
-        """Its replica of the team's facts; to be read only."""
-        return self._context.facts
-
-    @property
-    def peers(self) -> Mapping[str, Peer]:
-        """What it knows of the other robots; to be read only."""
-        return self._context.membership.peers
-
-    def judges(self, robot: str) -> bool:
-        """Whether it listens for a robot, or would if that were alive: it is a neighbour of it."""
-        return self._context.membership.around.judges(robot)
 
     @property
     def version(self) -> tuple[int, int]:
-        """Two numbers that grow with each change of its facts and of who is alive."""
+        """Two numbers that grow with each change of its facts and of its alive set."""
         return self._context.facts.changes, self._context.membership.member_changes
 
     @property
@@ -99,35 +73,10 @@ class AgentView:
         """Grows with every token that comes or goes, and with every suspicion of others."""
         return self._context.membership.suspicion_changes
 
-    def alive(self) -> dict[str, Incarnation]:
-        """The alive set of its plan, itself included."""
-        return self._context.alive()
-
-    def agrees(self) -> bool:
-        """Whether all robots in good standing report its plan."""
-        plan = self._planner.plan
-        return plan is not None and self._context.membership.all_report_plan(plan.digest)
-
-    @property
-    def refused(self) -> Mapping[str, int]:
-        """How often what was refused, by source and reason."""
-        return self._context.refused
-
-    # -- what it does -------------------------------------------------------------------------
-
     @property
     def plan(self) -> Plan | None:
         """Its newest plan, None while it has never joined."""
         return self._planner.plan
-
-    @property
-    def statuses(self) -> tuple[Status, Status, Status, Status]:
-        """Those of T_i, T_A, T_G and T_Li after the last tick."""
-        return self._executor.tree.statuses
-
-    def subscribe_to_plans(self, listener: PlanListener) -> None:
-        """Have `listener` called with each new plan, between the changes of facts around it."""
-        self._planner.listeners.append(listener)
 
     @property
     def is_plan_current(self) -> bool:
@@ -143,11 +92,30 @@ class AgentView:
     @property
     def waits_for_deadline(self) -> bool:
         """Whether a time limit of the tree, of a blocked task or of bids is running."""
-        return self._planner.deadlines.next_deadline_us() is not None
+        return self._planner.next_deadline_us() is not None
+
+    def agrees(self) -> bool:
+        """Whether all robots in good standing report its plan."""
+        plan = self._planner.plan
+        return plan is not None and self._context.membership.all_report_plan(plan.digest)
+
+    def subscribe_to_plans(self, listener: PlanListener) -> None:
+        """Have `listener` called with each new plan, between the changes of facts around it."""
+        self._planner.listeners.append(listener)
+
+    @property
+    def statuses(self) -> tuple[Status, ...]:
+        """Those of T_i, T_A, T_G and T_Li after the last tick."""
+        return self._executor.tree.statuses
+
+    @property
+    def tree_statuses(self) -> bytes:
+        """Of the nodes of the tree that carries out its local task; empty if none does."""
+        return self._context.work.tree_statuses
 
     @property
     def claim(self) -> Claim | None:
-        """What it works on, or is about to."""
+        """The activation that it works on, or is about to."""
         return self._context.work.claim
 
     @property

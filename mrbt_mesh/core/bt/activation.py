@@ -1,7 +1,7 @@
-"""Activations: to what outcomes, attempt numbers and memory belong.
+"""Activations: outcomes, attempt numbers and memory belong to them.
 
-Nodes remember nothing. What a memoryless tree would forget or repeat is decided by the *name* of an
-activation, which follows from its causes alone: the run, the node, the attempt numbers of the
+Nodes remember nothing. The *name* of an activation decides what a memoryless tree would forget or
+repeat. It follows from its causes alone: the run, the node, the attempt numbers of the
 Retry and Repeat nodes around it, and how often its *guards* have turned against it. So it is the
 same on every robot that has the same facts.
 
@@ -50,7 +50,7 @@ def parse_activation(text: str) -> Activation:
 
 
 class ActivationNames(Guards):
-    """The activations of one tree's nodes; what it keeps follows from the tree alone."""
+    """The activations of one tree's nodes; its caches follow from the tree alone."""
 
     def turns_at(self, node: int, facts: EvaluationFacts) -> int:
         """How often the guards of a node have turned against it, in all."""

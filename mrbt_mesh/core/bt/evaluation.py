@@ -1,4 +1,4 @@
-"""What an evaluation reads and what comes of it."""
+"""The facts that an evaluation reads, and its result."""
 
 from __future__ import annotations
 
@@ -40,81 +40,68 @@ class EvaluationFacts(Protocol):
         ...
 
     def child_result(self, activation: str, position: int) -> Status | None:
-        """How that child of a node with memory ended, None if nobody has said so."""
+        """How that child of a node with memory ended, None if that is not known."""
         ...
 
 
 class PresentFacts:
-    """Facts that tell only how things stand: nothing has turned, ended or been counted before."""
+    """Present facts alone: nothing has turned, ended or been counted before."""
 
     run = ""
 
     def turns(self, name: str, value: bool) -> int:
-        """Nothing has turned."""
         return 0
 
     def attempts_used(self, activation: str) -> int:
-        """Nothing was tried before."""
         return 0
 
     def has_expired(self, activation: str) -> bool:
-        """Nothing takes too long."""
         return False
 
     def child_result(self, activation: str, position: int) -> Status | None:
-        """Nothing is remembered."""
         return None
 
 
 @dataclass(slots=True)
 class OwnFacts(PresentFacts):
-    """Which conditions hold, and how actions stand, those that are not named still running."""
+    """The conditions that hold, and the statuses of actions; those that are not named run."""
 
     true_conditions: Collection[str]
     actions: Mapping[str, Status] = field(default_factory=dict)
 
     def condition(self, name: str) -> bool:
-        """Whether the condition holds."""
         return name in self.true_conditions
 
     def task_status(self, subject: str, activation: str) -> Status:
-        """The status of an action, whichever its activation."""
         return self.actions.get(subject, Status.RUNNING)
 
 
 @dataclass
 class OverlaidFacts:
-    """Reads as the facts beneath, but for what a subclass says otherwise."""
+    """Reads as the facts beneath, but for the methods that a subclass overrides."""
 
     beneath: EvaluationFacts
 
     @property
     def run(self) -> str:
-        """The run's id."""
         return self.beneath.run
 
     def condition(self, name: str) -> bool:
-        """Whether the condition holds."""
         return self.beneath.condition(name)
 
     def turns(self, name: str, value: bool) -> int:
-        """How often it has turned to `value`."""
         return self.beneath.turns(name, value)
 
     def task_status(self, subject: str, activation: str) -> Status:
-        """RUNNING until the activation has a result."""
         return self.beneath.task_status(subject, activation)
 
     def attempts_used(self, activation: str) -> int:
-        """How many attempts are used up."""
         return self.beneath.attempts_used(activation)
 
     def has_expired(self, activation: str) -> bool:
-        """Whether a Timeout's time is over."""
         return self.beneath.has_expired(activation)
 
     def child_result(self, activation: str, position: int) -> Status | None:
-        """How that child of a node with memory ended."""
         return self.beneath.child_result(activation, position)
 
 
@@ -128,12 +115,10 @@ class OtherConditions(OverlaidFacts):
     counts: Mapping[tuple[str, bool], int]
 
     def condition(self, name: str) -> bool:
-        """Whether the condition holds."""
         value = self.values.get(name)
         return super().condition(name) if value is None else value
 
     def turns(self, name: str, value: bool) -> int:
-        """How often it has turned to `value`."""
         count = self.counts.get((name, value))
         return super().turns(name, value) if count is None else count
 
@@ -167,12 +152,10 @@ class OutcomeTick:
         self._has_returned = False
 
     def condition(self, name: str) -> bool:
-        """Whether the condition holds, at this moment of the tick."""
         value = self.conditions.get(name) if self._has_returned else None
         return self.beneath.condition(name) if value is None else value
 
     def task_status(self, subject: str, activation: str) -> Status:
-        """The status of an action."""
         if activation != self._activation:
             return self.beneath.task_status(subject, activation)
         self._has_returned = True
@@ -181,7 +164,7 @@ class OutcomeTick:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A running action leaf: what it asks for, under which activation."""
+    """A running action leaf: its global or local task, and its activation."""
 
     node: int
     subject: str
@@ -190,7 +173,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class RunningTimeout:
-    """A Timeout whose child runs; whoever sees `timeout_us` pass records that it expired."""
+    """A Timeout whose child runs; the first to see `timeout_us` pass records that it expired."""
 
     node: int
     activation: str

@@ -1,7 +1,7 @@
 """Evaluating a tree: a pure function from facts to a status of every node and a list of requests.
 
-This is the definition of the project's behavior trees. `Tick.rule` has one place for each kind of
-node; The rules are those
+This is the definition of the project's behavior trees. `_Tick.rule` has one place for each kind of
+node. The rules are those
 of the paper, section III, and of BehaviorTree.CPP 4 for nodes that the paper does not have:
 
 | kind of node | without memory | with memory (`Tick.remembering`) |
@@ -16,7 +16,7 @@ of the paper, section III, and of BehaviorTree.CPP 4 for nodes that the paper do
 
 Two things differ from an executor that ticks again and again. An action that has ended keeps its
 outcome for as long as its activation has the same name (`activation`), so it is not run again at
-the next tick. And nothing has to be halted: what is not requested is not carried out.
+the next tick. And nothing has to be halted: an action that is not requested is not carried out.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TickChild: TypeAlias = Callable[[int], Result]
 
 
 class Evaluator(ActivationNames):
-    """Evaluates one tree; what it keeps is derived from the tree alone, never from facts."""
+    """Evaluates one tree; its caches are derived from the tree alone, never from facts."""
 
     def __init__(self, tree: Tree) -> None:
         super().__init__(tree)
@@ -86,8 +86,8 @@ class Evaluator(ActivationNames):
 class _Tick:
     """The working state of one tick.
 
-    `attempts`: the attempt numbers of the loops around the present node. `child_results`: what
-    nodes with memory that run are to remember; `kept_results`: the same of those that have failed.
+    `attempts`: the attempt numbers of the loops around the present node. `child_results`:
+    those that running nodes with memory have to remember; `kept_results`: those of failed ones.
     """
 
     def __init__(self, names: ActivationNames, facts: EvaluationFacts) -> None:
@@ -167,12 +167,12 @@ class _Tick:
             self.failures.append(activation)
         return status, status is not Status.RUNNING
 
-    # -- what needs the facts -----------------------------------------------------------------
+    # -- nodes that read facts ----------------------------------------------------------------
 
     def timeout(self, node: Node) -> Result:
         """BehaviorTree.CPP's Timeout: Failure once its child has run for too long.
 
-        That the time is over is a fact, written by whoever sees it pass.
+        That the time is over is a fact: the first robot to see it pass writes it.
         """
         activation = str(self.names.activation(node.index, self.attempts, self.facts))
         status, has_acted = self.tick(node.children[0])
@@ -206,7 +206,7 @@ class _Tick:
             if status is not again or not has_acted or attempt + 1 == limit:
                 break
             attempt += 1
-            del self.failures[mark:]  # the attempt number says it for good
+            del self.failures[mark:]  # the attempt number records it
         if attempt > recorded:
             self.used_up.append((activation, attempt))
         if status is again and limit < 0:
@@ -264,7 +264,7 @@ def in_order(children: Sequence[int], passing: Status, tick: TickChild) -> Resul
     """Sequence (`passing` is Success) and Fallback (Failure): paper, section III.
 
     Children are ticked from the left until one does not return `passing`; its status is the
-    node's, and what stands further right is not ticked. If all return `passing`, so does the node.
+    node's, and children further right are not ticked. If all return `passing`, so does the node.
     """
     has_acted = False
     for child in children:

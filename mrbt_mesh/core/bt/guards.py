@@ -6,13 +6,13 @@ the node gets another activation (`activation`): what was done there is done aga
 back, nothing changes.
 
 An *expression* is a subtree without actions, or the first children of a control if they have none.
-A single condition needs no more than its name: its revisions say how often it has turned. Of
-several conditions that decide together this cannot be told from theirs, since they may change at
-once; so it is a fact of its own (`facts.conditions`).
+A single condition needs no more than its name: its revisions count its turns. The turns of several
+conditions that decide together cannot be counted from theirs, since they may change at once; they
+are a fact of their own (`facts.conditions`).
 
-Where actions stand before conditions in a guard, what these decide depends on how the actions have
-ended. Such a guard turns when conditions take away the status that it must have, with the same
-outcomes (`Evaluator.has_turned`). That is a fact as well.
+Where actions precede conditions in a guard, its status depends on the outcomes of the actions. Such
+a guard turns when conditions take away the status that it must have, with the same outcomes
+(`Evaluator.has_turned`). That is a fact as well.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.bt.tree import Kind, Memory, Node, NodeSpec, Status, Tree
 
-# A condition's name or an expression's id, and the value at which what it guards is out of reach.
+# A condition's name or an expression's id, and the value at which it keeps its node out of reach.
 Guard: TypeAlias = tuple[str, bool]
 
 _FORCES = frozenset({Kind.FORCE_SUCCESS, Kind.FORCE_FAILURE})
@@ -59,7 +59,7 @@ class GuardWithActions:
 
 
 class Guards:
-    """The guards of one tree's nodes; what it keeps follows from the tree alone."""
+    """The guards of one tree's nodes; its caches follow from the tree alone."""
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -192,7 +192,7 @@ class Guards:
     def _leading_conditions(self, node: Node) -> int:
         """How many of the first children have no actions, where all conditions are in these.
 
-        0 where conditions stand elsewhere, or where another rule than that of a Sequence or
+        0 where there are conditions elsewhere, or where another rule than that of a Sequence or
         Fallback decides.
         """
         count = [self.has_action[child] for child in node.children].index(True)

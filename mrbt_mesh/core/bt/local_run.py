@@ -19,7 +19,7 @@ from mrbt_mesh.core.bt.tree import Status, Tree
 class LocalConditions:
     """The conditions of one robot, for as long as its process lives.
 
-    `default` says what a condition reads as that nobody has set.
+    `default`: the value of a condition that nobody has set.
     """
 
     def __init__(self, default: Callable[[str], bool]) -> None:
@@ -32,7 +32,7 @@ class LocalConditions:
         return self._default(name) ^ bool(self._changes.get(name, 0) % 2)
 
     def set(self, name: str, value: bool) -> None:
-        """Make it true or false, and tell who watches if that changes it."""
+        """Make it true or false, and call the watchers if that changes it."""
         if self.value(name) != value:
             self._changes[name] = self._changes.get(name, 0) + 1
             for watcher in list(self.watchers):
@@ -42,9 +42,9 @@ class LocalConditions:
 class LocalRun:
     """One run of a local task's tree.
 
-    Tell it what happens (`ended`, `returned`, `expired`, and by watching the conditions `turned`),
-    then `tick`: what the evaluation requests is to be carried out, and what it no longer requests
-    is to be cancelled. Once the root has ended, so has the local task, with that status.
+    Report events to it (`ended`, `returned`, `expired`, and `turned` as a watcher of conditions),
+    then `tick`: the caller carries out the requests of the evaluation, and cancels those that are
+    no longer among them. The local task ends when the root does, with its status.
     """
 
     def __init__(self, tree: Tree, conditions: LocalConditions) -> None:
@@ -61,12 +61,12 @@ class LocalRun:
             for name in expression.conditions:
                 self._readers.setdefault(name, []).append(expression)
         self._touched: dict[str, Expression] = {}
-        # Before what has changed since the last tick.
+        # Values and counts at the last tick, of those that have changed since.
         self._values_before: dict[str, bool] = {}
         self._counts_before: dict[Guard, int] = {}
         self._held = {each.id: self._holds(each) for each in self._evaluator.expressions.values()}
 
-    # -- what happens -------------------------------------------------------------------------
+    # -- events -------------------------------------------------------------------------------
 
     def ended(self, activation: str, success: bool) -> None:
         """An action has ended by itself."""
@@ -97,8 +97,8 @@ class LocalRun:
     def tick(self) -> Evaluation:
         """Evaluate the tree, until nothing more follows that nodes have to remember.
 
-        Several conditions that decide together count as they are now: what happens between two
-        ticks happens at once.
+        Several conditions that decide together count as they are now: all changes between two ticks
+        happen at once.
         """
         for expression in self._touched.values():
             holds = self._holds(expression)
@@ -118,7 +118,7 @@ class LocalRun:
                 return found
 
     def _remember(self, found: Evaluation) -> bool:
-        """Keep what one tick has found for good; whether any of it is new."""
+        """Keep the latched results of one tick; whether any of them is new."""
         fresh = [row for row in found.attempts if self._attempts.get(row[0], 0) < row[1]]
         results = {(a, position): success for a, position, success in found.child_results}
         is_new = bool(fresh or results.keys() - self._child_results.keys())
@@ -137,7 +137,7 @@ class LocalRun:
         holding = set(filter(self._conditions.value, expression.conditions))
         return self._evaluator.holds(expression, holding)
 
-    # -- what the tree reads (evaluation.EvaluationFacts) -------------------------------------
+    # -- evaluation.EvaluationFacts -----------------------------------------------------------
 
     run = "local"
 

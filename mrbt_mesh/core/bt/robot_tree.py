@@ -41,7 +41,7 @@ def assignment_tree() -> Tree:
 
 
 def local_tree(local_tasks: Iterable[str], trees: Mapping[str, NodeSpec] | None = None) -> Tree:
-    """T_Li (paper, section V): rest while nothing is assigned, else perform what is.
+    """T_Li (paper, section V): rest while nothing is assigned, else perform the local task.
 
     `trees`: those of the local tasks that are trees of their own. While a robot works, the status
     of such a branch is that of its tree, which is ticked beside it (`local_run`).
@@ -99,7 +99,7 @@ def local_status(
 ) -> tuple[Status, str | None]:
     """The status of T_Li and the local task that it wants to run, with this one assigned.
 
-    `outcome`: how that has ended.
+    `outcome`: that of the local task.
     """
     holding, actions = frozenset[str](), dict[str, Status]()
     if assigned:
@@ -134,7 +134,7 @@ class RobotTree:
     ) -> str | None:
         """Tick T_Li and T_i; returns the local-task type that T_Li wants to run, or None.
 
-        `outcome`: how what is assigned has ended, Running while it has not.
+        `outcome`: that of the assigned local task, Running while it has none.
         """
         local, wanted = local_status(self._local_tasks, assigned, outcome)
         self._combine(global_tasks, local)

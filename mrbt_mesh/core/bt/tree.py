@@ -69,13 +69,13 @@ class TreeError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class NodeSpec:
-    """A node with its children nested: what formats produce and `build_tree` numbers.
+    """A node with its children nested, as formats produce it; `build_tree` numbers it.
 
     `subject` is the global task, local task or condition of a leaf, else empty.
     `limit` is M of a Parallel, or the attempts or cycles of a Retry or Repeat (-1: no limit).
     `timeout_us` is the time limit of a Timeout, in microseconds. `memory` is that of a control.
-    `failures`: so many failed children fail a Parallel; 0: only as many as put M out of reach (the
-    paper's rule).
+    `failures`: the number of failed children that fails a Parallel; 0: only as many as put M out of
+    reach (the paper's rule).
     """
 
     kind: Kind

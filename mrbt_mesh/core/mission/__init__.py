@@ -1,4 +1,4 @@
-"""What is fixed before a run: robots, tasks, side constraints, the tree.
+"""The mission, which is fixed before a run: robots, tasks, side constraints, the tree.
 
 Imports `bt` only. Everything is immutable and has a digest.
 """

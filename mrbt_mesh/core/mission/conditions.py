@@ -1,9 +1,8 @@
 """Conditions, and those that every robot has for itself (`per: robot`), such as *holding*.
 
-Of these there is one ground condition per robot of the mission: `holding@A1`. A leaf `holding` of
-T_G holds if it holds for at least one of them; how often that has turned is told like that of any
-expression of conditions (`bt.guards`), and what stands behind it is for the robots for which it
-holds.
+There is one ground condition per robot of the mission: `holding@A1`. A leaf `holding` of T_G holds
+if it holds for at least one of them; its turns are counted like those of any expression of
+conditions (`bt.guards`), and a request behind it is for the robots for which it holds.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from mrbt_mesh.core.mission.names import robot_condition, split_owner, type_name
 
 @dataclass(frozen=True, slots=True)
 class ConditionType:
-    """A declared condition; a ground condition that nobody has set reads as `default`.
+    """A declared condition; `default` is the value of a ground condition that nobody has set.
 
-    `per_robot`: every robot of the mission has its own. `failure`: it tells why something failed,
-    and robots' programs do not set it.
+    `per_robot`: every robot of the mission has its own. `failure`: it follows from failure
+    reasons, and robots' programs do not set it.
     """
 
     name: str
@@ -35,7 +34,7 @@ class ConditionType:
     failure: FailureReason | None = None
 
     def to_json(self) -> list[Any]:
-        """Its fields in their order; the last two only where they say anything."""
+        """Its fields in their order; the last two only where they differ from the usual."""
         row = [list(self.parameters), self.default]
         if self.failure is not None:
             return [*row, self.per_robot, self.failure.to_json()]
@@ -44,7 +43,7 @@ class ConditionType:
     def after_end(
         self, global_task: str, local_task: str, success: bool, reason: str
     ) -> tuple[str, bool] | None:
-        """What an outcome makes of it: a ground condition and its value; None: nothing."""
+        """The ground condition that an outcome sets, and its value; None: none."""
         if self.failure is None:
             return None
         arguments = self.failure.bind(self.parameters, global_task, local_task)
@@ -55,7 +54,7 @@ class ConditionType:
 
 
 def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
-    """What a compiled mission says of them; raises TypeError or ValueError for anything else."""
+    """Read them from a compiled mission; raises TypeError or ValueError for anything else."""
     return {
         name: ConditionType(
             name, tuple(parameters), *more[:2], *map(FailureReason.from_json, more[2:])
@@ -65,14 +64,14 @@ def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
 
 
 def any_of(condition: str, robots: Iterable[str]) -> Expression:
-    """What a leaf reads: whether the condition holds for any of the robots. Its id is its name."""
+    """Whether a condition holds for any of the robots, as a leaf reads it. Its id is its name."""
     names = tuple(sorted(robot_condition(condition, robot) for robot in robots))
     leaves = tuple(NodeSpec(Kind.CONDITION, subject=name) for name in names)
     return Expression(condition, NodeSpec(Kind.FALLBACK, leaves), names)
 
 
 class PerRobotConditions:
-    """Which of a mission's conditions every robot has for itself, and what in the tree reads them.
+    """The conditions that every robot has for itself, and the nodes of the tree that read them.
 
     `robots`: those of the mission, sorted.
     """
@@ -105,7 +104,7 @@ class PerRobotConditions:
 
     @cached_property
     def guard_expressions(self) -> dict[str, Expression]:
-        """By id, what decides as a whole: several conditions, or one condition of all robots."""
+        """The expressions that are guards, by id; also conditions of any robot."""
         leaves = {name: any_of(name, self.robots) for name in self.leaves}
         return self._names.expressions | leaves
 
@@ -120,7 +119,7 @@ class PerRobotConditions:
     def guards(self) -> dict[int, tuple[Guard, ...]]:
         """By action node: its guards that a robot reads its own way; nodes without are left out.
 
-        Of guards with actions only Sequences and Fallbacks ask a robot for what holds for it.
+        Of guards with actions only Sequences and Fallbacks are read with a robot's own values.
         """
         nodes, in_order = self._names.tree.nodes, (Kind.SEQUENCE, Kind.FALLBACK)
         with_actions = self._names.with_actions.items()
@@ -141,7 +140,7 @@ class PerRobotConditions:
 
 
 def truth_of(value: Any) -> bool | None:
-    """The truth that a robot's program gives: a bool, Python's or numpy's; None: it is none."""
+    """A truth value of a robot's program, Python's or numpy's bool; None: it is none."""
     if isinstance(value, bool):
         return value
     kind = type(value)

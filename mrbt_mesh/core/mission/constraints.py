@@ -1,6 +1,6 @@
-"""Side constraints, as a mission declares them: who may not work together, or at the same time.
+"""Side constraints that a mission declares: robots that may not work together, or at once.
 
-`limits` says what becomes of them in a plan.
+`planning.side_constraints` applies them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 class NeverTogether:
     """r(i, l) r(h, l) = 0: at most one of these robots on the same demand.
 
-    `local_tasks` are ground names or types; none stand for all.
+    `local_tasks` are ground names or types; none: all of them.
     """
 
     robots: tuple[str, ...]
@@ -61,7 +61,7 @@ def constraint_to_json(constraint: Constraint) -> list[Any]:
 
 
 def constraint_from_json(data: list[Any]) -> Constraint:
-    """The other way round; raises KeyError, TypeError or ValueError for anything else."""
+    """The inverse; raises KeyError, TypeError or ValueError for anything else."""
     kind, names, rest = data
     if not all(isinstance(name, str) for name in names):
         raise ValueError(f"constraint {kind!r}: names expected")

@@ -1,9 +1,9 @@
-"""Why something failed, as the robot's program says it, and conditions that follow from that.
+"""Failure reasons, which robots' programs give, and conditions that follow from them.
 
-A reason is one line of text. It is kept with the outcome, and nothing but a condition that is
-declared with `failure_reason` reads it: such a condition is true while the last outcome of its task
-is a failure with a reason that fits. The robot that ends writes it together with its outcome, so
-for the team it is a condition like any other.
+A reason is one line of text, kept with the outcome. Only a condition that is declared with
+`failure_reason` reads it: it is true while the last outcome of its task is a failure with a
+matching reason. The robot writes it together with its outcome, so for the team it is a condition
+like any other.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ EQUALS, CONTAINS = "equals", "contains"
 
 
 def one_line(text: str) -> str:
-    """A reason as it is kept: one line, without what cannot be printed, not too long."""
+    """A reason as it is kept: one line of limited length, without unprintable characters."""
     line = " ".join(text.split())
     line = "".join(sign if sign.isprintable() else "?" for sign in line)
     return line if len(line) <= MAX_REASON else line[: MAX_REASON - 1] + _CUT
@@ -31,7 +31,7 @@ def one_line(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FailureReason:
-    """What makes a condition true: a failure of this task, with a reason that fits.
+    """Makes a condition true: a failure of this task, with a matching reason.
 
     `kind`: GLOBAL or LOCAL. `task`: its type. `arguments`: each a text, or `$name` for a parameter
     of the condition. `match`: EQUALS or CONTAINS.
@@ -44,13 +44,13 @@ class FailureReason:
     text: str
 
     def fits(self, reason: str) -> bool:
-        """Whether this is such a reason."""
+        """Whether a reason matches."""
         return reason == self.text if self.match == EQUALS else self.text in reason
 
     def bind(
         self, parameters: Sequence[str], global_task: str, local_task: str
     ) -> tuple[str, ...] | None:
-        """The arguments of the condition that an end of this work tells of, None if it is of none.
+        """The arguments of the condition that an outcome of this work sets, None if it sets none.
 
         `parameters`: those of the condition, each of which is among the arguments.
         """
@@ -72,7 +72,7 @@ class FailureReason:
 
     @classmethod
     def from_json(cls, data: Sequence[Any]) -> FailureReason:
-        """The other way round; raises TypeError or ValueError for anything else."""
+        """The inverse; raises TypeError or ValueError for anything else."""
         kind, task, arguments, match, text = data
         if kind not in (GLOBAL, LOCAL) or match not in (EQUALS, CONTAINS):
             raise ValueError(f"no failure reason: {data!r:.80}")

@@ -2,7 +2,7 @@
 
 Files with parameters and for-each loops are expanded by `mrbt_mesh.formats`; what arrives
 here has none left. Every robot of a team holds the same mission, and `Mission.digest`
-is how they tell. Source: paper, section IV; symbols in ARCHITECTURE.md's glossary.
+shows it. Source: paper, section IV; symbols in ARCHITECTURE.md's glossary.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ from mrbt_mesh.core.mission.conditions import (
     conditions_from_json,
 )
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.local_tasks import LocalTask
 from mrbt_mesh.core.mission.names import robot_condition, split_call, split_owner, type_name
 from mrbt_mesh.core.mission.program_trees import (
     ProgramTree,
@@ -54,8 +52,8 @@ GlobalTaskId: TypeAlias = str
 class FailurePolicy(enum.StrEnum):
     """When a global task fails of which some robot has failed.
 
-    By the paper's count; once nobody who lives is left to try (resilient); or once nobody at all
-    is, since dead robots and lost capabilities are waited for (patient).
+    By the paper's count; once no living robot can still try (resilient); or once no robot at all
+    can, since the team waits for dead robots and lost capabilities (patient).
     """
 
     PAPER = "paper"
@@ -64,28 +62,58 @@ class FailurePolicy(enum.StrEnum):
 
 
 class AssignmentPolicy(enum.StrEnum):
-    """Which robots a request may have: all that are capable, or those that are needed least."""
+    """The robots that a request may have: all that are capable, or those that are needed least."""
 
     ANY = "any"
     SPARE_SCARCE = "spare_scarce"
 
 
 class MissionEnd(enum.StrEnum):
-    """Whether a team is done when T_G has succeeded or failed, or stands by for more."""
+    """Whether a team stops when T_G has succeeded or failed, or stands by."""
 
     ONCE = "once"
     NEVER = "never"
 
 
 class InDoubtPolicy(enum.StrEnum):
-    """What becomes of an exclusive task that was begun and ended without an outcome.
-
-    It is held for the operator, counts as failed, or is tried again.
+    """An exclusive task that was begun and ended without an outcome: it is held for the operator,
+    counts as failed, or is tried again.
     """
 
     HOLD = "hold"
     FAIL = "fail"
     RETRY = "retry"
+
+
+@dataclass(frozen=True, slots=True)
+class LocalTask:
+    """A local-task type: its parameters, and its nominal work in micro-units.
+
+    A robot with performance p needs work / p seconds for it.
+    """
+
+    name: str
+    parameters: tuple[str, ...] = ()
+    work: int = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Costs:
+    """The costs of one more robot of a type, and of one more robot with a capability; usually 1.
+
+    Only `mrbt analyze` reads them.
+    """
+
+    robots: Mapping[str, int] = field(default_factory=dict)
+    capabilities: Mapping[str, int] = field(default_factory=dict)
+
+    def robot(self, robot_type: str) -> int:
+        """The cost of one more robot."""
+        return self.robots.get(robot_type, 1)
+
+    def capability(self, local_task: str) -> int:
+        """The cost of making one robot capable."""
+        return self.capabilities.get(local_task, 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +128,8 @@ class SameRobotAs:
 class Need:
     """One local task of psi(g) with its bounds nu (`min_robots`) and mu (`max_robots`).
 
-    With nu = 0 robots may help and none has to; a task has another need that asks for somebody.
-    `same_robot_as`: only robots that have succeeded with that before are put on it.
+    With nu = 0 helpers are optional; a task has another need with nu > 0.
+    `same_robot_as`: only robots that have succeeded with that before are assigned.
     `by_bid`: a robot's performance is what it bids for the activation, and the plan waits
     `bid_within_us` for it (None: `Timing.bid_us`). `after`: ` that did pick(1) of fetch(1)`, empty
     if any robot will do.
@@ -121,7 +149,7 @@ class Need:
         object.__setattr__(self, "after", after)
 
     def to_json(self) -> list[Any]:
-        """The bounds; what `same_robot_as` names, if anything; and what is said of bids."""
+        """Its fields in their order; the last ones only where they differ from the usual."""
         before = self.same_robot_as
         named = [before.global_task, before.local_task] if before else None
         row = [self.local_task, self.min_robots, self.max_robots]
@@ -131,7 +159,7 @@ class Need:
 
     @classmethod
     def from_json(cls, data: list[Any]) -> Need:
-        """The other way round; raises TypeError or ValueError for anything else."""
+        """The inverse; raises TypeError or ValueError for anything else."""
         local_task, least, most, *more = data
         usual: list[Any] = [None, False, None]
         named, by_bid, within_us = more + usual[len(more) :]
@@ -143,14 +171,14 @@ class Need:
 class GlobalTask:
     """A ground global task g: psi(g) and its policies.
 
-    `failure_after_us`: for how long the team must agree that those who live cannot make good a
+    `failure_after_us`: for how long the team must agree that the living robots cannot make good a
     failure; None: `Timing.verdict_us`. `blocked_fail_after_us`: None waits for robots to return;
     otherwise the task fails after it has been blocked that long. `simultaneous`: its robots start
     together, and only the successes of one such coalition count. `exclusive`: it is never done by
     two coalitions at the same time, nor again after it was done or left `in_doubt`. `by_coalition`:
     it is either, so it is carried out by coalitions, whose robots all start together. `effects`:
-    ground conditions and the values that they have once it has succeeded, as far as the mission
-    says; only checks and analysis read them.
+    ground conditions and the values that they are declared to have once it has succeeded; only
+    checks and analysis read them.
     """
 
     id: GlobalTaskId
@@ -169,11 +197,11 @@ class GlobalTask:
         object.__setattr__(self, "by_coalition", self.simultaneous or self.exclusive)
 
     def need(self, local_task: LocalTaskId) -> Need | None:
-        """What it needs of a local task, None if nothing."""
+        """Its need of a local task, None if it has none."""
         return next((need for need in self.needs if need.local_task == local_task), None)
 
     def to_json(self) -> list[Any]:
-        """Its fields in their order; the last two only where they say anything."""
+        """Its fields in their order; the last two only where they differ from the usual."""
         row = [
             self.id,
             [need.to_json() for need in self.needs],
@@ -190,7 +218,7 @@ class GlobalTask:
 
     @classmethod
     def from_json(cls, data: list[Any]) -> GlobalTask:
-        """The other way round; raises TypeError or ValueError for anything else."""
+        """The inverse; raises TypeError or ValueError for anything else."""
         name, needs, failure, blocked, preemptive, simultaneous, exclusive, in_doubt, *more = data
         usual: list[Any] = [None, []]
         after_us, effects = more + usual[len(more) :]
@@ -227,7 +255,7 @@ def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int
 
 
 def micro_performance(value: float) -> int:
-    """A performance in micro-units, as a robot or an operator may tell it; 0: it cannot do it.
+    """A performance in micro-units, as a robot or an operator declares it; 0: it cannot do it.
 
     Raises ValueError for anything but a number from 0 to 1e6.
     """
@@ -244,7 +272,7 @@ class Mission:
     `parameters` are the file's values, for robots' programs to read; `program` names the
     default robot program, relative to the mission file. It, `costs` and `solver` are no part of
     the digest: robots with different solvers make the same plans. `local_trees`: those of ground
-    local tasks that are trees of others; `local_conditions`: what these trees may read;
+    local tasks that are trees of others; `local_conditions`: those that these trees may read;
     `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees.
     """
 
@@ -308,7 +336,7 @@ class Mission:
         return any(task.preemptive for task in self.global_tasks.values())
 
     def condition_default(self, ground: str) -> bool:
-        """What `ground` reads as while nobody has set it; False if it is not declared."""
+        """The value of `ground` while nobody has set it; False if it is not declared."""
         return _default_of(ground, self.conditions)
 
     @cached_property
@@ -337,14 +365,14 @@ class Mission:
         return _is_declared(ground, self.conditions)
 
     def is_failure_reason(self, ground: str) -> bool:
-        """Whether a condition follows from why something failed, so that nobody else sets it."""
+        """Whether a condition follows from failure reasons, so that programs do not set it."""
         known = self.conditions.get(type_name(ground))
         return known is not None and known.failure is not None
 
     def conditions_after_end(
         self, global_task: GlobalTaskId, local_task: LocalTaskId, success: bool, reason: str
     ) -> list[tuple[str, bool]]:
-        """The conditions that tell why something failed, as one outcome leaves them."""
+        """The values that an outcome gives to the conditions that follow from failure reasons."""
         ends = (
             known.after_end(global_task, local_task, success, reason)
             for known in self._failure_conditions
@@ -406,7 +434,7 @@ class Mission:
         return LOCAL_TREES_VERSION if self.local_trees else usual
 
     def _local_to_json(self) -> dict[str, Any]:
-        """Local tasks that are trees, and what these read; nothing where there are none."""
+        """Local tasks that are trees, and the conditions that these read; nothing without any."""
         trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
         own = {c.name: c.to_json() for c in self.local_conditions.values()}
         return {

@@ -1,6 +1,6 @@
-"""Local tasks that are BehaviorTree.CPP trees, as far as a mission knows them: as texts.
+"""Local tasks that are BehaviorTree.CPP trees: a mission holds their texts.
 
-Robots' programs run them (`mrbt_mesh.btcpp`); nothing here reads what is in them.
+Robots' programs run them (`mrbt_mesh.btcpp`); nothing here reads their nodes.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def program_trees_to_json(trees: Mapping[str, ProgramTree]) -> dict[str, Any]:
 
 
 def program_trees_from_json(data: Mapping[str, Any]) -> dict[str, ProgramTree]:
-    """The inverse. Raises TypeError for what was not written by it."""
+    """The inverse; raises TypeError for anything else."""
     found = {}
     try:
         for name, (number, tree, ports, outputs) in sorted(data.get("trees", {}).items()):

@@ -11,8 +11,7 @@ from mrbt_mesh.analysis.tolerance.analyse import Analysis, analyse
 from mrbt_mesh.analysis.tolerance.readings import parallel_width, serial
 from mrbt_mesh.analysis.tolerance.service import FaultyTeam
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import MICRO, Mission, Need, SameRobotAs
+from mrbt_mesh.core.mission.mission import MICRO, Costs, Mission, Need, SameRobotAs
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.build import (
     action,

@@ -11,8 +11,7 @@ from mrbt_mesh.analysis.tolerance.advice import advise, enlarged
 from mrbt_mesh.analysis.tolerance.fault_counts import Reading, tolerance
 from mrbt_mesh.analysis.tolerance.readings import every_task, parallel_width, serial
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
-from mrbt_mesh.core.mission.costs import Costs
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import Costs, Mission
 from tests.support import brute
 
 SEEDS = range(300)

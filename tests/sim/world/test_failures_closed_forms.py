@@ -24,8 +24,14 @@ import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
-from mrbt_mesh.core.mission.local_tasks import LocalTask
-from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    GlobalTask,
+    LocalTask,
+    Mission,
+    Need,
+    Robot,
+)
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.world.setup import FailureModel
 from tests.support.effort import IS_LONG
