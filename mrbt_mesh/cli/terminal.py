@@ -57,6 +57,16 @@ def note(text: str) -> None:
     errors.print(labelled("note", "yellow", text), soft_wrap=True)
 
 
+def warn(text: str) -> None:
+    """Print a warning on stderr."""
+    errors.print(labelled("warning", "yellow", text), soft_wrap=True)
+
+
+def print_done(word: str, text: str) -> None:
+    """Print a success on stdout: a word in green, and about what."""
+    console.print(Text.assemble((word, "bold green"), f" {text}"), soft_wrap=True)
+
+
 def json_text(data: Any) -> str:
     """One JSON document as text."""
     return json.dumps(data, indent=2) + "\n"

@@ -34,7 +34,7 @@ _MODEL_TAGS = frozenset({*Direction, "description", "MetadataFields"})
 def check_file(
     path: Path,
     is_strict: bool = False,
-    package_folders: Sequence[Path] = (),
+    package_folders: Sequence[Path] | None = None,
     others: Library | None = None,
 ) -> tuple[Library, Findings]:
     """Read and check a file; trees and models of `others` are known.

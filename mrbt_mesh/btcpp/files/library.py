@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -115,16 +116,18 @@ class Library:
 def load_library(
     path: Path,
     findings: Findings,
-    package_folders: Sequence[Path] = (),
+    package_folders: Sequence[Path] | None = None,
     others: Library | None = None,
 ) -> Library:
     """Read a file and what it includes; files of version 3 become version 4.
 
-    `package_folders` are searched for the packages of `ros_pkg`. Trees and models of `others` are
-    known besides. Includes that cannot be read,
-    and what was changed, are noted in `findings`. Raises FileError if the file itself cannot
-    be read.
+    `package_folders` are searched for the packages of `ros_pkg`; by default those of ROS 2. Trees
+    and models of `others` are known besides. Includes that cannot be read, and changes, are noted
+    in `findings`. Raises FileError if the file itself cannot be read.
     """
+    if package_folders is None:
+        prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+        package_folders = [Path(prefix) / "share" for prefix in prefixes if prefix]
     loader = _Loader(Library(), findings, package_folders)
     loader.load(path, read_document(path), ())
     if others is not None:

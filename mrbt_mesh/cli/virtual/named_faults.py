@@ -30,13 +30,16 @@ _OF_A_ROBOT: dict[str, Callable[[str], RobotFault]] = {
 }
 
 
-def read_faults(mission: Mission, texts: Mapping[str, Sequence[str]]) -> list[NamedFault]:
-    """The faults of all options, by time. `texts`: option -> what was given for it.
+def read_faults(
+    mission: Mission, texts: Mapping[str, Sequence[str]], at_s: float | None = None
+) -> list[NamedFault]:
+    """The faults of all options, by time. `texts`: option -> its values; `at_s`: the default time.
 
     Raises InputError for what is no fault of this mission's robots.
     """
+    when = "" if at_s is None else f"@{at_s:.6f}"
     found = [
-        _fault(mission, option, part.strip() or text)
+        _fault(mission, option, (part.strip() or text) + ("" if "@" in part else when))
         for option, given in texts.items()
         for text in given
         for part in _COMMA.split(text)

@@ -22,8 +22,8 @@ from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, children_allowed
 from mrbt_mesh.btcpp.files.check import check_file
 from mrbt_mesh.btcpp.files.document import Category, Document, read_document
 from mrbt_mesh.btcpp.files.elements import Content, Element
-from mrbt_mesh.cli.trees.converting import Wanted, convert_file
 from mrbt_mesh.errors import FileError, InputError
+from mrbt_mesh.views.trees.converting import Wanted, convert_file
 from tests.support.paths import EXAMPLES, ROOT
 from tests.support.real_btcpp import RealLibrary, real_library, staged
 

@@ -18,9 +18,9 @@ from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.btcpp.files.loadable import compact, loadable
 from mrbt_mesh.btcpp.files.upgrade import upgrade
 from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES, MAX_ITEMS, parse_xml, read_xml
-from mrbt_mesh.cli.views.tree_shapes import file_shapes
-from mrbt_mesh.cli.views.tree_svg import render_svg
 from mrbt_mesh.errors import FileError, Problem
+from mrbt_mesh.views.trees.drawing import render_mermaid
+from mrbt_mesh.views.trees.shapes import file_shapes
 
 FOLDER = Path(__file__).parent
 FILES = sorted([*(FOLDER / "corpus").glob("**/*.xml"), *(FOLDER / "malformed").glob("*.xml")])
@@ -127,7 +127,7 @@ def _read_and_check(content: bytes) -> None:
 def _convert(content: bytes) -> None:
     """Also of documents with errors: a tree is drawn, if it can be, whatever is wrong with it."""
     library = library_of(parse_document(content, "fuzz.xml"), Findings())
-    render_svg(file_shapes(library))
+    render_mermaid(file_shapes(library))
     exported = explicit(library)
     assert parse_document(exported.text(), "fuzz.xml") == exported
     parse_document(compact(exported).text(), "fuzz.xml")

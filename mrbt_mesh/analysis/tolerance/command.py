@@ -29,9 +29,9 @@ def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> N
     Example: mrbt analyze examples/vehicle_repair/mission.yaml
     """
     from mrbt_mesh.analysis.tolerance.analyse import analyse
+    from mrbt_mesh.analysis.tolerance.render import render_analysis
     from mrbt_mesh.analysis.tolerance.requirement import TooLargeError
     from mrbt_mesh.cli.terminal import bar_of_steps, console, print_json
-    from mrbt_mesh.cli.views.analyze_view import render_analysis
     from mrbt_mesh.errors import InputError
     from mrbt_mesh.formats.costs_file import costs_from_file
     from mrbt_mesh.formats.mission_file import load_mission

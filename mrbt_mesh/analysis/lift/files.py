@@ -12,14 +12,13 @@ import click
 
 from mrbt_mesh.analysis.lift.in_units import LiftedUnits, UnitsByHand, lift_units
 from mrbt_mesh.analysis.lift.mission import LiftedMission, heading, lift_mission
+from mrbt_mesh.analysis.lift.render import lifted_data, render_lifted, render_units, units_data
+from mrbt_mesh.btcpp.files.check import check_file
 from mrbt_mesh.btcpp.files.document import SUBTREE, Document, read_document
 from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
 from mrbt_mesh.btcpp.files.nav2_nodes import know_nav2
 from mrbt_mesh.cli.terminal import console, note, print_json, write_file
-from mrbt_mesh.cli.trees.files import read_tree_file
-from mrbt_mesh.cli.views.lift_view import lifted_data, render_lifted
-from mrbt_mesh.cli.views.units_view import render_units, units_data
 from mrbt_mesh.errors import FileError, InputError, Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
@@ -117,7 +116,7 @@ def library_and_tree(
     It is the file's main tree, or the only one that no other tree of the file uses. `actions`:
     SubTrees that are actions of the program instead. Nav2's nodes need no models.
     """
-    library, findings = read_tree_file(file, others=others)
+    library, findings = check_file(file, others=others)
     findings.raise_errors()
     try:
         library.make_actions(actions)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -24,9 +23,7 @@ def tree() -> None:
 
 
 @tree.command()
-@click.argument(
-    "file", metavar="FILE", type=PATH, help="BehaviorTree.CPP file (.xml) or mission (.yaml)."
-)
+@click.argument("file", type=PATH, help="BehaviorTree.CPP file (.xml) or mission (.yaml).")
 @click.option("--mermaid", is_flag=True, help="As a Mermaid flowchart, for Markdown.")
 @click.option("--robot", metavar="A1,...", help="The trees T_i of these robots of a mission.")
 @click.option("--only", metavar="ID", help="Only the tree of this ID.")
@@ -39,14 +36,14 @@ def show(file: Path, mermaid: bool, robot: str | None, only: str | None, as_json
              mrbt tree show examples/vehicle_repair/mission.yaml --robot A1
     """
     from mrbt_mesh.cli.terminal import console, print_json
-    from mrbt_mesh.cli.trees.shapes import shapes_of, shapes_of_robots
-    from mrbt_mesh.cli.views.tree_drawing import render_mermaid, render_text
+    from mrbt_mesh.views.trees.drawing import render_mermaid, render_text
+    from mrbt_mesh.views.trees.shapes import shapes_of
 
     if mermaid and as_json:
         raise InputError("--mermaid and --json: give one of them")
     if robot is not None and only is not None:
         raise InputError("give --robot or --only: a robot's tree has no ID")
-    shapes = shapes_of(file, only) if robot is None else shapes_of_robots(file, robot)
+    shapes = shapes_of(file, only, robot)
     if as_json:
         print_json({"trees": [shape.to_json() for shape in shapes]})
     elif mermaid:
@@ -56,42 +53,32 @@ def show(file: Path, mermaid: bool, robot: str | None, only: str | None, as_json
             console.print(*([""] if number else []), render_text(shape), sep="\n", highlight=False)
 
 
-@tree.command()
-@click.argument(
-    "file",
-    metavar="FILE",
-    type=PATH,
-    help="BehaviorTree.CPP file (.xml), folder of them, or mission (.yaml).",
-)
+@tree.command("check")
+@click.argument("file", type=PATH, help="BehaviorTree.CPP file (.xml), folder of them, or mission.")
 @click.option("--strict", is_flag=True, help="Every rule of BehaviorTree.CPP 4.10.")
 @click.option("--team", is_flag=True, help="Also what a team cannot carry out, or does otherwise.")
 @click.option("--assume-actions", is_flag=True, help="With --team: leaves without a model.")
 @json_option
-def check(file: Path, strict: bool, team: bool, assume_actions: bool, as_json: bool) -> None:
+def check_(file: Path, strict: bool, team: bool, assume_actions: bool, as_json: bool) -> None:
     """Check a file, or all files of a folder; exit status 2 if there are errors.
 
     The files of a folder know each other's trees and models.
 
     Example: mrbt tree check navigate.xml --strict
     """
-    from mrbt_mesh.cli.trees.checking import (
-        Asked,
-        check_mission,
-        check_tree_file,
-        check_tree_folder,
-    )
-    from mrbt_mesh.cli.trees.files import is_mission
+    from mrbt_mesh.views.trees.checking import TreeCheck, check_mission
+    from mrbt_mesh.views.trees.shapes import is_mission
 
     if not team:
         refuse("goes with --team", "--assume-actions")
-    asked = Asked(strict, team, assume_actions, as_json)
+    check = TreeCheck(strict, team, assume_actions, as_json)
     if file.is_dir():
-        check_tree_folder(file, asked)
+        check.folder(file)
     elif is_mission(file):
         refuse("for BehaviorTree.CPP files, not for missions", "--strict", "--team")
         check_mission(file, as_json)
     else:
-        check_tree_file(file, asked)
+        check.file(file)
 
 
 @tree.command()
@@ -107,7 +94,7 @@ def convert(source: Path, target: Path, compact: bool, merge: bool, ids: bool) -
 
     Example: mrbt tree convert old_v3.xml new_v4.xml
     """
-    from mrbt_mesh.cli.trees.converting import Wanted, convert_file, convert_folder
+    from mrbt_mesh.views.trees.converting import Wanted, convert_file, convert_folder
 
     if ids and (merge or compact):
         raise InputError("--ids goes without --merge and --compact")
@@ -116,7 +103,7 @@ def convert(source: Path, target: Path, compact: bool, merge: bool, ids: bool) -
 
 
 @tree.command("run")
-@click.argument("file", metavar="FILE", type=PATH, help="BehaviorTree.CPP file (.xml).")
+@click.argument("file", type=PATH, help="BehaviorTree.CPP file (.xml).")
 @click.option("--program", type=PATH, required=True, metavar="FILE.py", help="The tree's leaves.")
 @click.option("--tree", "tree_id", metavar="ID", help="The tree. Default: the main tree.")
 @click.option("--set", "entries", multiple=True, metavar="NAME=TEXT", help="Set an entry first.")
@@ -141,83 +128,3 @@ def run_(file: Path, program: Path, tree_id: str | None, entries: tuple[str, ...
         raise InputError(f"{file}: {error}") from None
     click.echo(status.name)
     raise SystemExit(FAILURE if status is btcpp.NodeStatus.FAILURE else SUCCESS)
-
-
-@tree.command()
-@click.argument("file", metavar="FILE", type=PATH, help="A robot's tree, BehaviorTree.CPP XML.")
-@click.option(
-    "--robots",
-    type=PATH,
-    metavar="FILE",
-    help="Team file: robots, and what their local tasks do (.yaml).",
-)
-@click.option(
-    "--new",
-    "folder",
-    type=PATH,
-    metavar="FOLDER",
-    help="Instead: a new folder with mission, team and a robot's program to fill in.",
-)
-@click.option(
-    "--output", "-o", type=PATH, metavar="FILE", help="The mission to write. Default: only explain."
-)
-@click.option("--tree", metavar="ID", help="The tree. Default: the main tree.")
-@click.option(
-    "--models",
-    type=PATH,
-    multiple=True,
-    metavar="FILE",
-    help="File with models of nodes, or with SubTrees (.xml).",
-)
-@click.option(
-    "--trees",
-    "folders",
-    type=PATH,
-    multiple=True,
-    metavar="DIR",
-    help="Folder of tree files with SubTrees and models.",
-)
-@click.option(
-    "--as-action",
-    "actions",
-    multiple=True,
-    metavar="ID",
-    help="A SubTree that is in no file becomes an action; '*': all of them.",
-)
-@click.option(
-    "--assume-independent",
-    "independent",
-    multiple=True,
-    metavar="NODE",
-    help="Children of this node (path or name) do not depend on one another.",
-)
-@click.option(
-    "--units",
-    metavar="auto|FILE",
-    help="Keep on one robot what shares a blackboard: found out, or as a file has it (.yaml).",
-)
-@json_option
-def lift(file: Path, robots: Path | None, folder: Path | None, as_json: bool, **how: Any) -> None:
-    """Make a team's mission out of the tree of one robot, and explain it.
-
-    Every action becomes a global task for one robot (paper, section V-A). What may happen at the
-    same time follows from what actions declare to read, change and need; without declarations
-    nothing is parallel. With --units, parts that share a blackboard or other things of one robot
-    become local tasks with trees of their own, in a file beside the mission.
-
-    \b
-    Example: mrbt tree lift examples/lift/repair.xml --robots examples/lift/team.yaml
-             mrbt tree lift navigate.xml --new my_team
-    """
-    from mrbt_mesh.cli.trees.lifting import LiftRequest, lift_files, print_lifted
-    from mrbt_mesh.cli.trees.new_from_tree import write_folder
-
-    if folder is not None:
-        others = ("--robots", "--output", "--units", "--assume-independent", "--json")
-        refuse("not with --new, which writes all files", *others)
-        write_folder(folder, file, how["tree"], how["models"], how["folders"], how["actions"])
-        return
-    if robots is None:
-        raise InputError("give the team file with --robots, or --new FOLDER")
-    done = lift_files(LiftRequest(file, robots, **how))
-    print_lifted(done, how["output"], as_json)

@@ -154,7 +154,7 @@ def test_show_draws_a_file_with_errors(tmp_path: Path) -> None:
     code, output, problems = tree("show", path)
     assert code == 0
     assert "Sequence" in output
-    assert f"an error in {path}: mrbt tree check says which" in problems
+    assert f"an error in {path}: mrbt tree check lists all" in problems
 
 
 def test_brackets_in_a_files_name_are_printed(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from mrbt_mesh.cli.options import (
     seed_option,
     virtual_timeout_option,
 )
+from mrbt_mesh.plugins import require
 
 file_argument = click.argument("file", metavar="FILE.mcap", type=PATH, help="A recording.")
 WHAT_IF = tuple(name for name in FAULTS if name != "performance")
@@ -63,28 +64,21 @@ def replay(
     Example: mrbt recording replay run.mcap --web
              mrbt recording replay recordings/A1.mcap --at 12.5 --json
     """
-    from mrbt_mesh.cli.recordings.replaying import show_lines, state_data, time_of
+    import anyio
+
     from mrbt_mesh.cli.terminal import print_json
     from mrbt_mesh.recording.player import Player
     from mrbt_mesh.recording.reader import read_recording
+    from mrbt_mesh.views.recordings.showing import serve, show_lines, state_data, time_of
 
-    served = None
     if web:
-        from mrbt_mesh.plugins import require
-
         require("the page", "web", "starlette", "uvicorn")
-        from mrbt_mesh.views.web.server import PageOptions
-
-        served = PageOptions(host, port)
     else:
         refuse("of the page: give --web as well", "--port", "--host")
     player = Player(read_recording(file))
-    if served is not None:
-        import anyio
-
-        from mrbt_mesh.cli.recordings.showing import serve
-
-        end_process(anyio.run(serve, player, at or 0.0, speed, served, as_json))
+    if web:
+        anyio.run(serve, player, at or 0.0, speed, host, port, as_json)
+        end_process(SUCCESS)
     elif as_json:
         refuse("--json prints one state, without delay", "--speed")
         print_json(state_data(player, at))
@@ -123,9 +117,9 @@ def verify(paths: tuple[Path, ...], keys: Path | None, as_json: bool) -> None:
 
     Example: mrbt recording verify RUN_DIR
     """
-    from mrbt_mesh.cli.recordings.files import chosen, signature_check
     from mrbt_mesh.cli.terminal import console, print_json
-    from mrbt_mesh.cli.views.verdict_view import render_verdict
+    from mrbt_mesh.views.recordings.files import chosen, signature_check
+    from mrbt_mesh.views.recordings.render import render_verdict
     from mrbt_mesh.views.replay.verify import verify as verify_recordings
 
     recordings, folder = chosen(paths)
@@ -211,9 +205,9 @@ def what_if(
     Example: mrbt recording what-if run.mcap --at 12 --kill B1
              mrbt recording what-if run.mcap --at 12 --fault B1:replace_hw --restore B1@20
     """
-    from mrbt_mesh.cli.recordings.continuing import continued
     from mrbt_mesh.cli.terminal import console, print_json
-    from mrbt_mesh.cli.views.what_if_view import render_what_if
+    from mrbt_mesh.views.recordings.continuing import continued
+    from mrbt_mesh.views.recordings.render import render_what_if
 
     data = continued(file, at, faults, program, seed, timeout)
     if as_json:

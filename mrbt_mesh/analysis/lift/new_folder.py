@@ -12,21 +12,21 @@ from pathlib import Path
 
 import click
 
-from mrbt_mesh.analysis.lift.in_units import check_subtrees
-from mrbt_mesh.btcpp.files.expand import expand
-from mrbt_mesh.btcpp.files.export import explicit
-from mrbt_mesh.btcpp.files.library import Library
-from mrbt_mesh.btcpp.files.loadable import loadable
-from mrbt_mesh.cli.terminal import console, note
-from mrbt_mesh.cli.trees.lifting import (
+from mrbt_mesh.analysis.lift.files import (
     LiftedFiles,
     LiftRequest,
     known_besides,
     library_and_tree,
     lift_tree,
 )
-from mrbt_mesh.cli.trees.program_from_tree import program_text
-from mrbt_mesh.cli.views.units_view import render_units
+from mrbt_mesh.analysis.lift.in_units import check_subtrees
+from mrbt_mesh.analysis.lift.program import program_text
+from mrbt_mesh.analysis.lift.render import render_units
+from mrbt_mesh.btcpp.files.expand import expand
+from mrbt_mesh.btcpp.files.export import explicit
+from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.files.loadable import loadable
+from mrbt_mesh.cli.terminal import console, note
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.team_file import read_team
 from mrbt_mesh.formats.template import mission_name, write_files

@@ -14,11 +14,11 @@ from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, load_library, together
 from mrbt_mesh.btcpp.files.loadable import compact, loadable
 from mrbt_mesh.cli.command import BAD_INPUT
-from mrbt_mesh.cli.terminal import console, errors, reason, write_file
-from mrbt_mesh.cli.trees.files import is_mission, package_folders
-from mrbt_mesh.cli.views.finding_view import finding_line, line
+from mrbt_mesh.cli.terminal import errors, labelled, print_done, reason, write_file
 from mrbt_mesh.errors import FileError, InputError
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.views.trees.checking import print_finding
+from mrbt_mesh.views.trees.shapes import is_mission
 
 
 @dataclass(frozen=True)
@@ -33,37 +33,37 @@ class Wanted:
 def convert_file(source: Path, target: Path, wanted: Wanted, others: Library | None = None) -> None:
     """Write one file; raises InputError for a file with errors.
 
-    What was odd about it is printed, and what BehaviorTree.CPP refuses still.
+    Its oddities are printed, and what BehaviorTree.CPP still refuses.
     """
     if target.suffix.lower() != ".xml":
         raise InputError(f"{target}: the file to write has to end in .xml")
+    found = Findings()
     if is_mission(source):
         if wanted.has_ids or wanted.is_merged:
             raise InputError("--ids and --merge are for BehaviorTree.CPP files")
         library = Library()
         library.add(team_tree_document(load_mission(source).tree.spec(), str(source)))
-        document, found = explicit(library), Findings()
+        document = explicit(library)
     else:
-        found, checked = Findings(), Findings()
-        library = load_library(source, found, package_folders(), others)
+        checked = Findings()
+        library = load_library(source, found, others=others)
         check_library(library, checked)
         for findings in (found, checked):
             findings.raise_errors()
-        is_merged = wanted.is_merged
-        document = with_ids(library) if wanted.has_ids else explicit(library, is_merged=is_merged)
+        merge = wanted.is_merged
+        document = with_ids(library) if wanted.has_ids else explicit(library, is_merged=merge)
     document = loadable(compact(document) if wanted.is_compact else document)
     left = Findings()
     check_library(_as_written(document, library, wanted), left)
     for finding in {**found.found, **left.found}:
-        errors.print(finding_line(finding), soft_wrap=True)
+        print_finding(finding.severity, finding)
     write_file(target, document.text())
     trees = len(document.trees)
-    count = f"{trees} tree{'s' if trees > 1 else ''}"
-    console.print(line("written", "bold green", f"{target}: {count}"), soft_wrap=True)
+    print_done("written", f"{target}: {trees} tree{'s' if trees > 1 else ''}")
 
 
 def _as_written(document: Document, library: Library, wanted: Wanted) -> Library:
-    """What is read if the document is: it, and what it includes."""
+    """The document as it is read again, with the files that it includes."""
     written = Library()
     written.add(document)
     for included in library.documents[1:] if document.includes else ():
@@ -92,15 +92,14 @@ def convert_folder(source: Path, target: Path, wanted: Wanted) -> None:
         to = target / path.relative_to(source)
         try:
             to.parent.mkdir(parents=True, exist_ok=True)
+            convert_file(path, to, wanted, known)
         except OSError as problem:
             raise InputError(f"{to.parent}: cannot be made: {reason(problem)}") from None
-        try:
-            convert_file(path, to, wanted, known)
         except FileError as problem:
             failed.append(problem)
     for each in failed:
-        errors.print(line("error:", "bold red", str(each)), soft_wrap=True)
+        print_finding("error", each)
     if failed:
         text = f"{len(failed)} of {len(folder.documents) + len(folder.unreadable)} files"
-        errors.print(line("not written:", "bold red", text), soft_wrap=True)
+        errors.print(labelled("not written", "bold red", text), soft_wrap=True)
         raise SystemExit(BAD_INPUT)

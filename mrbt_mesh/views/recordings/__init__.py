@@ -1,0 +1,1 @@
+"""Recorded runs: replayed, verified, reported, continued; `mrbt recording`."""

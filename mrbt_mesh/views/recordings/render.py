@@ -1,0 +1,85 @@
+"""The results of `mrbt recording verify` and `what-if`, for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from mrbt_mesh.views.replay.findings import Verification
+
+# Findings that are printed; `--json` has all.
+MOST_FINDINGS = 20
+_TASK_STATES = ("success", "failure", "running", "cancelled", "not_started")
+_COUNTED = {
+    "facts": "facts read again",
+    "signatures": "signatures checked",
+    "dropped": "facts dropped rightly",
+    "plans": "plans made again",
+    "statuses": "statuses of T_G found again",
+    "lines": "times a robot followed its plan",
+    "claims": "claims as planned",
+    "actions": "actions as planned",
+}
+
+
+def render_verdict(verdict: Verification) -> RenderableType:
+    """Counts, takeovers with their causes, and the problems found."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(justify="right")
+    table.add_column()
+    for name, text in _COUNTED.items():
+        if name in verdict.counts:
+            table.add_row(str(verdict.counts[name]), text)
+    parts: list[RenderableType] = [table]
+    for each in verdict.takeovers:
+        text = f"{each.at_us / 1e6:.3f} s: {each.robot} took over {each.local_task} of {each.of}"
+        parts.append(Text(f"{text}: {each.cause}"))
+    parts += [Text(f"note: {note}", "yellow") for note in verdict.notes]
+    parts += [Text(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
+    more = len(verdict.findings) - MOST_FINDINGS
+    if more > 0:
+        parts.append(Text(f"and {more} more: --json has all", "red"))
+    files = f"{len(verdict.files)} recordings"
+    if verdict.is_good:
+        parts.append(Text(f"verified: {files} prove what the team did", "bold green"))
+    else:
+        parts.append(Text(f"not verified: {len(verdict.findings)} findings in {files}", "bold red"))
+    return Group(*parts)
+
+
+def render_what_if(data: Mapping[str, Any]) -> RenderableType:
+    """The recorded run beside its simulated continuation, and the assumptions."""
+    table = Table(box=None, header_style="dim")
+    for heading in ("", "what happened", "what if"):
+        table.add_column(heading)
+    rows = (data["recorded"], data["what_if"])
+    table.add_row("result", *(Text(row["result"], "bold") for row in rows))
+    table.add_row("over", *(_time(row["over_at_s"]) for row in rows))
+    for state in _TASK_STATES:
+        counts = [
+            sum(task["status"] == state for task in row["global_tasks"].values()) for row in rows
+        ]
+        if any(counts):
+            table.add_row(f"tasks: {state}", *map(str, counts))
+    table.add_row("blocked", *("; ".join(_blocked(row)) or "nothing" for row in rows))
+    faults = ", ".join(data["faults"]) or "no fault"
+    under_way = ", ".join(f"{robot}: {task}" for robot, task in data["under_way"].items())
+    return Group(
+        Text(f"from {data['at_s']:g} s on: {faults}", "bold"),
+        Text(f"under way then: {under_way or 'nothing'}"),
+        table,
+        *(Text(f"assumed: {text}", "dim") for text in data["assumed"]),
+    )
+
+
+def _time(seconds: float | None) -> str:
+    return "not" if seconds is None else f"at {seconds:.2f} s"
+
+
+def _blocked(summary: Mapping[str, Any]) -> list[str]:
+    """Requests that were blocked at the end."""
+    return [f"{row['request']} {row['reason']}" for row in summary["blocked"] if row["to"] is None]

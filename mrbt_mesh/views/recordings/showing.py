@@ -1,0 +1,70 @@
+"""A recording as lines, as the state at one time, or in the browser."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import Any
+
+import anyio
+import click
+
+from mrbt_mesh.cli.terminal import print_json
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.player import Player
+
+
+def time_of(player: Player, at_s: float) -> int:
+    """The time `at_s` after the begin; raises InputError for one behind the end."""
+    length_s = (player.end_us - player.begin_us) / SECOND_US
+    if at_s > length_s:
+        raise InputError(f"--at {at_s:g}: the recording ends at {length_s:.3f} s")
+    return player.begin_us + round(at_s * SECOND_US)
+
+
+def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
+    """The state `at_s` after the begin, by default at the end; raises InputError as `time_of`."""
+    at_us = player.end_us if at_s is None else time_of(player, at_s)
+    player.seek(at_us)
+    return {
+        "robot": player.recording.metadata.robot or None,
+        "run": player.recording.metadata.run,
+        "at_s": (at_us - player.begin_us) / SECOND_US,
+        "ends_at_s": (player.end_us - player.begin_us) / SECOND_US,
+        **player.state.to_json(),
+    }
+
+
+def show_lines(player: Player, at_s: float) -> None:
+    """Print what happened from a time on; raises InputError as `time_of`."""
+    from_us = time_of(player, at_s)
+    player.seek(player.end_us)
+    for at_us, text in player.observer.record.timeline:
+        if at_us >= from_us:
+            click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
+
+
+async def serve(
+    player: Player, at_s: float, speed: float, host: str, port: int, as_json: bool
+) -> None:
+    """Serve its page until SIGINT or SIGTERM, and print the address. Raises InputError."""
+    from mrbt_mesh.views.replay.shown_recording import ShownRecording
+    from mrbt_mesh.views.web.projector import show_recording
+    from mrbt_mesh.views.web.server import PageOptions
+
+    shown = ShownRecording(player, time_of(player, at_s), speed)
+
+    def print_address(page: str) -> None:
+        if as_json:
+            print_json({"page": page})
+        else:
+            click.echo(f"page: {page}")
+        sys.stdout.flush()
+
+    async with anyio.create_task_group() as group:
+        group.start_soon(show_recording, shown, PageOptions(host, port), print_address)
+        with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+            async for _ in signals:
+                break
+        group.cancel_scope.cancel()

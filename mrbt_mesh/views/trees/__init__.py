@@ -1,0 +1,1 @@
+"""Trees as people see them: drawn, checked, converted; `mrbt tree`."""
