@@ -28,7 +28,7 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
 )
 from mrbt_mesh.core.planning.make_plan import make_plan
-from mrbt_mesh.core.planning.plan import Line, Plan
+from mrbt_mesh.core.planning.plan import Assignment, Plan
 
 NODES_PER_JOB = 10
 RUN = "benchmark"
@@ -103,11 +103,11 @@ class LargeTeam:
 
     def start(self, plan: Plan) -> None:
         """Every robot begins what the plan has for it."""
-        for line in plan.lines.values():
+        for line in plan.assignments.values():
             if not line.pinned:
                 self.begin(line)
 
-    def begin(self, line: Line) -> None:
+    def begin(self, line: Assignment) -> None:
         """A robot begins its line, or says so again."""
         task = parse_activation(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
@@ -115,7 +115,7 @@ class LargeTeam:
 
     def finish(self, plan: Plan, robot: str) -> None:
         """A robot succeeds with what it does."""
-        line = plan.lines[robot]
+        line = plan.assignments[robot]
         outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
         self.write(robot, outcome, (records.CLAIM, None))
 

@@ -44,7 +44,7 @@ from mrbt_mesh.core.membership.wire import (
     write_heartbeat,
 )
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.plan import Line, Plan
+from mrbt_mesh.core.planning.plan import Assignment, Plan
 
 SIZES = ((200, 1_000), (1_000, 10_000))
 EVENTS, QUICK_EVENTS = 60, 16
@@ -89,13 +89,13 @@ class Others:
         data = write_heartbeat(beat, self._header(robot))
         return inputs.MessageReceived(MessageKind.HEARTBEAT, robot, data)
 
-    def begin(self, line: Line) -> inputs.MessageReceived:
+    def begin(self, line: Assignment) -> inputs.MessageReceived:
         """A robot begins its line, or says so again."""
         task = parse_activation(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
         return self.facts(line.robot, (records.CLAIM, claim.to_value()))
 
-    def finish(self, line: Line) -> inputs.MessageReceived:
+    def finish(self, line: Assignment) -> inputs.MessageReceived:
         outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
         return self.facts(line.robot, outcome, (records.CLAIM, None))
 
@@ -212,10 +212,10 @@ async def measure(mission: Mission, events: int, seed: int, apart: bool) -> tupl
         joining, robot.lags = robot.lags, Lags()
         for number in range(events):
             steps, robot.lags.steps_ms = robot.lags.steps_ms, []
-            lines = [line for line in robot.plan.lines.values() if line.robot != ME]
+            lines = [line for line in robot.plan.assignments.values() if line.robot != ME]
             await robot.take(*(others.begin(line) for line in lines if not line.pinned))
             robot.lags.steps_ms = steps
-            line = pick.choice([x for x in robot.plan.lines.values() if x.robot != ME])
+            line = pick.choice([x for x in robot.plan.assignments.values() if x.robot != ME])
             match number % 4:
                 case 0:
                     await robot.event(others.finish(line))

@@ -79,9 +79,11 @@ class Story:
     def _settle(self) -> None:
         self.team.start(self.plan)
         self.plan = self.team.plan()
-        while self.plan.lines and not any(line.pinned for line in self.plan.lines.values()):
+        while self.plan.assignments and not any(
+            line.pinned for line in self.plan.assignments.values()
+        ):
             # All of it are tasks by coalitions, which are passed over.
-            line = next(iter(self.plan.lines.values()))
+            line = next(iter(self.plan.assignments.values()))
             self.team.write(line.robot, (f"{records.DONE}/{line.activation}", True))
             self.plan = self.team.plan()
             self.team.start(self.plan)
@@ -89,7 +91,7 @@ class Story:
 
     def _robots(self) -> list[str]:
         """Those with an assignment; of a team at work, those that work on it."""
-        lines = self.plan.lines.items()
+        lines = self.plan.assignments.items()
         return sorted(r for r, line in lines if line.pinned or not self._is_at_work)
 
     def _busy(self) -> str:
@@ -100,7 +102,7 @@ class Story:
 
     def _claim(self) -> None:
         robot = self._busy()
-        self.team.begin(self.plan.lines[robot])
+        self.team.begin(self.plan.assignments[robot])
 
     def _death(self) -> None:
         del self.team.alive[self._busy()]

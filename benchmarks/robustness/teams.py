@@ -104,7 +104,7 @@ def our_team(draw: Draw, way: Way = Way.USUAL) -> tuple[bool, float]:
     done = plan is not None and plan.result is Status.SUCCESS
     if done != world.is_done:
         raise RuntimeError(f"seed {draw.seed}: the team and the world differ about success")
-    if result.duration_us >= TIMEOUT_US and plan is not None and plan.lines:
+    if result.duration_us >= TIMEOUT_US and plan is not None and plan.assignments:
         raise RuntimeError(f"seed {draw.seed}: the team was still at work at the end")
     return done, result.duration_us / MICRO
 

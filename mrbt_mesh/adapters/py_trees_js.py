@@ -57,7 +57,7 @@ def snapshot(observed: ObservedTree, observer: Observer) -> dict[str, Any]:
     """
     statuses, nodes = observed.statuses(observer), observed.tree.nodes
     workers: dict[str, list[str]] = {}
-    for line in observer.plan.lines.values() if observer.plan is not None else ():
+    for line in observer.plan.assignments.values() if observer.plan is not None else ():
         workers.setdefault(line.global_task, []).append(line.robot)
     behaviours = {}
     for node in nodes:

@@ -123,7 +123,7 @@ class _Builder:
                 continue
             for activation in self._activations(task):
                 if not success:
-                    self._write(self._first, f"{records.VERDICT}/{activation}", True)
+                    self._write(self._first, f"{records.FAILURE}/{activation}", True)
                     continue
                 for need in self.mission.global_tasks[task].needs:
                     able = self._able(need.local_task)[: need.min_robots]

@@ -139,7 +139,7 @@ class TeamMember:
     def plan(self) -> Mapping[str, Assignment]:
         """Robot -> what it is to do, by robot; robots without work are left out."""
         plan = self._view.plan
-        lines = plan.lines if plan is not None else {}
+        lines = plan.assignments if plan is not None else {}
         return {r: Assignment(x.global_task, x.local_task) for r, x in sorted(lines.items())}
 
     @property

@@ -241,7 +241,7 @@ def test_a_success_from_a_healed_partition_beats_the_verdict() -> None:
     assert ends(result, "b") == [("R1", "cancel")]
     assert ends(result, "a")[-1] == ("R2", "success")
     facts = result.agents["R1"].view.facts
-    (activation,) = (name for name, said in facts.activations.items() if said.has_verdict)
+    (activation,) = (name for name, said in facts.activations.items() if said.has_latched_failure)
     assert facts.task_status("A", activation) is Status.SUCCESS
 
 

@@ -301,9 +301,9 @@ class World:
         """Record what has become true; whether anything has."""
         latches = [(f"{records.ATTEMPT}/{s}", n) for s, n in evaluation.attempts]
         latches += [
-            (f"{records.VERDICT}/{activation}", True)
+            (f"{records.FAILURE}/{activation}", True)
             for activation in evaluation.failures
-            if not self.facts.has_verdict(activation)
+            if not self.facts.has_latched_failure(activation)
         ]
         latches += [
             (f"{records.CHILD_RESULT}/{scope}/{position}", success)

@@ -373,7 +373,7 @@ def compound_conditions_guard_nothing() -> Iterator[None]:
 @mutation
 def per_robot_conditions_are_anybodys() -> Iterator[None]:
     """Whoever is free goes on with what one robot has begun for itself."""
-    with mock.patch.object(demands, "entitled", return_value=None):
+    with mock.patch.object(demands, "eligible", return_value=None):
         yield
 
 
@@ -397,6 +397,6 @@ def the_dead_count_as_assigned() -> Iterator[None]:
             if tasks[requests[index].subject].failure is not FailurePolicy.PAPER
         }
 
-    original = make_plan.pending_verdicts
+    original = make_plan.pending_failures
     with mock.patch.object(make_plan, "pending_verdicts", pending):
         yield

@@ -268,7 +268,7 @@ class Script:
                 self.team.story.append(f"{process.name}: joining")
                 continue
             alive = ",".join(robot for robot in agent.view.alive() if robot != agent.view.robot)
-            lines = " ".join(f"{r}:{x.local_task}" for r, x in agent.view.plan.lines.items())
+            lines = " ".join(f"{r}:{x.local_task}" for r, x in agent.view.plan.assignments.items())
             waiting = "".join(f"; {w.global_task} {w.reason}" for w in agent.view.plan.waiting)
             status = agent.view.plan.result.name.lower()
             hears = f"hears {alive or 'nobody'}"

@@ -145,5 +145,5 @@ def _problem(found: Plan, facts: TeamFacts, robots: list[str]) -> dict[str, Any]
         }
         performances = {robot: p / MICRO for robot, p in values.items() if p is not None}
         demands.append(bounds.to_json() | {"performances": performances})
-    objective = sum(line.performance for line in found.lines.values()) / MICRO
+    objective = sum(line.performance for line in found.assignments.values()) / MICRO
     return {"bounds": demands, "objective": objective}

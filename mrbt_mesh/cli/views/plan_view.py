@@ -11,13 +11,13 @@ from rich.text import Text
 
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.planning.plan import Bidding, Line, Plan, line_reason, plan_bids
+from mrbt_mesh.core.planning.plan import Assignment, Bidding, Plan, assignment_reason, plan_bids
 
 
 def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> RenderableType:
     """The whole plan for a terminal. `problem`: its `bounds` and `objective`."""
     workers: dict[str, list[str]] = {}
-    for robot, own in plan.lines.items():
+    for robot, own in plan.assignments.items():
         workers.setdefault(own.activation, []).append(robot)
     waiting = {w.activation: w for w in plan.waiting}
     notes = {}
@@ -62,12 +62,12 @@ def _lines(plan: Plan) -> Table:
     """Who does what and why."""
     table = Table("robot", "does", "for", "why", box=None, header_style="dim", pad_edge=False)
     bids = plan_bids(plan)
-    for robot in sorted({*plan.lines, *plan.idle}):
-        line = plan.lines.get(robot)
+    for robot in sorted({*plan.assignments, *plan.idle}):
+        line = plan.assignments.get(robot)
         if line is None:
             table.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
             continue
-        why = line_reason(line, bids)
+        why = assignment_reason(line, bids)
         table.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
     return table
 
@@ -78,7 +78,7 @@ def _bids(plan: Plan) -> Table:
     for bidding in plan.biddings:
         made = {robot: bid for robot, bid in bidding.bids.items() if bid is not None}
         texts = [
-            Text(f"{robot} {made[robot] / MICRO:g}", _style(plan.lines.get(robot), bidding))
+            Text(f"{robot} {made[robot] / MICRO:g}", _style(plan.assignments.get(robot), bidding))
             for robot in sorted(made, key=lambda robot: (-made[robot], robot))
         ]
         none = [robot for robot, bid in bidding.bids.items() if bid is None]
@@ -91,6 +91,6 @@ def _bids(plan: Plan) -> Table:
     return table
 
 
-def _style(line: Line | None, bidding: Bidding) -> str:
+def _style(line: Assignment | None, bidding: Bidding) -> str:
     place = (bidding.activation, bidding.local_task)
     return "bold" if line is not None and (line.activation, line.local_task) == place else "dim"

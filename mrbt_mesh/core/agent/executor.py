@@ -15,14 +15,14 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import NO_CLAIM, Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
-from mrbt_mesh.core.planning.plan import Line, Plan
+from mrbt_mesh.core.planning.plan import Assignment, Plan
 
 
 class Situation(NamedTuple):
     """What a start policy decides on; `is_grace_over`: it waits no longer for other robots."""
 
     plan: Plan
-    line: Line
+    line: Assignment
     claim: Claim
     is_grace_over: bool
     now_us: int
@@ -74,7 +74,7 @@ class Executor:
         """Follow the plan: cancel, claim, get ready and start."""
         context, work = self._context, self._context.work
         before = work.claim
-        line = None if context.is_leaving else plan.lines.get(context.me)
+        line = None if context.is_leaving else plan.assignments.get(context.me)
         changed, effects = work.follow(line, context.facts.max_stamp + 1, now_us)
         if effects:
             context.emit(*effects)

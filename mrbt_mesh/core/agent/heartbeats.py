@@ -135,13 +135,13 @@ def who_waits(plan: Plan, facts: TeamFacts, judges: Judges) -> set[str]:
     some that write down that something has failed for long enough, or that the mission is over.
     """
     found = set()
-    for robot, line in plan.lines.items():
+    for robot, line in plan.assignments.items():
         claim = facts.valid_claim(robot)
         runs = claim is not None and claim.phase is Phase.RUNNING
         if claim is None or not runs or claim.activation != line.activation:
             found.add(robot)
-    verdicts = [verdict.verdict_name for verdict in plan.pending_verdicts]
-    for name in (*verdicts, *(loss.fact[0] for loss in plan.pending_losses)):
+    failures = [failure.fact_name for failure in plan.pending_failures]
+    for name in (*failures, *(loss.fact[0] for loss in plan.pending_losses)):
         found.update(judges(name))
     if plan.is_about_to_end(facts.mission):
         found.update(judges(records.RESULT))

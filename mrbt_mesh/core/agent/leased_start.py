@@ -115,7 +115,7 @@ class LeasedStart(CoalitionStart):
             return False
         if facts.coalitions(activation).unended(facts.grantors)[:1] == [token]:
             return True
-        line, known = plan.lines.get(token.leader), facts.members.get(token.leader)
+        line, known = plan.assignments.get(token.leader), facts.members.get(token.leader)
         if line is None or known is None:
             return False
         life = (token.counter, token.nonce)

@@ -53,7 +53,7 @@ class Planner:
         timing = context.config.timing
         self.plan: Plan | None = None
         self.awaited: Awaited | None = None
-        self.deadlines = Deadlines(timing.bid_wait_us, timing.verdict_us)
+        self.deadlines = Deadlines(timing.bid_wait_us, timing.failure_latch_us)
         self.listeners: list[PlanListener] = []
         self._context = context
         self._robot_tree = robot_tree
@@ -86,7 +86,7 @@ class Planner:
     def forget(self) -> None:
         """Plan anew at the next update."""
         self._planned = self.awaited = self._finished = None
-        self.deadlines.restart_verdicts()
+        self.deadlines.restart_agreed()
 
     @property
     def is_current(self) -> bool:
@@ -246,9 +246,9 @@ class Planner:
             for scope, position, success in evaluation.child_results
         ]
         latched += [
-            (f"{records.VERDICT}/{activation}", LATCH)
+            (f"{records.FAILURE}/{activation}", LATCH)
             for activation in evaluation.failures
-            if not self._context.facts.has_verdict(activation)
+            if not self._context.facts.has_latched_failure(activation)
         ]
         return latched
 

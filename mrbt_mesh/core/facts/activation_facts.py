@@ -61,7 +61,7 @@ class ActivationFacts:
     bids: KnownBids = NO_BIDS
     attempts_used: int = 0
     child_results: dict[int, bool] = field(default_factory=dict)
-    has_verdict: bool = False
+    has_latched_failure: bool = False
     has_expired: bool = False
     is_done: bool = False
 
@@ -83,8 +83,8 @@ class ActivationFacts:
             self.child_results[position] = record.success or self.child_results.get(position, False)
         elif kind == records.CLOSED:
             self.bids = self.bids.with_closed(parts[2])
-        elif kind == records.VERDICT:
-            self.has_verdict = True
+        elif kind == records.FAILURE:
+            self.has_latched_failure = True
         elif kind == records.EXPIRED:
             self.has_expired = True
         elif kind == records.DONE:

@@ -404,7 +404,7 @@ LATCH, NO_CLAIM = Latch(), NoClaim()
 
 MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
-VERDICT, EXPIRED = "verdict", "expired"
+FAILURE, EXPIRED = "verdict", "expired"
 # Of an expression of conditions that is a guard.
 EXPRESSION = "expression"
 # Of one coalition of one activation, named by its id. BROKEN: too few members are left.
@@ -433,7 +433,7 @@ _PARSERS: Mapping[str, Callable[[Any], Record]] = {
     COALITION: Coalition.parse,
     BID: Bid.parse,
     PROBLEM: RobotProblem.parse,
-    **dict.fromkeys((VERDICT, EXPIRED, BROKEN, GRANT, DOUBT, CLEARED, DONE, CLOSED), Latch.parse),
+    **dict.fromkeys((FAILURE, EXPIRED, BROKEN, GRANT, DOUBT, CLEARED, DONE, CLOSED), Latch.parse),
 }
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})

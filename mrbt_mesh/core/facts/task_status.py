@@ -3,8 +3,8 @@
 This is the paper's *Perform Global Task g* (section V, definition of T_G): the status of the
 action leaf, computed from the outcomes of its activation. Where the paper is silent or
 contradicts itself, docs/decisions says what was decided. Never a function of who is thought alive:
-what follows from that becomes a verdict, a fact, once the team has agreed on it for some time
-(`planning.verdicts`).
+what follows from that is latched as a failure, a fact, once all have agreed on it for some time
+(`planning.pending_failures`).
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ class TeamMembers(Protocol):
 
 
 def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> Status:
-    """Success goes before failure: one that arrives late still counts, also after a verdict.
+    """Success goes before failure: a late one still counts, also after a latched failure.
 
-    The operator's word (`is_done`) and a verdict (`has_verdict`) count like outcomes.
+    The operator's decision (`is_done`) and a latched failure count like outcomes.
     """
     if said.is_done or has_succeeded(task, said):
         return Status.SUCCESS
-    if said.has_verdict or has_failed(task, said, team):
+    if said.has_latched_failure or has_failed(task, said, team):
         return Status.FAILURE
     return Status.RUNNING
 

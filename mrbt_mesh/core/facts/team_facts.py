@@ -209,10 +209,10 @@ class TeamFacts:
         except ValueError:
             return None
 
-    def has_verdict(self, activation: str) -> bool:
+    def has_latched_failure(self, activation: str) -> bool:
         """Whether the failure of this activation has been latched."""
         said = self.activations.get(activation)
-        return said is not None and said.has_verdict
+        return said is not None and said.has_latched_failure
 
     def outcomes(self, activation: str) -> Outcomes:
         """Local task -> robot -> success, of a task without coalitions.

@@ -105,7 +105,7 @@ class Timing:
 
     @property
     def grace_us(self) -> int:
-        """A robot starts without agreement once its line of the plan has stood this long."""
+        """A robot starts without agreement once it has had the same assignment for this long."""
         return self.detection_us * 3 // 10
 
     @property
@@ -114,9 +114,9 @@ class Timing:
         return self.detection_us * 3 // 10
 
     @property
-    def verdict_us(self) -> int:
-        """Where the mission does not say how long: for so long the team must agree that those who
-        live cannot make good a failure. It is the detection time once more.
+    def failure_latch_us(self) -> int:
+        """How long all must agree that no living robot can make good a failure, where the mission
+        does not name a time: the detection time once more.
         """
         return self.detection_us
 

@@ -171,14 +171,14 @@ class Need:
 class GlobalTask:
     """A ground global task g: psi(g) and its policies.
 
-    `failure_after_us`: for how long the team must agree that the living robots cannot make good a
-    failure; None: `Timing.verdict_us`. `blocked_fail_after_us`: None waits for robots to return;
-    otherwise the task fails after it has been blocked that long. `simultaneous`: its robots start
-    together, and only the successes of one such coalition count. `exclusive`: it is never done by
-    two coalitions at the same time, nor again after it was done or left `in_doubt`. `by_coalition`:
-    it is either, so it is carried out by coalitions, whose robots all start together. `effects`:
-    ground conditions and the values that they are declared to have once it has succeeded; only
-    checks and analysis read them.
+    `failure_after_us`: for how long the team must agree that no living robot can make good a
+    failure; None: `Timing.failure_latch_us`. `blocked_fail_after_us`: None waits for robots to
+    return; otherwise the task fails after it has been blocked that long. `simultaneous`: its robots
+    start together, and only the successes of one such coalition count. `exclusive`: it is never
+    done by two coalitions at the same time, nor again after it was done or left `in_doubt`.
+    `by_coalition`: it is either, so it is carried out by coalitions, whose robots all start
+    together. `effects`: ground conditions and the values that they are declared to have once it has
+    succeeded; only checks and analysis read them.
     """
 
     id: GlobalTaskId

@@ -98,5 +98,5 @@ class TaskLog:
             return self.tasks[name].state
         if said.is_done or has_succeeded(self._mission.global_tasks[name], said):
             return TaskState.SUCCESS
-        is_failure = said.has_verdict or str(said.activation) in self._failed
+        is_failure = said.has_latched_failure or str(said.activation) in self._failed
         return TaskState.FAILURE if is_failure else TaskState.CANCELLED

@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, Need
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.demands import Demand, Group
-from mrbt_mesh.core.planning.plan import Bidding, Line
+from mrbt_mesh.core.planning.plan import Assignment, Bidding
 
 # What a robot without a bid counts with: no bid is worse.
 LAST_RESORT = -MAX_PERFORMANCE
@@ -61,7 +61,7 @@ class Bids:
         )
 
     def held_back(
-        self, kept: Sequence[int], lines: Mapping[str, Line]
+        self, kept: Sequence[int], assignments: Mapping[str, Assignment]
     ) -> dict[int, tuple[str, ...]]:
         """The kept requests that get nobody yet -> the robots whose bids are waited for.
 
@@ -73,8 +73,8 @@ class Bids:
         if not self.awaited:
             return held
         chosen: dict[str, list[str]] = {}
-        for robot, line in lines.items():
-            chosen.setdefault(line.activation, []).append(robot)
+        for robot, assignment in assignments.items():
+            chosen.setdefault(assignment.activation, []).append(robot)
         sought, silent = set[str](), set[str]()
         for index in sorted(kept):
             group, awaited = self.groups[index], self.awaited.get(index)

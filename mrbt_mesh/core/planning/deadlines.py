@@ -1,8 +1,8 @@
 """Deadlines that become facts: of Timeouts, of tasks that are blocked or about to fail, of bids,
 of what dead robots had.
 
-Every robot measures from when it first saw the thing run, and anew once it saw it not run; whoever
-sees the deadline pass first says so, once, for all.
+Every robot measures from when it first saw the thing run, and starts again if it saw it stop. The
+first robot that sees the deadline pass writes the fact, once, for all.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _Due: TypeAlias = tuple[str, bool]
 class Deadlines:
     """The deadlines that are running, by what they will become.
 
-    `bid_us`, `verdict_us`: how long bids are waited for, and how long a verdict is pending, where
-    the mission does not say; a loss as long as a verdict.
+    `bid_us`, `failure_latch_us`: how long bids are awaited, and how long a failure is pending,
+    where the mission does not name a time; a loss is pending as long as a failure.
     """
 
-    def __init__(self, bid_us: int, verdict_us: int) -> None:
+    def __init__(self, bid_us: int, failure_latch_us: int) -> None:
         self._bid_us = bid_us
-        self._verdict_us = verdict_us
+        self._failure_latch_us = failure_latch_us
         self._due_us: dict[_Due, int] = {}
         # They have passed, but the others do not agree.
         self._held: set[_Due] = set()
@@ -41,15 +41,15 @@ class Deadlines:
 
         `is_agreed`: whether all robots in good standing report this plan.
         """
-        pending = plan.pending_verdicts or plan.pending_losses
+        pending = plan.pending_failures or plan.pending_losses
         if not (plan.evaluation.timeouts or plan.waiting or pending or self._due_us):
             return []
         before, self._due_us = self._due_us, {}
         for due, limit_us in self._running(plan, facts).items():
             self._due_us[due] = before.get(due, now_us + limit_us)
         passed = {due for due, at_us in self._due_us.items() if at_us <= now_us}
-        verdicts = {due for due in passed if due[1]}
-        self._held = set() if not verdicts or is_agreed() else verdicts
+        agreed_on = {due for due in passed if due[1]}
+        self._held = set() if not agreed_on or is_agreed() else agreed_on
         losses = dict(loss.fact for loss in plan.pending_losses)
         names = sorted({name for name, _ in passed - self._held})
         return [(name, losses.get(name, LATCH)) for name in names]
@@ -63,13 +63,13 @@ class Deadlines:
         for waiting in plan.waiting:
             limit_us = facts.mission.global_tasks[waiting.global_task].blocked_fail_after_us
             if waiting.shortages and limit_us is not None:
-                running[f"{records.VERDICT}/{waiting.activation}", False] = limit_us
-        for verdict in plan.pending_verdicts:
-            after_us = verdict.after_us
-            limit_us = self._verdict_us if after_us is None else after_us
-            running[verdict.verdict_name, True] = limit_us
+                running[f"{records.FAILURE}/{waiting.activation}", False] = limit_us
+        for failure in plan.pending_failures:
+            after_us = failure.after_us
+            limit_us = self._failure_latch_us if after_us is None else after_us
+            running[failure.fact_name, True] = limit_us
         for loss in plan.pending_losses:
-            running[loss.fact[0], True] = self._verdict_us
+            running[loss.fact[0], True] = self._failure_latch_us
         for bidding in plan.biddings:
             if bidding.is_open:
                 within_us = bidding.within_us
@@ -77,7 +77,7 @@ class Deadlines:
                 running[bidding.closed_name, False] = limit_us
         return running
 
-    def restart_verdicts(self) -> None:
+    def restart_agreed(self) -> None:
         """This robot has not seen for a while who is alive."""
         self._due_us = {due: at_us for due, at_us in self._due_us.items() if not due[1]}
         self._held.clear()

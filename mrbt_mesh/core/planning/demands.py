@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, SameRobotAs
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
-from mrbt_mesh.core.planning.entitlement import asks_for, entitled
+from mrbt_mesh.core.planning.per_robot import asks_for, eligible
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def allowed_robots(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] 
     request's guards are as they must be.
     """
     did = done_before(facts, request)
-    own = entitled(facts, request) if facts.mission.per_robot.guards else None
+    own = eligible(facts, request) if facts.mission.per_robot.guards else None
     if own is None:
         return did
     return tuple(own if each is None else tuple(r for r in each if r in own) for each in did)

@@ -30,11 +30,11 @@ from mrbt_mesh.core.planning.demands import (
     obstacle,
     running_on,
 )
-from mrbt_mesh.core.planning.losses import pending_losses
-from mrbt_mesh.core.planning.plan import Line, Plan, Waiting
+from mrbt_mesh.core.planning.pending_failures import pending_failures
+from mrbt_mesh.core.planning.per_robot import pending_losses
+from mrbt_mesh.core.planning.plan import Assignment, Plan, Waiting
 from mrbt_mesh.core.planning.scarcity import spare_scarce
 from mrbt_mesh.core.planning.side_constraints import SideConstraintCheck, side_constraints
-from mrbt_mesh.core.planning.verdicts import pending_verdicts
 
 PlanFunction: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
 # Makes the function that makes the plans of one robot.
@@ -149,17 +149,21 @@ def assign_agents(
 
     bids, offered, kept, pinned = found.bids, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
-    lines = {robot: _line(robot, demand, True) for robot, demand in at_work.items()}
+    assignments = {robot: _assignment(robot, demand, True) for robot, demand in at_work.items()}
     assigned = None
     if found.is_consistent:
         assigned = _assign(mission, [offered[index] for index in kept], team, at_work, solver)
-        lines |= assigned or {}
+        assignments |= assigned or {}
 
     # The requests that wait, and why.
     requests, demands, obstacles = evaluation.requests, bids.groups, found.obstacles
-    held = bids.held_back(kept, lines) if bids.awaited else {}
+    held = bids.held_back(kept, assignments) if bids.awaited else {}
     later = {requests[index].activation for index in held}
-    lines = {robot: lines[robot] for robot in sorted(lines) if lines[robot].activation not in later}
+    assignments = {
+        robot: assignments[robot]
+        for robot in sorted(assignments)
+        if assignments[robot].activation not in later
+    }
     served = frozenset(kept)
     rest = [index for index in range(len(requests)) if index not in served or index in held]
     waiting = {
@@ -174,14 +178,14 @@ def assign_agents(
         }
     pending = {}
     if waiting or mission.has_paper_policy:
-        pending = pending_verdicts(facts, requests, waiting, obstacles, team)
+        pending = pending_failures(facts, requests, waiting, obstacles, team)
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
-    idle = _why_idle([r for r in team if r not in lines], demands, offered, served, held)
+    idle = _why_idle([r for r in team if r not in assignments], demands, offered, served, held)
     return Plan(
         evaluation,
         order,
-        _with_leaders(facts, lines, team),
+        _with_leaders(facts, assignments, team),
         idle | outside,
         tuple(waiting.values()),
         found.is_consistent,
@@ -229,7 +233,7 @@ def _assign(
     team: Mapping[str, Worker],
     at_work: Mapping[str, Demand],
     solver: Solver,
-) -> dict[str, Line] | None:
+) -> dict[str, Assignment] | None:
     """Put robots that are not at work on what the kept demands still ask for; None: infeasible."""
     wanted: dict[str, Demand] = {}
     named: list[NamedDemand] = []
@@ -254,13 +258,13 @@ def _assign(
     assigned = within(problem, limits, solver) if limits else optimum(problem, solver)
     if assigned is None:
         return None
-    return {robot: _line(robot, wanted[name], False) for robot, name in assigned.items()}
+    return {robot: _assignment(robot, wanted[name], False) for robot, name in assigned.items()}
 
 
-def _line(robot: str, demand: Demand, pinned: bool) -> Line:
+def _assignment(robot: str, demand: Demand, pinned: bool) -> Assignment:
     request, performance = demand.request, demand.candidates[robot]
     where = request.activation, request.subject, demand.local_task
-    return Line(robot, *where, performance, pinned)
+    return Assignment(robot, *where, performance, pinned)
 
 
 def _waiting(
@@ -294,23 +298,23 @@ def _limited(
 
 
 def _with_leaders(
-    facts: TeamFacts, lines: Mapping[str, Line], team: Mapping[str, Worker]
-) -> dict[str, Line]:
+    facts: TeamFacts, assignments: Mapping[str, Assignment], team: Mapping[str, Worker]
+) -> dict[str, Assignment]:
     """Name the leader where a task is carried out by a coalition: that of the standing one,
     else the first robot that the plan has on the activation.
     """
     leaders: dict[str, tuple[str, int]] = {}
     result = {}
-    for robot, line in lines.items():
-        task = facts.mission.global_tasks[line.global_task]
+    for robot, assignment in assignments.items():
+        task, activation = facts.mission.global_tasks[assignment.global_task], assignment.activation
         if task.by_coalition:
-            if line.activation not in leaders:
-                token = coalition_at_work(facts, task, line.activation, incarnations(team))
-                number = facts.coalitions(line.activation).round_number(facts.grantors, token)
-                leaders[line.activation] = (token.leader if token is not None else robot, number)
-            leader, number = leaders[line.activation]
-            line = replace(line, leader=leader, round=number)
-        result[robot] = line
+            if activation not in leaders:
+                token = coalition_at_work(facts, task, activation, incarnations(team))
+                number = facts.coalitions(activation).round_number(facts.grantors, token)
+                leaders[activation] = (token.leader if token is not None else robot, number)
+            leader, number = leaders[activation]
+            assignment = replace(assignment, leader=leader, round=number)
+        result[robot] = assignment
     return result
 
 
@@ -321,7 +325,7 @@ def _why_idle(
     kept: Collection[int],
     held: Collection[int],
 ) -> dict[str, str]:
-    """For robots without a line: why."""
+    """For robots without an assignment: why."""
     if not demands:
         return dict.fromkeys(robots, "nothing is requested")
     able, spared = _able_requests(robots, demands), set(robots)

@@ -16,10 +16,10 @@ import msgpack
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import ConditionValue, OrderKind
-from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd
 from mrbt_mesh.core.planning.demands import Group
+from mrbt_mesh.core.planning.per_robot import PendingLoss
 
 # How many robots are listed by name.
 _SHOWN = 3
@@ -89,8 +89,8 @@ def shortened(robots: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """One robot's line of the plan. `pinned`: it was running this already and goes on.
+class Assignment:
+    """What the plan has one robot do. `pinned`: it was running this already and goes on.
 
     `performance` is the declared one, or what the robot bid.
     `leader` brings the coalition together, where the task is carried out by one; `round`
@@ -108,35 +108,19 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class PendingVerdict:
-    """A request that fails if the plan goes on to say so for `after_us`.
+class PendingFailure:
+    """A request that fails if every plan shows it for `after_us` (None: `Timing.failure_latch_us`).
 
-    Some robot has failed, and those who live cannot make it good. None: `Timing.verdict_us`.
+    Some robot has failed, and no living robot can make it good.
     """
 
     activation: str
     after_us: int | None
 
     @property
-    def verdict_name(self) -> str:
+    def fact_name(self) -> str:
         """The fact that it has failed."""
-        return f"{records.VERDICT}/{self.activation}"
-
-
-@dataclass(frozen=True, slots=True)
-class PendingLoss:
-    """A per-robot condition that becomes false, as its `revision`, if the plan goes on to say so.
-
-    The robot is no part of the team. After `Timing.verdict_us`.
-    """
-
-    condition: str
-    revision: int
-
-    @property
-    def fact(self) -> Fact:
-        """The fact that it is lost; the same, whichever robot writes it."""
-        return f"{records.CONDITION}/{self.condition}", ConditionValue(False, self.revision, 0)
+        return f"{records.FAILURE}/{self.activation}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,8 +189,9 @@ class DemandBounds:
 
 @dataclass(frozen=True)
 class Plan:
-    """`lines` by robot; `idle` says why a robot has none; the others in tree order. The demands are
-    what the plan was made from, and no part of what it says.
+    """`assignments` by robot; `idle`: why a robot has none; the rest is in tree order.
+
+    The demands are the input of the plan and no part of its content.
 
     What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
@@ -219,14 +204,14 @@ class Plan:
 
     evaluation: Evaluation
     order: OrderKind
-    lines: Mapping[str, Line]
+    assignments: Mapping[str, Assignment]
     idle: Mapping[str, str]
     waiting: tuple[Waiting, ...]
     consistent: bool = True
     feasible: bool = True
     biddings: tuple[Bidding, ...] = ()
     demands: Sequence[Group] = field(default=(), compare=False, repr=False)
-    pending_verdicts: tuple[PendingVerdict, ...] = ()
+    pending_failures: tuple[PendingFailure, ...] = ()
     pending_losses: tuple[PendingLoss, ...] = ()
     ended: Status | None = None
 
@@ -256,7 +241,9 @@ class Plan:
         said: Sequence[Any] = (
             [int(self.result)]
             if self.ended is not None
-            else sorted((x.activation, x.local_task, x.robot, x.round) for x in self.lines.values())
+            else sorted(
+                (x.activation, x.local_task, x.robot, x.round) for x in self.assignments.values()
+            )
         )
         return hashlib.blake2b(msgpack.packb(said), digest_size=8).digest()
 
@@ -269,8 +256,8 @@ class Plan:
     def bounds(self) -> tuple[DemandBounds, ...]:
         """a_j and b_j of every local task that is requested, in tree order."""
         working: dict[tuple[str, str], list[str]] = {}
-        for line in self.lines.values():
-            working.setdefault((line.activation, line.local_task), []).append(line.robot)
+        for each in self.assignments.values():
+            working.setdefault((each.activation, each.local_task), []).append(each.robot)
         return tuple(
             DemandBounds(
                 demand.request.activation,
@@ -286,11 +273,11 @@ class Plan:
 
     def partners(self, robot: str) -> tuple[str, ...]:
         """The other robots on the same local task of the same activation."""
-        line = self.lines[robot]
-        key = (line.activation, line.local_task)
+        mine = self.assignments[robot]
+        key = (mine.activation, mine.local_task)
         return tuple(
             x.robot
-            for x in self.lines.values()
+            for x in self.assignments.values()
             if (x.activation, x.local_task) == key and x.robot != robot
         )
 
@@ -312,7 +299,7 @@ class Plan:
                     "leader": x.leader or None,
                     "round": x.round,
                 }
-                for x in self.lines.values()
+                for x in self.assignments.values()
             },
             "idle": dict(self.idle),
             "waiting": [
@@ -325,19 +312,21 @@ class Plan:
                 for w in self.waiting
             ],
             "bids": [bidding.to_json() for bidding in self.biddings],
-            "pending_verdicts": [verdict.activation for verdict in self.pending_verdicts],
+            "pending_verdicts": [failure.activation for failure in self.pending_failures],
             "pending_losses": [loss.condition for loss in self.pending_losses],
         }
 
 
-def line_reason(line: Line, bids: Mapping[tuple[str, str], Mapping[str, int | None]]) -> str:
-    """Why a robot has this line, for people; `bids` as `plan_bids` has them."""
-    why = "goes on with what it runs" if line.pinned else "part of the best assignment"
-    place = (line.activation, line.local_task)
-    number = f"{line.performance / MICRO:g}"
+def assignment_reason(
+    assignment: Assignment, bids: Mapping[tuple[str, str], Mapping[str, int | None]]
+) -> str:
+    """Why a robot has this assignment, for people; `bids` as `plan_bids` has them."""
+    why = "goes on with what it runs" if assignment.pinned else "part of the best assignment"
+    place = (assignment.activation, assignment.local_task)
+    number = f"{assignment.performance / MICRO:g}"
     if place not in bids:
         return f"{why} (performance {number})"
-    return why + (" (no bid)" if bids[place].get(line.robot) is None else f" (bid {number})")
+    return why + (" (no bid)" if bids[place].get(assignment.robot) is None else f" (bid {number})")
 
 
 def plan_bids(plan: Plan) -> dict[tuple[str, str], Mapping[str, int | None]]:

@@ -165,7 +165,7 @@ class Checkers(Inspection):
         # Facts may have to be handed on by a robot in between.
         repair_us = findings.repair_us * (2 if is_part or network.blocked else 1)
         quiet_us = network.knobs.quiet_from_us or 0
-        if now_us - max(findings.fault_us, quiet_us) <= repair_us + findings.verdict_us:
+        if now_us - max(findings.fault_us, quiet_us) <= repair_us + findings.failure_latch_us:
             return
         agree = self.i2.check_views(agents)
         still_us = now_us - max(findings.changed_us, quiet_us)

@@ -55,7 +55,7 @@ class Convergence:
     def declared_dead(self, agent: AgentView, robot: str) -> None:
         """The agent declares `robot` dead: not while somebody in between hears it well."""
         findings, world = self._findings, self._findings.world
-        since_us = world.clock.now_us - findings.verdict_us - findings.repair_us
+        since_us = world.clock.now_us - findings.failure_latch_us - findings.repair_us
         if not findings.is_tolerable or findings.other_us > since_us:
             return
 
@@ -85,7 +85,7 @@ class Convergence:
         if not findings.is_tolerable or not connected or not agents:
             self._noted = None
             return
-        period_us = 2 * findings.repair_us + findings.verdict_us
+        period_us = 2 * findings.repair_us + findings.failure_latch_us
         if self._noted is None or findings.fault_us > self._noted_us:
             self._note(agents, now_us)
         elif now_us > self._noted_us + period_us:

@@ -58,7 +58,7 @@ class RunFindings:
         return repair_us + 6 * (self.world.network.slowest_us + self.world.plan_delay_us)
 
     @property
-    def verdict_us(self) -> int:
+    def failure_latch_us(self) -> int:
         """How long it may take until all agree on who is alive, and newcomers have joined."""
         knobs = self.world.network.knobs
         return self.world.timing.max_detection_us + (knobs.token_delay_us or 0)

@@ -116,7 +116,7 @@ class WorkWithinBounds:
         plan = current_plan(agent, self._findings.world.solver)
         tasks, ungranted = agent.mission.global_tasks, self._findings.may_lack_grants
         for each in agents:
-            line, claim = plan.lines.get(each.robot), each.claim
+            line, claim = plan.assignments.get(each.robot), each.claim
             wanted = (line.activation, line.local_task) if line else None
             runs = claim is not None and claim.phase is Phase.RUNNING
             found = (claim.activation, claim.local_task) if claim and runs else None
@@ -128,7 +128,7 @@ class WorkWithinBounds:
         if plan.order is not OrderKind.RESUME or plan.result in _OVER:
             return  # nobody is asked for anything any more
         waiting = {w.activation for w in plan.waiting}
-        on = Counter((line.activation, line.local_task) for line in plan.lines.values())
+        on = Counter((line.activation, line.local_task) for line in plan.assignments.values())
         capable = capabilities_of(agent.facts, alive)
         for group in demands_of(agent.facts, plan.evaluation.requests, capable):
             for demand in group:
@@ -259,7 +259,7 @@ class Progress:
         quiet_us = now_us - max(healed_us, findings.fault_us)
         still_us = min(quiet_us, now_us - self._progress_us)
         patience_us = self._patience_us
-        if still_us <= findings.repair_us + findings.verdict_us:
+        if still_us <= findings.repair_us + findings.failure_latch_us:
             self.is_settled = self.is_endless and quiet_us > patience_us
             return
         if all(agent.plan and agent.plan.result in _OVER for agent in agents):
@@ -288,7 +288,7 @@ class Progress:
         """Some have not taken their place in the team."""
         findings, world = self._findings, self._findings.world
         waits_us = world.clock.now_us - max(world.healed_us or 0, findings.fault_us)
-        if waits_us > 2 * (findings.repair_us + findings.verdict_us):
+        if waits_us > 2 * (findings.repair_us + findings.failure_latch_us):
             late = {process.robot for process in world.living()} - {agent.robot for agent in agents}
             text = f"{', '.join(sorted(late))} did not join within {waits_us / 1e6:.1f} s"
             findings.say("I6", f"{text} after the last fault")
@@ -303,7 +303,7 @@ class Progress:
     @property
     def _patience_us(self) -> int:
         """How long nothing may be finished by robots that have something to do."""
-        return 2 * (self._findings.repair_us + self._findings.verdict_us) + self._longest_us
+        return 2 * (self._findings.repair_us + self._findings.failure_latch_us) + self._longest_us
 
     def timed_out(self) -> None:
         """After a run without a result: the living could have gone on, and did not.

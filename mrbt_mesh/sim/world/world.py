@@ -226,7 +226,7 @@ def _rests(process: SimProcess) -> bool:
         or (
             not agent.is_joining
             and agent.plan is not None
-            and not agent.plan.lines
+            and not agent.plan.assignments
             and agent.action is None
             and not agent.waits_for_deadline
         )

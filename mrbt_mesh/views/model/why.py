@@ -16,7 +16,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
-from mrbt_mesh.core.planning.plan import line_reason, plan_bids, shortened
+from mrbt_mesh.core.planning.plan import assignment_reason, plan_bids, shortened
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def _candidate(
         return Candidate(robot, units, False, "has left")
     if capability(member, local_task) is None:
         return Candidate(robot, units, False, _lost(member, local_task))
-    line = plan.lines.get(robot) if plan is not None else None
+    line = plan.assignments.get(robot) if plan is not None else None
     if line is not None and (line.activation, line.local_task) == (activation, local_task):
         how = "goes on with it" if line.pinned else "is chosen: the best assignment of all robots"
         return Candidate(robot, units, True, how)
@@ -154,13 +154,13 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
         return _answer(robot, f"{robot} is dead: no message from it since.", [])
     if state is State.LEFT:
         return _answer(robot, f"{robot} has left on purpose, and handed its work over.", [])
-    if plan is None or robot not in {*plan.lines, *plan.idle}:
+    if plan is None or robot not in {*plan.assignments, *plan.idle}:
         return _answer(robot, f"{robot} is joining the team: plans do not count on it yet.", [])
-    line = plan.lines.get(robot)
+    line = plan.assignments.get(robot)
     if line is None:
         return _answer(robot, f"{robot} does nothing now: {plan.idle[robot]}.", [])
     found = candidates(observer, line.activation, line.local_task)
-    reason = line_reason(line, plan_bids(plan))
+    reason = assignment_reason(line, plan_bids(plan))
     what = f"{robot} does {line.local_task} for {line.global_task}: {reason}."
     return _answer(robot, f"{what} {_others(found, robot)}", found, line.local_task)
 
@@ -175,7 +175,7 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
         return _answer(task, f"{task} {_ENDS[record.state]}.{_by(record.robots)}{why}", [])
     activation = requests[0].activation
     waiting = next((w for w in plan.waiting if w.activation == activation), None)
-    lines = [line for line in plan.lines.values() if line.activation == activation]
+    lines = [line for line in plan.assignments.values() if line.activation == activation]
     bounds = "; ".join(map(_needed, known.needs))
     if waiting is not None:
         sentence = f"{task} is {waiting.reason}. It needs {bounds}."

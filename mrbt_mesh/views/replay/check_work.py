@@ -8,7 +8,7 @@ from typing import Any
 from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import capability
-from mrbt_mesh.core.planning.plan import Line
+from mrbt_mesh.core.planning.plan import Assignment
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage
@@ -57,9 +57,9 @@ class WorkCheck:
             self._claimed(entry, entry.record)
 
     @property
-    def _line(self) -> Line | None:
+    def _line(self) -> Assignment | None:
         plan = self._check.plan
-        return plan.lines.get(self._me) if plan is not None else None
+        return plan.assignments.get(self._me) if plan is not None else None
 
     def _claimed(self, entry: Entry, claim: Claim) -> None:
         place = (claim.activation, claim.local_task)
@@ -133,7 +133,7 @@ class WorkCheck:
         claim = state.facts.valid_claim(robot)
         if claim is None or (claim.activation, claim.local_task) != place:
             return f"{robot} had given it up"
-        line = self._check.plan.lines.get(robot) if self._check.plan is not None else None
+        line = self._check.plan.assignments.get(robot) if self._check.plan is not None else None
         if line is None or (line.activation, line.local_task) != place:
             return f"the plan moved {robot}"
         return ""

@@ -149,7 +149,7 @@ def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
     """The robots that could serve the request and do something else, or whose bids are missing."""
     if waiting.awaited or waiting.is_blocked or observer.plan is None:
         return tuple(waiting.awaited)
-    lines = observer.plan.lines
+    lines = observer.plan.assignments
     could = {
         each.robot
         for need in observer.mission.global_tasks[waiting.global_task].needs

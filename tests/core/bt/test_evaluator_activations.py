@@ -283,7 +283,7 @@ def test_the_attempts_of_a_guarded_retry_begin_again_after_the_guard_turned() ->
     assert world.asked() == ["a"]
 
 
-def test_the_failure_of_a_used_attempt_needs_no_verdict_and_that_of_the_last_one_does() -> None:
+def test_the_failure_of_a_used_attempt_needs_no_latch_and_that_of_the_last_one_does() -> None:
     world = World(retry(2, A))
     first = world.activation("a")
     world.fail("a")
@@ -292,7 +292,7 @@ def test_the_failure_of_a_used_attempt_needs_no_verdict_and_that_of_the_last_one
     world.fail("a")
     assert world.evaluator.evaluate(world.facts).failures == (last,)
     assert world.status is FAILURE
-    assert not world.facts.has_verdict(first)
+    assert not world.facts.has_latched_failure(first)
 
 
 def test_every_outer_attempt_has_its_own_inner_attempts() -> None:

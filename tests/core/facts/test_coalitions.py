@@ -41,7 +41,7 @@ def broken(world: World, me: str) -> list[str]:
 
 
 def on_it(world: World) -> list[str]:
-    return list(world.plan().lines)
+    return list(world.plan().assignments)
 
 
 # -- whose successes count --------------------------------------------------------------------
@@ -101,8 +101,8 @@ def test_whoever_started_goes_on_and_nobody_joins() -> None:
     world = cover()
     world.form(COVER, "B", "D")
     plan = world.plan()
-    assert list(plan.lines) == ["B", "D"]
-    assert all(line.pinned and line.leader == "B" for line in plan.lines.values())
+    assert list(plan.assignments) == ["B", "D"]
+    assert all(line.pinned and line.leader == "B" for line in plan.assignments.values())
 
 
 def test_a_member_that_has_finished_is_free_and_has_not_dropped_out() -> None:
@@ -120,8 +120,8 @@ def test_after_a_broken_coalition_its_robots_begin_anew() -> None:
     world.end(COVER, token, "A", True, "lift")
     world.say(BROKEN, COVER, token, "C")
     plan = world.plan()
-    assert list(plan.lines) == ["A", "B", "C"]
-    assert [line.round for line in plan.lines.values()] == [1, 1, 1]
+    assert list(plan.assignments) == ["A", "B", "C"]
+    assert [line.round for line in plan.assignments.values()] == [1, 1, 1]
 
 
 # -- when a coalition is broken ---------------------------------------------------------------
@@ -172,7 +172,7 @@ def test_a_claim_that_has_not_arrived_yet_is_no_drop_out() -> None:
     world.form(COVER, "A", "B")
     late = world.replayed(e for e in world.entries if (e.author, e.name) != ("B", records.CLAIM))
     assert broken(late, "C") == []
-    assert list(late.plan().lines) == ["A", "B"]
+    assert list(late.plan().assignments) == ["A", "B"]
 
 
 def test_of_two_coalitions_the_first_by_the_order_of_claims_stands() -> None:

@@ -276,7 +276,7 @@ def test_what_can_still_be_reached_is_kept() -> None:
     assert world.asked() == ["b"]
     world.facts.prune()
     assert world.asked() == ["b"]
-    assert world.facts.has_verdict("r1:2:a:1:0")
+    assert world.facts.has_latched_failure("r1:2:a:1:0")
 
 
 def test_dropping_again_drops_nothing() -> None:

@@ -52,7 +52,7 @@ def bid_all(world: World, **bids: float | None) -> None:
 
 
 def who(world: World) -> dict[str, str]:
-    return {robot: line.global_task for robot, line in world.plan().lines.items()}
+    return {robot: line.global_task for robot, line in world.plan().assignments.items()}
 
 
 def reasons(world: World) -> list[str]:
@@ -77,7 +77,7 @@ def test_nobody_goes_before_all_have_bid_and_then_the_best_does() -> None:
     assert reasons(world) == ["waiting for bids of B"]
     bid_all(world, B=-5)
     assert who(world) == {"C": "fetch"}
-    assert world.plan().lines["C"].performance == -4 * MICRO
+    assert world.plan().assignments["C"].performance == -4 * MICRO
     assert not world.plan().waiting
 
 
@@ -115,7 +115,7 @@ def test_robots_without_bids_serve_where_nobody_else_can() -> None:
     bid_all(world, A=None)
     world.close(world.activation("fetch"), "drive", "A")
     assert who(world) == {"A": "fetch", "B": "fetch"}
-    assert {line.performance for line in world.plan().lines.values()} == {LAST_RESORT}
+    assert {line.performance for line in world.plan().assignments.values()} == {LAST_RESORT}
     world = town("AB", needs=("drive", 1, 2, True))
     bid_all(world, A=-5, B=None)
     assert who(world) == {"A": "fetch"}, "no more of them than have to"
@@ -238,7 +238,7 @@ def test_coalitions_are_formed_of_the_best_bids(policies: dict[str, bool]) -> No
     assert who(world) == {}
     bid_all(world, C=-2)
     assert who(world) == {"B": "fetch", "C": "fetch"}
-    assert {line.leader for line in world.plan().lines.values()} == {"B"}
+    assert {line.leader for line in world.plan().assignments.values()} == {"B"}
     token = world.form(activation, "B", "C")
     world.die("A")
     world.join("A", world.mission.robots["A"].capabilities, life=2)
@@ -260,7 +260,7 @@ def test_a_declared_need_beside_one_by_bid_waits_with_it() -> None:
     world = World(make_mission(action("fetch"), {"A": {"drive": 1}, "B": {"lift": 2}}, tasks))
     assert who(world) == {}
     bid_all(world, A=-3)
-    assert {r: line.performance for r, line in world.plan().lines.items()} == {
+    assert {r: line.performance for r, line in world.plan().assignments.items()} == {
         "A": -3 * MICRO,
         "B": 2 * MICRO,
     }
@@ -285,12 +285,12 @@ def test_the_sum_of_the_bids_is_the_greatest_there_is(data: st.DataObject) -> No
     bids = {(r, i): data.draw(values) for r in robots for i in range(count)}
     order = data.draw(st.permutations(sorted(bids)))
     for robot, i in order:
-        assert not world.plan().lines or all(
-            x.global_task != f"go({i})" for x in world.plan().lines.values()
+        assert not world.plan().assignments or all(
+            x.global_task != f"go({i})" for x in world.plan().assignments.values()
         )
         world.bid(robot, activations[i], f"drive({i})", bids[robot, i])
     plan = world.plan()
-    total = sum(bids[r, int(line.local_task[6:-1])] for r, line in plan.lines.items())
+    total = sum(bids[r, int(line.local_task[6:-1])] for r, line in plan.assignments.items())
     best = max(
         sum(bids[r, i] for r, i in zip(robots, choice, strict=True) if i < count)
         for choice in itertools.product(range(count + 1), repeat=len(robots))
@@ -341,7 +341,7 @@ def test_the_first_bid_stands() -> None:
     world = town("A")
     bid_all(world, A=-7)
     bid_all(world, A=-1)
-    assert world.plan().lines["A"].performance == -7 * MICRO
+    assert world.plan().assignments["A"].performance == -7 * MICRO
 
 
 def test_bids_are_dropped_with_their_activation() -> None:

@@ -108,10 +108,10 @@ def test_nobody_is_kept_from_a_request_by_those_who_might_help() -> None:
     first, second = task("first", ("lift", 1, 1), ("hold", 0, 2)), task("second", ("lift", 1, 1))
     tree = parallel(2, action("first"), action("second"))
     world = World(make_mission(tree, robots, [first, second]))
-    lines = world.plan().lines
+    lines = world.plan().assignments
     assert {robot: line.local_task for robot, line in lines.items()} == {"A": "lift", "B": "lift"}
     world.outcome(world.activation("second"), True, "B", "lift")
-    lines = world.plan().lines
+    lines = world.plan().assignments
     assert {robot: line.local_task for robot, line in lines.items()} == {"A": "hold", "B": "lift"}
 
 

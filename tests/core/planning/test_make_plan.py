@@ -45,7 +45,7 @@ def repair() -> World:
 
 
 def who_does_what(world: World) -> dict[str, str]:
-    return {robot: line.global_task for robot, line in world.plan().lines.items()}
+    return {robot: line.global_task for robot, line in world.plan().assignments.items()}
 
 
 def uncover(world: World) -> None:
@@ -70,7 +70,7 @@ def test_a_running_robot_keeps_its_place_where_another_would_be_better() -> None
     world.claim("B1", world.activation("part1"), "diagnose")
     plan = world.plan()
     assert who_does_what(world) == {"A1": "part2", "B1": "part1"}
-    assert [plan.lines[robot].pinned for robot in ("A1", "B1")] == [False, True]
+    assert [plan.assignments[robot].pinned for robot in ("A1", "B1")] == [False, True]
 
 
 def test_a_dead_robot_is_replaced() -> None:
@@ -159,8 +159,8 @@ def test_a_robot_that_is_not_needed_any_more_learns_for_what() -> None:
 def test_every_robot_has_a_line_or_a_reason_and_never_both() -> None:
     world = repair()
     plan = world.plan()
-    assert set(plan.lines) | set(plan.idle) == set(world.alive)
-    assert not set(plan.lines) & set(plan.idle)
+    assert set(plan.assignments) | set(plan.idle) == set(world.alive)
+    assert not set(plan.assignments) & set(plan.idle)
 
 
 # -- the operator's orders --------------------------------------------------------------------
@@ -171,7 +171,7 @@ def test_an_order_takes_everybodys_task_away(order: str) -> None:
     world = repair()
     world.order(order, 1, "A1")
     plan = world.plan()
-    assert (plan.lines, plan.waiting) == ({}, ())
+    assert (plan.assignments, plan.waiting) == ({}, ())
     assert set(plan.idle.values()) == {f"the operator's order is {order}"}
     assert plan.result is (Status.FAILURE if order == "abort" else Status.RUNNING)
 
@@ -229,7 +229,7 @@ def once_all_have_let_go(world: World) -> Plan:
     """
     while True:
         plan = world.plan()
-        pinned = {robot for robot, line in plan.lines.items() if line.pinned}
+        pinned = {robot for robot, line in plan.assignments.items() if line.pinned}
         others = sorted(world.alive.keys() & world.facts.claims.keys() - pinned)
         if not others:
             return plan
@@ -242,7 +242,7 @@ def test_claims_and_phases_that_the_plan_already_contains_leave_the_digest_alone
     world: World, data: st.DataObject
 ) -> None:
     plan = once_all_have_let_go(world)
-    for robot, line in plan.lines.items():
+    for robot, line in plan.assignments.items():
         if data.draw(st.booleans()):
             running = data.draw(st.booleans()) or line.pinned
             since = 1 if line.pinned else 9
@@ -258,7 +258,7 @@ def test_a_plan_keeps_every_bound_and_asks_nobody_for_what_it_cannot_do(world: W
         for need in world.mission.global_tasks[request.subject].needs:
             on_it = [
                 line.robot
-                for line in plan.lines.values()
+                for line in plan.assignments.values()
                 if (line.activation, line.local_task) == (request.activation, need.local_task)
             ]
             results = world.facts.results(request.activation, need.local_task)
@@ -274,7 +274,7 @@ def test_a_plan_keeps_every_bound_and_asks_nobody_for_what_it_cannot_do(world: W
     served = {request.activation for request in plan.evaluation.requests} - waiting
     assert plan.consistent is plan.feasible
     assert plan.feasible or not served
-    assert set(plan.lines) | set(plan.idle) == set(world.alive)
+    assert set(plan.assignments) | set(plan.idle) == set(world.alive)
 
 
 def test_the_problem_is_infeasible_when_no_request_can_be_served() -> None:
@@ -327,7 +327,7 @@ def test_a_robot_counts_only_in_the_life_that_is_alive() -> None:
     world = repair()
     alive = world.alive | {"C1": Incarnation(7, "other")}
     plan = make_plan(world.facts, alive, min_cost_flow)
-    assert "C1" not in plan.lines
+    assert "C1" not in plan.assignments
 
 
 def test_a_fallback_gets_its_turn_when_the_first_way_has_failed() -> None:

@@ -33,7 +33,7 @@ def sparing(mission: Mission) -> World:
 
 
 def who(plan: Plan) -> dict[str, str]:
-    return {robot: line.global_task for robot, line in plan.lines.items()}
+    return {robot: line.global_task for robot, line in plan.assignments.items()}
 
 
 def specialist(later: bool = True) -> Mission:
@@ -165,7 +165,7 @@ def test_the_plan_is_the_same_whichever_optimum_a_solver_finds(
 ) -> None:
     careful = sparing(world.mission)
     for robot in careful.alive:
-        lines = careful.plan().lines
+        lines = careful.plan().assignments
         if robot in lines and data.draw(st.booleans()):
             careful.claim(robot, lines[robot].activation, lines[robot].local_task)
     other = make_plan(careful.facts, careful.alive, turned(min_cost_flow))
@@ -178,13 +178,13 @@ def test_who_has_begun_goes_on_where_it_would_under_the_usual_assignment(
 ) -> None:
     careful, usual = sparing(world.mission), world
     for robot in careful.alive:
-        lines = careful.plan().lines
+        lines = careful.plan().assignments
         if robot in lines and data.draw(st.booleans()):
             for each in (careful, usual):
                 line = lines[robot]
                 each.claim(robot, line.activation, line.local_task)
-    pinned = {robot for robot, line in usual.plan().lines.items() if line.pinned}
-    assert {robot for robot, line in careful.plan().lines.items() if line.pinned} == pinned
+    pinned = {robot for robot, line in usual.plan().assignments.items() if line.pinned}
+    assert {robot for robot, line in careful.plan().assignments.items() if line.pinned} == pinned
 
 
 @pytest.mark.parametrize("how", list(AssignmentPolicy))

@@ -41,7 +41,7 @@ def plan(world: World) -> Plan:
 
 
 def served(found: Plan) -> dict[str, str]:
-    return {robot: line.global_task for robot, line in found.lines.items()}
+    return {robot: line.global_task for robot, line in found.assignments.items()}
 
 
 def reasons(found: Plan) -> dict[str, str]:
@@ -303,8 +303,8 @@ def test_plans_keep_the_constraints_and_requests_as_trying_out_everything_does(s
         where = f"seed {seed}, case {case}: {world.mission.constraints}, {found.to_json()}"
         requests = found.evaluation.requests
         assert found.feasible is (len(found.waiting) < len(requests) or not requests), where
-        on = {r: (line.global_task, line.local_task) for r, line in found.lines.items()}
-        running = {r: on[r] for r, line in found.lines.items() if line.pinned}
+        on = {r: (line.global_task, line.local_task) for r, line in found.assignments.items()}
+        running = {r: on[r] for r, line in found.assignments.items() if line.pinned}
         for robot in on.keys() - running.keys():
             assert keeps(world.mission.constraints, on, running, robot), where
         for problem in problems:
@@ -316,7 +316,7 @@ def test_plans_keep_the_constraints_and_requests_as_trying_out_everything_does(s
 
 def _check_kept(world: World, found: Plan, where: str) -> None:
     """Requests in tree order; each is kept if some robots serve it with all kept before it."""
-    pinned = {r: line for r, line in found.lines.items() if line.pinned}
+    pinned = {r: line for r, line in found.assignments.items() if line.pinned}
     running = {r: (line.global_task, line.local_task) for r, line in pinned.items()}
     free = [r for r in world.mission.robots if r not in pinned]
     kept: list[str] = []

@@ -75,6 +75,6 @@ def test_i7_a_plan_that_is_not_that_of_its_facts() -> None:
     assert team.checkers.checks["I7"] == 1
     assert agent.view.plan is not None
     agent.view.facts.changes -= 1
-    inside.planner(agent).plan = dataclasses.replace(agent.view.plan, lines={})
+    inside.planner(agent).plan = dataclasses.replace(agent.view.plan, assignments={})
     team.checkers.i7.sample([agent.view])
     assert "the plan of R1 is not that of its facts" in team.checkers.violations[0]

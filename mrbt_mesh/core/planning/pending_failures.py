@@ -1,14 +1,14 @@
-"""Which requests are about to fail because of who is dead.
+"""Which requests are about to fail because of the robots that are dead.
 
 A global task's status never follows from who is thought alive, or a false suspicion would turn the
-tree to a fallback and back (`facts.task_status`). But once a robot has failed, and those who live
-cannot make it good, whoever waits for the dead waits in vain. The plan says so: a verdict is
-*pending*. When it has said so for some time without a break, and all report the same plan, the
-verdict is written as a fact (`planning.deadlines`) and holds for that activation, whoever returns.
+tree to a fallback and back (`facts.task_status`). But once a robot has failed, and no living robot
+can make it good, waiting for the dead is in vain. Then the plan has a *pending failure*. When it
+has had it for some time without a break, and all report the same plan, the failure is latched: it
+is written as a fact (`planning.deadlines`) that holds for that activation, whichever robot returns.
 
-Where nobody has failed, a request that nobody can serve is *blocked*, as its policy says. So is an
-exclusive one in doubt, without a living majority, or with a coalition out of reach: others may be
-at it.
+Where no robot has failed, a request that no robot can serve is *blocked*, as its policy says. So is
+an exclusive one in doubt, without a living majority, or with a coalition out of reach, which may be
+at work.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
 from mrbt_mesh.core.planning.consistency import shortages
 from mrbt_mesh.core.planning.demands import request_demands
-from mrbt_mesh.core.planning.plan import PendingVerdict, Waiting
+from mrbt_mesh.core.planning.plan import PendingFailure, Waiting
 
 
-def pending_verdicts(
+def pending_failures(
     facts: TeamFacts,
     requests: Sequence[Request],
     waiting: Mapping[int, Waiting],
     obstacles: Collection[int],
     team: Collection[str],
-) -> dict[int, PendingVerdict]:
+) -> dict[int, PendingFailure]:
     """The requests, by index and in tree order, of which some robot has failed and
 
     policy `resilient`: no living robots could serve it, whoever is free, not even with what they
@@ -67,7 +67,7 @@ def pending_verdicts(
             case FailurePolicy.PAPER:
                 fails = fails or _has_failed_by_count(facts, task, activation, team)
         if fails:
-            found[index] = PendingVerdict(activation, task.failure_after_us)
+            found[index] = PendingFailure(activation, task.failure_after_us)
     return found
 
 

@@ -1,4 +1,4 @@
-"""Pending verdicts: a robot has failed, and those who live cannot make it good."""
+"""Pending failures: a robot has failed, and no living robot can make it good."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def world_of(able: str = "R1 R2 R3", *needs: tuple[Any, ...], **policies: Any) -
 
 def pending(world: World) -> list[str]:
     """The subjects that are about to fail."""
-    return [verdict.activation.split(":")[2] for verdict in world.plan().pending_verdicts]
+    return [failure.activation.split(":")[2] for failure in world.plan().pending_failures]
 
 
 @pytest.mark.parametrize("policy", FailurePolicy)
@@ -227,16 +227,16 @@ class Clock:
 
 
 def failing(**policies: Any) -> tuple[Clock, str]:
-    """R1 has failed, R2 is dead; the name of the verdict."""
+    """R1 has failed, R2 is dead; the name of its failure."""
     world = world_of("R1 R2", **policies)
-    name = f"{records.VERDICT}/{world.activation('a')}"
+    name = f"{records.FAILURE}/{world.activation('a')}"
     world.outcome(world.activation("a"), False, "R1")
     world.die("R2")
     return Clock(world), name
 
 
 @pytest.mark.parametrize(("after_us", "limit_us"), [(None, 1_000), (1_700, 1_700)])
-def test_a_verdict_is_written_after_its_time(after_us: int | None, limit_us: int) -> None:
+def test_a_latched_failure_is_written_after_its_time(after_us: int | None, limit_us: int) -> None:
     clock, name = failing(failure_after_us=after_us)
     assert clock.at(50) == []
     assert clock.deadlines.next_deadline_us() == 50 + limit_us
@@ -277,7 +277,7 @@ def test_the_others_have_to_agree() -> None:
 def test_who_was_away_begins_anew() -> None:
     clock, name = failing()
     assert clock.at(0) == []
-    clock.deadlines.restart_verdicts()
+    clock.deadlines.restart_agreed()
     assert clock.deadlines.next_deadline_us() is None
     assert clock.at(1_000) == []
     assert clock.at(2_000) == [name]
@@ -290,10 +290,10 @@ def test_what_is_blocked_fails_by_its_own_limit_whoever_agrees() -> None:
     assert clock.at(400) == [name]
 
 
-# -- what a verdict is worth ------------------------------------------------------------------
+# -- what a latched failure is worth -----------------------------------------------------------
 
 
-def test_a_success_that_comes_in_beats_a_verdict_and_nothing_else_does() -> None:
+def test_a_success_that_comes_in_beats_a_latched_failure_and_nothing_else_does() -> None:
     clock, name = failing()
     world = clock.world
     activation = world.activation("a")
