@@ -28,7 +28,7 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
 )
 from mrbt_mesh.core.planning.make_plan import make_plan
-from mrbt_mesh.core.planning.plan import Assignment, Plan
+from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
 
 NODES_PER_JOB = 10
 RUN = "benchmark"
@@ -107,7 +107,7 @@ class LargeTeam:
             if not line.pinned:
                 self.begin(line)
 
-    def begin(self, line: Assignment) -> None:
+    def begin(self, line: RobotAssignment) -> None:
         """A robot begins its line, or says so again."""
         task = parse_activation(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)

@@ -44,7 +44,7 @@ from mrbt_mesh.core.membership.wire import (
     write_heartbeat,
 )
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.plan import Assignment, Plan
+from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
 
 SIZES = ((200, 1_000), (1_000, 10_000))
 EVENTS, QUICK_EVENTS = 60, 16
@@ -89,13 +89,13 @@ class Others:
         data = write_heartbeat(beat, self._header(robot))
         return inputs.MessageReceived(MessageKind.HEARTBEAT, robot, data)
 
-    def begin(self, line: Assignment) -> inputs.MessageReceived:
+    def begin(self, line: RobotAssignment) -> inputs.MessageReceived:
         """A robot begins its line, or says so again."""
         task = parse_activation(line.activation).subject
         claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
         return self.facts(line.robot, (records.CLAIM, claim.to_value()))
 
-    def finish(self, line: Assignment) -> inputs.MessageReceived:
+    def finish(self, line: RobotAssignment) -> inputs.MessageReceived:
         outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
         return self.facts(line.robot, outcome, (records.CLAIM, None))
 

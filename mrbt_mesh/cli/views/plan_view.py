@@ -11,7 +11,13 @@ from rich.text import Text
 
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.planning.plan import Assignment, Bidding, Plan, assignment_reason, plan_bids
+from mrbt_mesh.core.planning.plan import (
+    Bidding,
+    Plan,
+    RobotAssignment,
+    assignment_reason,
+    plan_bids,
+)
 
 
 def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> RenderableType:
@@ -91,6 +97,6 @@ def _bids(plan: Plan) -> Table:
     return table
 
 
-def _style(line: Assignment | None, bidding: Bidding) -> str:
+def _style(line: RobotAssignment | None, bidding: Bidding) -> str:
     place = (bidding.activation, bidding.local_task)
     return "bold" if line is not None and (line.activation, line.local_task) == place else "dim"

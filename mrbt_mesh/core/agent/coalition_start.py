@@ -11,7 +11,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import are_enough, coalition_at_work, ready_members
 from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.planning.plan import Assignment
+from mrbt_mesh.core.planning.plan import RobotAssignment
 
 
 class CoalitionStart(PlainStart):
@@ -44,7 +44,7 @@ class CoalitionStart(PlainStart):
         name = f"{records.COALITION}/{line.activation}/{token}"
         return Clearance(str(token), ((name, Coalition(tuple(members))),))
 
-    def _written_down(self, line: Assignment, claim: Claim, now_us: int) -> Clearance | None:
+    def _written_down(self, line: RobotAssignment, claim: Claim, now_us: int) -> Clearance | None:
         """The standing coalition, if its leader has written down this robot's present claim."""
         context, facts, activation = self._context, self._context.facts, line.activation
         task = facts.mission.global_tasks[claim.global_task]
@@ -61,7 +61,7 @@ class CoalitionStart(PlainStart):
         """Whether the coalition may work on the activation now."""
         return True
 
-    def token(self, line: Assignment, claim: Claim) -> CoalitionId | None:
+    def token(self, line: RobotAssignment, claim: Claim) -> CoalitionId | None:
         """The coalition that this robot is ready for, or runs with; None without any."""
         context, facts = self._context, self._context.facts
         if not line.leader or claim.phase is Phase.CLAIMED:

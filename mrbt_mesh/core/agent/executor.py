@@ -15,14 +15,14 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import NO_CLAIM, Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
-from mrbt_mesh.core.planning.plan import Assignment, Plan
+from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
 
 
 class Situation(NamedTuple):
     """What a start policy decides on; `is_grace_over`: it waits no longer for other robots."""
 
     plan: Plan
-    line: Assignment
+    line: RobotAssignment
     claim: Claim
     is_grace_over: bool
     now_us: int

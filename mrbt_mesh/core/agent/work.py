@@ -14,7 +14,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_TREE_NODES
-from mrbt_mesh.core.planning.plan import Assignment
+from mrbt_mesh.core.planning.plan import RobotAssignment
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Ticket:
     coalition: str = ""
 
 
-def _subject(line: Assignment | None) -> tuple[str, str, str, int] | None:
+def _subject(line: RobotAssignment | None) -> tuple[str, str, str, int] | None:
     """What distinguishes one assignment from another: a coalition that has ended is formed anew."""
     return (line.activation, line.local_task, line.leader, line.round) if line else None
 
@@ -41,7 +41,7 @@ class Work:
     """
 
     def __init__(self) -> None:
-        self.line: Assignment | None = None
+        self.line: RobotAssignment | None = None
         self.line_since_us = 0
         self.claim: Claim | None = None
         self.action: Ticket | None = None
@@ -57,7 +57,9 @@ class Work:
         is_started = self.claim is None or self.claim.phase is Phase.RUNNING
         return not is_started and self.action is None
 
-    def follow(self, line: Assignment | None, stamp: int, now_us: int) -> tuple[bool, list[Effect]]:
+    def follow(
+        self, line: RobotAssignment | None, stamp: int, now_us: int
+    ) -> tuple[bool, list[Effect]]:
         """Follow this robot's assignment in a new plan: (whether the claim changed, effects)."""
         wanted, held = _subject(line), _subject(self.line)
         self.line = line

@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, Need
 from mrbt_mesh.core.planning.capabilities import Worker
 from mrbt_mesh.core.planning.demands import Demand, Group
-from mrbt_mesh.core.planning.plan import Assignment, Bidding
+from mrbt_mesh.core.planning.plan import Bidding, RobotAssignment
 
 # What a robot without a bid counts with: no bid is worse.
 LAST_RESORT = -MAX_PERFORMANCE
@@ -61,7 +61,7 @@ class Bids:
         )
 
     def held_back(
-        self, kept: Sequence[int], assignments: Mapping[str, Assignment]
+        self, kept: Sequence[int], assignments: Mapping[str, RobotAssignment]
     ) -> dict[int, tuple[str, ...]]:
         """The kept requests that get nobody yet -> the robots whose bids are waited for.
 

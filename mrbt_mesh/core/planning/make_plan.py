@@ -32,7 +32,7 @@ from mrbt_mesh.core.planning.demands import (
 )
 from mrbt_mesh.core.planning.pending_failures import pending_failures
 from mrbt_mesh.core.planning.per_robot import pending_losses
-from mrbt_mesh.core.planning.plan import Assignment, Plan, Waiting
+from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
 from mrbt_mesh.core.planning.scarcity import spare_scarce
 from mrbt_mesh.core.planning.side_constraints import SideConstraintCheck, side_constraints
 
@@ -233,7 +233,7 @@ def _assign(
     team: Mapping[str, Worker],
     at_work: Mapping[str, Demand],
     solver: Solver,
-) -> dict[str, Assignment] | None:
+) -> dict[str, RobotAssignment] | None:
     """Put robots that are not at work on what the kept demands still ask for; None: infeasible."""
     wanted: dict[str, Demand] = {}
     named: list[NamedDemand] = []
@@ -261,10 +261,10 @@ def _assign(
     return {robot: _assignment(robot, wanted[name], False) for robot, name in assigned.items()}
 
 
-def _assignment(robot: str, demand: Demand, pinned: bool) -> Assignment:
+def _assignment(robot: str, demand: Demand, pinned: bool) -> RobotAssignment:
     request, performance = demand.request, demand.candidates[robot]
     where = request.activation, request.subject, demand.local_task
-    return Assignment(robot, *where, performance, pinned)
+    return RobotAssignment(robot, *where, performance, pinned)
 
 
 def _waiting(
@@ -298,8 +298,8 @@ def _limited(
 
 
 def _with_leaders(
-    facts: TeamFacts, assignments: Mapping[str, Assignment], team: Mapping[str, Worker]
-) -> dict[str, Assignment]:
+    facts: TeamFacts, assignments: Mapping[str, RobotAssignment], team: Mapping[str, Worker]
+) -> dict[str, RobotAssignment]:
     """Name the leader where a task is carried out by a coalition: that of the standing one,
     else the first robot that the plan has on the activation.
     """

@@ -89,7 +89,7 @@ def shortened(robots: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Assignment:
+class RobotAssignment:
     """What the plan has one robot do. `pinned`: it was running this already and goes on.
 
     `performance` is the declared one, or what the robot bid.
@@ -204,7 +204,7 @@ class Plan:
 
     evaluation: Evaluation
     order: OrderKind
-    assignments: Mapping[str, Assignment]
+    assignments: Mapping[str, RobotAssignment]
     idle: Mapping[str, str]
     waiting: tuple[Waiting, ...]
     consistent: bool = True
@@ -318,7 +318,7 @@ class Plan:
 
 
 def assignment_reason(
-    assignment: Assignment, bids: Mapping[tuple[str, str], Mapping[str, int | None]]
+    assignment: RobotAssignment, bids: Mapping[tuple[str, str], Mapping[str, int | None]]
 ) -> str:
     """Why a robot has this assignment, for people; `bids` as `plan_bids` has them."""
     why = "goes on with what it runs" if assignment.pinned else "part of the best assignment"

@@ -8,7 +8,7 @@ from typing import Any
 from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import capability
-from mrbt_mesh.core.planning.plan import Assignment
+from mrbt_mesh.core.planning.plan import RobotAssignment
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage
@@ -57,7 +57,7 @@ class WorkCheck:
             self._claimed(entry, entry.record)
 
     @property
-    def _line(self) -> Assignment | None:
+    def _line(self) -> RobotAssignment | None:
         plan = self._check.plan
         return plan.assignments.get(self._me) if plan is not None else None
 
