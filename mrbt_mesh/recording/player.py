@@ -124,7 +124,7 @@ class Player:
         elif event in ("alive", "token_shown"):
             self._missed_us.pop(robot, None)
         elif event == "dead":
-            self.observer.record.verdict(robot, read_incarnation(data["incarnation"]), at_us)
+            self.observer.record.declared_dead(robot, read_incarnation(data["incarnation"]), at_us)
 
     def _planned(self, data: Mapping[str, Any], at_us: int) -> None:
         observer = self.observer

@@ -1,4 +1,4 @@
-"""What a run's record holds: faults, failures, blocked requests and biddings, with their times."""
+"""Parts of a run's record: faults, failures, blocked requests and biddings, with their times."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from mrbt_mesh.core.facts.store import Incarnation
 
 @dataclass(slots=True)
 class MajorFault:
-    """A robot's death: when, what it held, when others knew and when somebody took over.
+    """A robot's death: when it died, its claim, when it was declared dead and when it was replaced.
 
-    `is_older`: it was heard of by who had just begun to watch, so its times are not known.
+    `exact`: its time is that of the process's end. `is_older`: it happened before the run was
+    watched, so its times are not known.
     """
 
     robot: str
@@ -55,9 +56,9 @@ def lost_text(local_tasks: Iterable[str], reason: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FailedEnd:
-    """A robot has failed at a local task; `reason`: what its program said of why, or empty.
+    """A robot has failed at a local task; `reason`: that of its program, or empty.
 
-    `at_us`: None where it had failed before anybody watched.
+    `at_us`: None if it had failed before the run was watched.
     """
 
     robot: str
@@ -79,9 +80,9 @@ class BlockedEpisode:
 
 @dataclass(slots=True)
 class BiddingRecord:
-    """What robots bid for a local task of one activation, in units, and who ran it.
+    """The bids for a local task of one activation, in units, and the robots that ran it.
 
-    None: a robot said that it has no bid.
+    None: the robot has no bid.
     """
 
     global_task: str

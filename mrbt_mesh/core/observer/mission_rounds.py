@@ -9,7 +9,7 @@ from mrbt_mesh.core.bt.tree import Status
 
 @dataclass(slots=True)
 class MissionRound:
-    """One time that T_G was Running: when, how it ended (None: not yet), who ran something."""
+    """One time that T_G was Running: its result (None: not yet), and the robots that took part."""
 
     from_us: int
     to_us: int | None = None
@@ -22,9 +22,9 @@ class MissionRounds:
 
     def __init__(self) -> None:
         self.all: list[MissionRound] = []
-        # How T_G has ended last, in a round or before the first one.
+        # The last result of T_G, in a round or before the first one.
         self._standing: Status | None = None
-        # Who has begun something since the last round, before it was clear that there is a new one.
+        # Robots that have begun something since the last round, before a new one was noticed.
         self._early: set[str] = set()
 
     @property
@@ -34,7 +34,7 @@ class MissionRounds:
 
     @property
     def result(self) -> Status | None:
-        """How the last round ended that has ended, or how T_G stands where there was no round."""
+        """The result of the last round that has ended, or that of T_G if there was no round."""
         has_only_begun = len(self.all) == 1 and self.current is not None
         return None if has_only_begun else self._standing
 
@@ -52,7 +52,7 @@ class MissionRounds:
         robots.add(robot)
 
     def ended(self, result: Status, now_us: int) -> MissionRound | None:
-        """T_G has ended so: the round that has just ended with it.
+        """T_G has this result: the round that has just ended with it.
 
         A result that becomes another one without work in between is a round of its own. A team
         that has stood by from the beginning has had none.

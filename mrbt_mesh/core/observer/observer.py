@@ -1,7 +1,7 @@
-"""A passive replica: sees what the team sees, says nothing, and keeps the run's record.
+"""A passive replica: it receives the team's messages, sends none, and keeps the run's record.
 
-`mrbt up`, `mrbt status` and the simulator feed the same class, so they tell the same story.
-It sends no beats, so no robot ever waits for it.
+`mrbt up`, `mrbt status` and the simulator use the same class, so they agree. No robot waits for it,
+since it sends no heartbeats.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from mrbt_mesh.core.planning.plan import Plan
 class Observer:
     """Feed it messages and tokens with the time of their arrival, then read it.
 
-    `update` brings plan and record up to date; call it after a burst of messages and at least
-    once per beat period.
+    `update` brings plan and record up to date; call it after a burst of messages and at least once
+    per heartbeat period.
     """
 
     def __init__(
@@ -65,9 +65,9 @@ class Observer:
         self._first_heard_us: int | None = None
 
     def watch_from(self, now_us: int, until_us: int) -> None:
-        """What it was told is of a time until then; from now on it hears the team itself.
+        """The messages so far are of a time until `until_us`; from now on it hears the team.
 
-        Who is there has yet to be heard: those of then need not live any more.
+        Robots of that time need not live any more, so each has to be heard again.
         """
         self.membership = Membership("", self.membership.timing)
         self._planned, self._updated = (-1, -1), (-1, -1, -1)
@@ -76,7 +76,7 @@ class Observer:
         self.record.watched_from(now_us, until_us)
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
-        """A published beat or batch; malformed or foreign ones are noted in `refused`."""
+        """A published heartbeat or batch; malformed or foreign ones are noted in `refused`."""
         try:
             if kind is MessageKind.HEARTBEAT:
                 read, header = self._engine.read_heartbeat, self.replica.header
@@ -98,7 +98,7 @@ class Observer:
             self._refuse(source, error, now_us)
 
     def read(self, entries: Iterable[Entry], now_us: int) -> None:
-        """Take in what robots have left behind that are no longer there to report the result."""
+        """Take in the journals of robots that no longer run to report the result."""
         by_age = sorted(entries, key=lambda entry: (entry.version.sequence, entry.author))
         changed = self.replica.restore(by_age)
         if changed and self.record.started_us is None:
@@ -116,7 +116,7 @@ class Observer:
             self.record.round_runs(now_us)
 
     def _refuse(self, source: str, error: WireError, now_us: int) -> None:
-        """Whoever watches the wrong run, or with another mission file, is told so once."""
+        """The record says once that it is the wrong run, or another mission file."""
         if isinstance(error, IncompatibleError) and source not in self.refused:
             self.record.say(now_us, f"{source} is not of this run: {error}")
         self.refused[source] = str(error)
@@ -139,20 +139,22 @@ class Observer:
         self.replica.compare_digest(source, beat.fact_digest, now_us)
         if beat.report.has_joined:
             self.record.robot_seen(source, beat.report.incarnation, now_us)
-            for accusation in beat.suspicions:
-                if accusation.is_dead:
-                    self.record.verdict(accusation.robot, accusation.incarnation, now_us)
+            for suspicion in beat.suspicions:
+                if suspicion.is_dead:
+                    self.record.declared_dead(suspicion.robot, suspicion.incarnation, now_us)
 
     def _facts_changed(self, changed: list[Entry], now_us: int) -> None:
         for entry in changed:
             self.record.fact(entry, now_us)
 
     def update(self, now_us: int) -> None:
-        """Judge who is alive, plan if anything changed, and record what follows."""
+        """Detect failures, plan if anything changed, and record both."""
         for robot, _, after in self.membership.detect_failures(now_us):
             evidence_us = self.membership.peers[robot].last_heard_us
             self.record.state(robot, after, evidence_us, now_us)
-        self._look_who_is_missing(now_us)
+        heard_us = self._first_heard_us
+        if heard_us is not None and now_us - heard_us > self.membership.timing.detection_us:
+            self.record.missed(now_us)  # every living robot is heard within that time
         facts, membership = self.facts, self.membership
         state = (facts.changes, membership.member_changes, membership.report_changes)
         if state == self._updated and self._has_caught_up:
@@ -175,12 +177,6 @@ class Observer:
         elif self._has_work:
             self.record.round_runs(now_us)
 
-    def _look_who_is_missing(self, now_us: int) -> None:
-        """Whoever lives is heard within the time of detection by one who has come late."""
-        heard_us = self._first_heard_us
-        if heard_us is not None and now_us - heard_us > self.membership.timing.detection_us:
-            self.record.missed(now_us)
-
     @property
     def _stands_by(self) -> bool:
         """Whether the team goes on when T_G has ended; after an abort none does."""
@@ -188,7 +184,7 @@ class Observer:
 
     @property
     def _has_work(self) -> bool:
-        """Whether the team stands by no more: its plan, as it agrees on it, has T_G Running."""
+        """Whether the team no longer stands by: T_G is Running in the plan that it agrees on."""
         is_running = self.plan is not None and self.plan.result is Status.RUNNING
         return self._stands_by and is_running and self._recorded[1]
 
@@ -211,7 +207,7 @@ class Observer:
         """Whether this plan is the team's: no robot is joining or waits for capabilities of its
         own, and a robot reports the same.
 
-        One that comes late, and has not caught up yet, sees a team that is not there.
+        An observer that comes late has an outdated view of the team until it has caught up.
         """
         self._has_caught_up = self._has_caught_up or self.caught_up
         self.record.is_catching_up &= not self._has_caught_up
@@ -220,7 +216,7 @@ class Observer:
         alive = {r: p for r, p in self.membership.peers.items() if p.state.is_healthy}
         good, members = alive.values(), self.facts.members
         if any(members[r].member.pending for r in alive if r in members):
-            return False  # what it waits for may come in a moment
+            return False
         return all(p.report.has_joined for p in good) and any(
             p.report.plan_digest == plan.digest for p in good
         )
@@ -242,8 +238,8 @@ class Observer:
         """The run's result as reports name it, if it ends now: `success` or `failure`.
 
         Else `not_started`: its team had not gathered, so no robot had joined. `blocked`: robots
-        are missing, or all of them. `timeout`: the mission was on its way. Where it never ends, its
-        last round that has ended tells, unless the team is blocked.
+        are missing, or all of them. `timeout`: the mission was on its way. Where it never ends, the
+        result of its last round that has ended, unless the team is blocked.
         """
         if self.record.result is not None:
             return self.record.result.name.lower()
@@ -257,7 +253,7 @@ class Observer:
 
     @property
     def caught_up(self) -> bool:
-        """Whether it hears whoever the robots hear, and holds the same facts as they."""
+        """Whether it hears all living robots, and holds the same facts."""
         peers = self.membership.peers.values()
         beats = [p.heartbeat for p in peers if p.report.has_joined and p.state.is_healthy]
         digest = self.facts.map.digest()

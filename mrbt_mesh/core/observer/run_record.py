@@ -1,4 +1,4 @@
-"""The record of one run: what happened when. `summary` makes the report of it."""
+"""The record of one run: its events with their times. `summary` makes the report of it."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ from mrbt_mesh.core.planning.plan import Plan
 class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 
-    `claims` and `conditions` are all that robots made and said, in order and with their times;
-    `biddings` are by activation and local task; `joined_us` is when each robot joined first;
-    `rounds` are those of a mission that never ends. `unwatched`: from when to when nothing was
-    heard of the run; None: from its start, whenever that was. `is_catching_up`: what is heard now
-    may be as old as that.
+    `claims` and `conditions`: all of them, in order and with their times. `problems`: by robot, and
+    its journal or a part of its program. `biddings`: by activation and local task. `joined_us`:
+    when each robot joined first. `rounds`: those of a mission that never ends. `unwatched`: the
+    times during which nothing was heard of the run; None: from its start, whenever that was.
+    `is_catching_up`: news may be as old as that.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -65,7 +65,6 @@ class RunRecord:
         self.timeline: list[tuple[int, str]] = []
         self.claims: list[tuple[int, str, Claim]] = []
         self.conditions: list[tuple[int, str, bool]] = []
-        # By robot, and its journal or a part of its program.
         self.problems: dict[tuple[str, str], ProblemEpisode] = {}
         self.biddings: dict[tuple[str, str], BiddingRecord] = {}
         self.joined_us: dict[str, int] = {}
@@ -81,19 +80,19 @@ class RunRecord:
         self.timeline.append((now_us, text))
 
     def _say_heard(self, now_us: int, text: str) -> None:
-        """Add a line of something that may have happened before the run was watched."""
+        """Add a line about an event that may have happened before the run was watched."""
         self.say(now_us, f"{text} (earlier)" if self.is_catching_up else text)
 
     # -- when it is watched ---------------------------------------------------------------
 
     def watched_from(self, now_us: int, until_us: int | None) -> None:
-        """The run is watched (again) from now on; what is here is of a time until then."""
+        """The run is watched (again) from now on; the record so far ends at `until_us`."""
         self.unwatched.append((until_us, now_us))
         self.is_catching_up = True
         self._unheard = {robot for robot, known in self.robots.items() if "incarnation" in known}
 
     def missed(self, now_us: int) -> None:
-        """Whoever has not been heard until now is no longer there."""
+        """Robots that have not been heard until now are dead."""
         until_us = self.unwatched[-1][0] if self.unwatched else None
         for robot in sorted(self._unheard):
             if self.robots[robot].get("state") not in (State.DEAD, State.LEFT):
@@ -101,10 +100,10 @@ class RunRecord:
                 self.major[-1].is_older = True
         self._unheard = set()
 
-    # -- what is observed -----------------------------------------------------------------
+    # -- observations ---------------------------------------------------------------------
 
     def robot_seen(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
-        """A joined robot beats."""
+        """A heartbeat of a robot that has joined."""
         known = self.robots.setdefault(robot, {})
         if robot in self._unheard:
             self._unheard.discard(robot)
@@ -117,9 +116,9 @@ class RunRecord:
         self.joined_us.setdefault(robot, now_us)
         previous = known.get("incarnation")
         if previous is not None and known.get("state") not in (State.DEAD, State.LEFT):
-            # It is back before anybody missed it; its old life ended all the same.
+            # It is back before its death was noticed.
             self._died(robot, previous, now_us).detected_us = now_us
-        # The end of a life that was not missed, as when it left, says nothing of the next one.
+        # The end of an earlier life is not that of the next one.
         self._exits.pop(robot, None)
         for fault in self.major:
             if fault.robot == robot and fault.until_us is None:
@@ -129,9 +128,9 @@ class RunRecord:
         self._claimed(robot, now_us)
 
     def exited(self, robot: str, at_us: int) -> None:
-        """The robot's process was killed, or seen to end: a better time than the last beat.
+        """The robot's process was killed, or seen to end: a better time than the last heartbeat.
 
-        Whoever watches a process hears of its end a little late: the earliest time stands.
+        The end of a process is noticed a little late, so the earliest time counts.
         """
         if self.result is not None:
             return
@@ -143,31 +142,31 @@ class RunRecord:
         else:
             self._exits[robot] = min(at_us, self._exits.get(robot, at_us))
 
-    def verdict(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
+    def declared_dead(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A robot of the team has declared another one dead."""
         known = self.robots.get(robot, {})
         if self.result is not None:
             return  # after the end robots stop one after the other, which is no fault
         if known.get("described_by") == incarnation != known.get("incarnation"):
-            # It had joined, and died before its first heartbeat came here; who has come late cannot
-            # know when.
+            # It had joined, and died before its first heartbeat came here; an observer that is late
+            # cannot know when.
             is_catching_up = self.is_catching_up
             self.is_catching_up |= bool(self.unwatched)
             exited_us = self._exits.get(robot)
             self.robot_seen(robot, incarnation, now_us)
             if exited_us is not None:
                 self._exits[robot] = exited_us
-            self._declared_dead(robot, incarnation, now_us)
+            self._note_death(robot, incarnation, now_us)
             self.is_catching_up = is_catching_up
         elif known.get("incarnation") == incarnation:
-            self._declared_dead(robot, incarnation, now_us)
+            self._note_death(robot, incarnation, now_us)
 
-    def _declared_dead(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
+    def _note_death(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         fault = self._open_fault(robot, incarnation)
         if fault is None and self.robots[robot].get("state") is not State.LEFT:
             fault = self._died(robot, incarnation, now_us)
         if fault is not None and fault.detected_us is None:
-            # Word of it may come later than word of the replacement, which knew of it.
+            # The declaration may arrive after the claim of the replacement, which knew of it.
             known_us = now_us if fault.reassigned_us is None else fault.reassigned_us
             fault.detected_us = min(now_us, known_us)
             self._say_heard(now_us, f"{robot} is dead")
@@ -176,7 +175,7 @@ class RunRecord:
         """This observer's own view of a robot has changed."""
         known = self.robots.get(robot)
         if known is None or "incarnation" not in known or self.result is not None:
-            return  # one that never joined is missed by nobody
+            return  # it never joined
         if state is State.DEAD:
             fault = self._open_fault(robot, known["incarnation"])
             if fault is None:
@@ -222,21 +221,29 @@ class RunRecord:
                 why = f": {outcome.reason}" if outcome.reason else ""
                 self._say_heard(now_us, f"{robot}: {local_task} {how}{why}")
                 if not outcome.success:
-                    self._failed(robot, activation, local_task, outcome.reason, now_us)
+                    at_us = None if self.is_catching_up else now_us
+                    task = parse_activation(activation).subject
+                    failure = FailedEnd(robot, task, local_task, at_us, outcome.reason)
+                    self.failures.append(failure)
             case ConditionValue() as condition:
                 name = entry.parts[1]
                 self.conditions.append((now_us, name, condition.value))
                 self._say_heard(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
             case Bid(number):
                 _, activation, local_task = entry.parts
-                self._bid(robot, activation, local_task, number, now_us)
+                task = parse_activation(activation).subject
+                empty = BiddingRecord(task, local_task, now_us)
+                bidding = self.biddings.setdefault((activation, local_task), empty)
+                bidding.bids[robot] = None if number is None else number / MICRO
+                words = "has no bid" if number is None else f"bids {number / MICRO:g}"
+                self._say_heard(now_us, f"{robot}: {words} for {local_task}")
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)
             case records.Order() as order:
                 self._say_heard(now_us, f"operator: {order.kind}")
 
     def problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
-        """Something is wrong with a robot's journal, or a part of its program; empty: no more."""
+        """A robot's journal, or a part of its program, has this problem; empty: no longer."""
         before = self.problems.get((robot, subject))
         if text and before is not None and before.to_us is None and before.problem == text:
             return
@@ -248,9 +255,9 @@ class RunRecord:
             self._say_heard(now_us, f"{robot}: {subject} works again")
 
     def plan(self, plan: Plan, now_us: int, settled: bool = True) -> None:
-        """A new plan: how far global tasks are, and what is blocked.
+        """A new plan: the states of global tasks, and the blocked requests.
 
-        While robots are joining (not `settled`), nothing that lacks them counts as blocked.
+        While robots are joining (not `settled`), no request counts as blocked.
         """
         self.task_log.plan(plan)
         now_blocked = {w.global_task: w.reason for w in plan.waiting if w.is_blocked}
@@ -284,7 +291,7 @@ class RunRecord:
             self.ended_us = now_us
             self.say(now_us, f"mission: {result.name.lower()}")
 
-    # -- what follows ---------------------------------------------------------------------
+    # -- conclusions ----------------------------------------------------------------------
 
     def _open_fault(self, robot: str, incarnation: Incarnation) -> MajorFault | None:
         for fault in reversed(self.major):
@@ -302,7 +309,7 @@ class RunRecord:
         self.major.append(fault)
         self.work_log.died(robot, at_us)
         self.robots[robot]["state"] = State.DEAD
-        # The robots knew first: word of the replacement may have come before word of the death.
+        # The robots knew first: the claim of the replacement may have arrived before the death.
         for since_us, other, taken in self.claims:
             if since_us >= at_us and other != robot and taken.phase is Phase.RUNNING:
                 self._takes_over(fault, other, taken, since_us)
@@ -326,7 +333,7 @@ class RunRecord:
                 self._say_heard(now_us, f"{robot} {lost_text(changed, reason)}")
 
     def _performs(self, robot: str, member: Member, now_us: int) -> None:
-        """Note what the robot does better or worse than the mission says."""
+        """Note the performances that differ from those of the mission."""
         known, changed = self.robots[robot], changed_performances(self.mission, robot, member)
         before = known.get("performances", {})
         known["performances"] = changed
@@ -338,14 +345,11 @@ class RunRecord:
     def _claimed(self, robot: str, now_us: int) -> None:
         """A claim counts once its incarnation is known to live: it may be of an earlier life."""
         claim, incarnation = self._claims.get(robot, (None, None))
-        lives = self.robots.get(robot, {}).get("incarnation") == incarnation
-        if claim is None or not lives:
+        if claim is None or self.robots.get(robot, {}).get("incarnation") != incarnation:
             return
         self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
-        if claim.phase is Phase.RUNNING:
-            self._running(robot, claim, now_us)
-
-    def _running(self, robot: str, claim: Claim, now_us: int) -> None:
+        if claim.phase is not Phase.RUNNING:
+            return
         self.task_log.took_part(robot, claim.activation)
         self.rounds.took_part(robot)
         bidding = self.biddings.get((claim.activation, claim.local_task))
@@ -357,31 +361,12 @@ class RunRecord:
                 self._takes_over(fault, robot, claim, now_us)
 
     def _takes_over(self, fault: MajorFault, robot: str, claim: Claim, now_us: int) -> None:
-        """The robot runs `claim`: if that is what the dead one held, it is its replacement."""
+        """The robot runs `claim`: if the dead one held that, this is its replacement."""
         held = fault.held
         if held is None or fault.reassigned_us is not None:
             return
         if (held.activation, held.local_task) == (claim.activation, claim.local_task):
             fault.reassigned_us, fault.replacement = now_us, robot
-
-    def _failed(
-        self, robot: str, activation: str, local_task: str, reason: str, now_us: int
-    ) -> None:
-        """When it was is not known of what had been before."""
-        at_us = None if self.is_catching_up else now_us
-        task = parse_activation(activation).subject
-        self.failures.append(FailedEnd(robot, task, local_task, at_us, reason))
-
-    def _bid(
-        self, robot: str, activation: str, local_task: str, number: int | None, now_us: int
-    ) -> None:
-        bidding = self.biddings.get((activation, local_task))
-        if bidding is None:
-            bidding = BiddingRecord(parse_activation(activation).subject, local_task, now_us)
-            self.biddings[activation, local_task] = bidding
-        bidding.bids[robot] = None if number is None else number / MICRO
-        words = "has no bid" if number is None else f"bids {number / MICRO:g}"
-        self._say_heard(now_us, f"{robot}: {words} for {local_task}")
 
     def seconds(self, at_us: int | None) -> float | None:
         """A time of this record as seconds from the start; None if nobody has joined yet."""

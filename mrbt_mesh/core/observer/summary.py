@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
-from mrbt_mesh.core.observer.episodes import FailedEnd, MajorFault
 from mrbt_mesh.core.observer.run_record import RunRecord
 
 
@@ -15,30 +14,66 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
 
     `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
     """
-
-    def since(fault: MajorFault, at_us: int | None) -> float | None:
-        return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e6, 6)
-
+    seconds = record.seconds
+    faults: list[dict[str, Any]] = [
+        {"kind": "major", "robot": fault.robot} | _during(record, fault.at_us, fault.until_us)
+        for fault in record.major
+    ]
+    faults += [
+        {
+            "kind": "minor",
+            "robot": fault.robot,
+            "local_tasks": list(fault.local_tasks),
+            "reason": fault.reason,
+            **_during(record, fault.at_us, fault.until_us),
+        }
+        for fault in record.minor
+    ]
     return {
         "mission": record.mission.name,
         "result": result,
-        "duration_s": record.seconds(record.ended_us if record.ended_us is not None else now_us),
+        "duration_s": seconds(record.ended_us if record.ended_us is not None else now_us),
         **_rounds(record, now_us),
         "robots": {name: _robot(record.robots[name]) for name in sorted(record.robots)},
         "global_tasks": {
             name: {"status": str(task.state), "robots": sorted(task.robots)}
             for name, task in record.task_log.tasks.items()
         },
-        "faults": sorted(_faults(record), key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
-        "blocked": _blocked(record),
-        "failures": [_failure(record, end) for end in record.failures],
-        "problems": _problems(record),
+        "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
+        "blocked": [
+            {
+                "request": episode.request,
+                "reason": episode.reason,
+                "from": seconds(episode.from_us),
+                "to": seconds(episode.to_us),
+            }
+            for episode in record.blocked
+        ],
+        "failures": [
+            {
+                "robot": end.robot,
+                "global_task": end.global_task,
+                "local_task": end.local_task,
+                "at_s": seconds(end.at_us),
+                "reason": end.reason,
+            }
+            for end in record.failures
+        ],
+        "problems": [
+            {
+                "robot": robot,
+                "subject": subject,
+                **_during(record, episode.from_us, episode.to_us),
+                "problem": episode.problem,
+            }
+            for (robot, subject), episode in record.problems.items()
+        ],
         "bids": [
             {
                 "global_task": bidding.global_task,
                 "local_task": bidding.local_task,
-                "at_s": record.seconds(bidding.at_us),
-                "bids": {robot: bidding.bids[robot] for robot in sorted(bidding.bids)},
+                "at_s": seconds(bidding.at_us),
+                "bids": dict(sorted(bidding.bids.items())),
                 "robots": sorted(bidding.robots),
             }
             for bidding in record.biddings.values()
@@ -46,9 +81,9 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
         "takeovers": [
             {
                 "robot": fault.robot,
-                "at_s": record.seconds(fault.at_us),
-                "detected_s": since(fault, fault.detected_us),
-                "reassigned_s": since(fault, fault.reassigned_us),
+                "at_s": seconds(fault.at_us),
+                "detected_s": _since(fault.at_us, fault.detected_us),
+                "reassigned_s": _since(fault.at_us, fault.reassigned_us),
                 "held": fault.held.local_task if fault.held else None,
                 "replacement": fault.replacement,
             }
@@ -57,63 +92,12 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
     }
 
 
-def _blocked(record: RunRecord) -> list[dict[str, Any]]:
-    return [
-        {
-            "request": episode.request,
-            "reason": episode.reason,
-            "from": record.seconds(episode.from_us),
-            "to": record.seconds(episode.to_us),
-        }
-        for episode in record.blocked
-    ]
+def _during(record: RunRecord, from_us: int, to_us: int | None) -> dict[str, Any]:
+    return {"at_s": record.seconds(from_us), "until_s": record.seconds(to_us)}
 
 
-def _problems(record: RunRecord) -> list[dict[str, Any]]:
-    return [
-        {
-            "robot": robot,
-            "subject": subject,
-            "at_s": record.seconds(episode.from_us),
-            "until_s": record.seconds(episode.to_us),
-            "problem": episode.problem,
-        }
-        for (robot, subject), episode in record.problems.items()
-    ]
-
-
-def _faults(record: RunRecord) -> list[dict[str, Any]]:
-    major: list[dict[str, Any]] = [
-        {
-            "kind": "major",
-            "robot": fault.robot,
-            "at_s": record.seconds(fault.at_us),
-            "until_s": record.seconds(fault.until_us),
-        }
-        for fault in record.major
-    ]
-    minor = [
-        {
-            "kind": "minor",
-            "robot": fault.robot,
-            "local_tasks": list(fault.local_tasks),
-            "reason": fault.reason,
-            "at_s": record.seconds(fault.at_us),
-            "until_s": record.seconds(fault.until_us),
-        }
-        for fault in record.minor
-    ]
-    return major + minor
-
-
-def _failure(record: RunRecord, end: FailedEnd) -> dict[str, Any]:
-    return {
-        "robot": end.robot,
-        "global_task": end.global_task,
-        "local_task": end.local_task,
-        "at_s": record.seconds(end.at_us),
-        "reason": end.reason,
-    }
+def _since(from_us: int, at_us: int | None) -> float | None:
+    return None if at_us is None else round(max(0, at_us - from_us) / 1e6, 6)
 
 
 def _rounds(record: RunRecord, now_us: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What became of each global task in a run: in what state it is, and who took part."""
+"""Each global task in a run: its state, and the robots that took part."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 class TaskState(enum.StrEnum):
-    """How far a global task is. CANCELLED: it was requested, and is no more, without a result."""
+    """The state of a global task. CANCELLED: no longer requested, without a result."""
 
     IDLE = "idle"
     RUNNING = "running"
@@ -28,7 +28,7 @@ class TaskState(enum.StrEnum):
 
 @dataclass(slots=True)
 class TaskRecord:
-    """A global task: its state and who took part (ran one of its local tasks)."""
+    """A global task: its state and the robots that ran one of its local tasks."""
 
     state: TaskState = TaskState.IDLE
     robots: set[str] = field(default_factory=set)
@@ -37,9 +37,9 @@ class TaskRecord:
 class TaskLog:
     """Follows the global tasks through facts and plans.
 
-    A plan shows how a task ended only as long as its node is reached; once a condition takes it
-    out of reach, what was said of its latest activation tells. That is kept here, since the facts
-    are dropped then.
+    A plan has the result of a task only as long as its node is reached. Once a condition takes it
+    out of reach, the facts of its latest activation decide; they are kept here, since the team
+    drops them then.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -66,7 +66,7 @@ class TaskLog:
             self._known(entry.parts[1]).add(entry)
 
     def plan(self, plan: Plan) -> None:
-        """A new plan: the state of every task that it shows, and of those that are out of reach."""
+        """A new plan: the state of every task that it shows, and of those out of reach."""
         evaluation = plan.evaluation
         requests = () if plan.order is OrderKind.ABORT else evaluation.requests
         for request in requests:
@@ -92,7 +92,7 @@ class TaskLog:
         return said
 
     def _ended(self, name: str) -> TaskState:
-        """What became of a task that no node shows any more."""
+        """The state of a task that no node shows any more."""
         said = self._latest.get(name)
         if said is None:
             return self.tasks[name].state

@@ -1,4 +1,4 @@
-"""What every robot held, from when to when, and how it ended."""
+"""The work of every robot: its claims, their times and how they ended."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
 
 
 class WorkEnd(enum.StrEnum):
-    """How a robot's work on a local task ended. DROPPED: it gave it up, or another plan wanted
-    something else of it.
-    """
+    """How a robot's work on a local task ended. DROPPED: it or a newer plan gave it up."""
 
     DONE = "done"
     FAILED = "failed"
@@ -23,8 +21,7 @@ class WorkEnd(enum.StrEnum):
 class WorkSpan:
     """One claim of a robot. `running_us`: when its action began; None: not (yet).
 
-    `is_older`: it was heard of by who had just begun to watch, and began before.
-    `reason`: why it failed, as far as the robot has said it.
+    `is_older`: it began before the run was watched. `reason`: why it failed, if that is known.
     """
 
     robot: str
@@ -44,8 +41,8 @@ class WorkSpan:
 
 
 class WorkLog:
-    """All spans, in the order of their claims. What has ended changes only where it is told late
-    how: an outcome may be heard of after the end of its claim.
+    """All spans, in the order of their claims. One that has ended changes only if its outcome is
+    heard after the end of its claim.
     """
 
     def __init__(self) -> None:
@@ -53,7 +50,7 @@ class WorkLog:
         self._latest: dict[str, WorkSpan] = {}
 
     def claimed(self, robot: str, claim: Claim, now_us: int, is_older: bool = False) -> None:
-        """The robot, which lives, holds this claim; `is_older`: for some time, it is not known."""
+        """A living robot holds this claim; `is_older`: it began before the run was watched."""
         span = self._latest.get(robot)
         if (
             span is None
@@ -75,7 +72,7 @@ class WorkLog:
     def outcome(
         self, robot: str, activation: str, local_task: str, outcome: Outcome, now_us: int
     ) -> None:
-        """The robot has ended; what it said of its claim may have been heard before."""
+        """The robot has ended; the end of its claim may have been heard before."""
         end = WorkEnd.DONE if outcome.success else WorkEnd.FAILED
         span = self._latest.get(robot)
         if span is not None and span.is_of(activation, local_task):
@@ -86,7 +83,7 @@ class WorkLog:
             span.reason = outcome.reason
 
     def died(self, robot: str, at_us: int) -> None:
-        """The robot's life ended then; it may be told again, when that is known better."""
+        """The robot's life ended then; it may be called again with a better time."""
         span = self._latest.get(robot)
         if span is not None and (span.ended_us is None or span.end is WorkEnd.DIED):
             span.ended_us, span.end = max(at_us, span.claimed_us), WorkEnd.DIED

@@ -64,19 +64,8 @@ def any_input(draw: st.DrawFn, mine: Header) -> inputs.Input:
     """Anything that the network could bring, from noise to almost correct messages."""
     kind = draw(st.sampled_from(MessageKind))
     entry = ["B", 1, "n2", 9, [["claim", ["r1:1:weld::0", "weld", "weld", 3, 5, ""]]]]
-    beat = [
-        1,
-        "n2",
-        9,
-        1,
-        b"p" * 8,
-        b"f" * 8,
-        [1, 2, 1, 1],
-        1,
-        0,
-        [],
-        [["A", 1, "n1", 9, b"p" * 8]],
-    ]
+    report, relays = [1, "n2", 9, 1, b"p" * 8], [["A", 1, "n1", 9, b"p" * 8]]
+    beat = [*report, b"f" * 8, [1, 2, 1, 1], 1, 0, [], relays]
     body: Any = draw(plain | mutations([entry]) | mutations(beat) | mutations(["order", "pause"]))
     data = draw(st.binary(max_size=60) | st.just(encode(mine, kind, body)))
     sources = st.sampled_from(("A", "B", "Z"))
@@ -312,15 +301,17 @@ def test_a_life_that_begins_by_self_fencing_is_on_disk_before_anybody_hears_of_i
     assert effects.index(synced[0]) < effects.index(told)
 
 
-def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
-    """They ignore its beats, and it would never learn from the facts why."""
+@pytest.mark.parametrize(("ahead", "nonce"), [(0, "zzz"), (3, "zz")])
+def test_a_robot_whose_later_life_others_bury_joins_above_it(ahead: int, nonce: str) -> None:
+    """They ignore its heartbeats. The suspicion alone changes no peer, no fact and no deadline."""
     script = team()
-    story(script, "pass 200")
+    story(script, "pass 1000")
     agent = script.team.processes["A"].agent
-    later = Incarnation(agent.view.incarnation.counter, "zzz")
+    later = Incarnation(agent.view.incarnation.counter + ahead, nonce)
     assert later > agent.view.incarnation
+    peer = agent.view.peers["B"]
     beat = Heartbeat(
-        SelfReport(script.team.processes["B"].agent.view.incarnation, 1_000, bytes(8), True, 1),
+        SelfReport(peer.incarnation, peer.report.number + 1, peer.report.plan_digest, True, 1),
         False,
         agent.view.facts.map.digest(),
         (1, 2, 1, 1),
@@ -329,7 +320,9 @@ def test_a_robot_whose_later_life_others_bury_joins_above_it() -> None:
         {},
     )
     data = encode(header(script), MessageKind.HEARTBEAT, pack_heartbeat(beat))
-    agent.handle(inputs.MessageReceived(MessageKind.HEARTBEAT, "B", data), 250 * MS)
+    received = inputs.MessageReceived(MessageKind.HEARTBEAT, "B", data)
+    effects = agent.handle(received, script.team.now_us)
+    assert "later_life_found" in [effect.event for effect in effects if isinstance(effect, fx.Log)]
     assert agent.view.is_joining
     agent.handle(inputs.TimerFired(), 60_000 * MS)
     assert not agent.view.is_joining
@@ -355,22 +348,14 @@ def test_a_team_at_work_beats_and_has_nothing_to_think_of() -> None:
     assert steps == 0
 
 
-def test_a_deadline_that_passes_before_the_timer_is_set_is_not_forgotten() -> None:
+@pytest.mark.parametrize("is_joining", [True, False])
+def test_what_is_due_before_the_timer_is_set_is_not_put_off(is_joining: bool) -> None:
     """Carrying out effects takes a while: a disk may be slow."""
-    script = team(TEAM.replace("start A B", "start A"))
+    script = team(TEAM.replace("start A B", "start A") if is_joining else TEAM)
     agent = script.team.processes["A"].agent
-    assert agent.view.is_joining
     joining = inside.context(agent).joining
-    assert joining is not None
-    due_us = joining.deadline_us
-    assert agent.next_deadline_us(due_us + 1) <= due_us
-
-
-def test_a_beat_that_is_due_before_the_timer_is_set_is_not_put_off() -> None:
-    script = team()
-    story(script, "pass 2000")
-    agent = script.team.processes["A"].agent
-    due_us = inside.schedule(agent).next_due_us
+    assert (joining is not None) is is_joining
+    due_us = inside.schedule(agent).next_due_us if joining is None else joining.deadline_us
     assert agent.next_deadline_us(due_us + 1) <= due_us
 
 
@@ -384,28 +369,3 @@ def test_what_a_timer_lets_in_that_has_waited_for_a_plan_is_followed_up() -> Non
             taken = [inputs.TimerFired(), event]
             script.team.processes["A"].agent._follow_up(taken, now_us)
         assert counts["followed up"] == expected
-
-
-def test_an_earlier_life_that_others_bury_is_noticed_at_once() -> None:
-    """The accusation changes no peer, no fact and no deadline: but this robot must outbid it."""
-    script = team()
-    story(script, "pass 1000")
-    agent = script.team.processes["A"].agent
-    before = agent.view.incarnation
-    later = Incarnation(before.counter + 3, "zz")
-    peer = agent.view.peers["B"]
-    beat = Heartbeat(
-        SelfReport(peer.incarnation, peer.report.number + 1, peer.report.plan_digest, True, 0),
-        False,
-        agent.view.facts.map.digest(),
-        (0, 0, 0, 0),
-        0,
-        (Suspicion("A", later, False, True, False),),
-        {},
-    )
-    data = encode(header(script), MessageKind.HEARTBEAT, pack_heartbeat(beat))
-    effects = agent.handle(
-        inputs.MessageReceived(MessageKind.HEARTBEAT, "B", data), script.team.now_us
-    )
-    events = [effect.event for effect in effects if isinstance(effect, fx.Log)]
-    assert "later_life_found" in events

@@ -30,26 +30,20 @@ A, B, C, X, Y, Z = map(action, "abcxyz")
 # -- the golden cases of docs/decisions/0002 ---------------------------------------------------
 
 
-def test_golden_case_1_a_late_success_does_not_run_the_dose_again() -> None:
-    world = World(sequence(fallback(A, B), action("dose")))
-    late = world.activation("a")
-    world.fail("a")
-    world.succeed("b")
-    world.succeed("dose")
-    assert world.status is SUCCESS
-    world.outcome(late, True, robot="R2")
-    assert world.status is SUCCESS
-    assert world.asked() == []
-
-
-def test_golden_case_1_holds_while_the_dose_is_being_given() -> None:
+@pytest.mark.parametrize("is_given", [True, False])
+def test_golden_case_1_a_late_success_does_not_run_the_dose_again(is_given: bool) -> None:
     world = World(sequence(fallback(A, B), action("dose")))
     late = world.activation("a")
     world.fail("a")
     world.succeed("b")
     dose = world.activation("dose")
+    if is_given:
+        world.succeed("dose")
     world.outcome(late, True, robot="R2")
-    assert world.activation("dose") == dose
+    if is_given:
+        assert (world.status, world.asked()) == (SUCCESS, [])
+    else:
+        assert world.activation("dose") == dose
 
 
 def test_golden_case_2_a_straggler_of_a_parallel_does_not_restart_what_follows() -> None:
@@ -93,17 +87,40 @@ def renewed(spec: NodeSpec, subject: str, true_at_first: list[str], name: str = 
     return world.activation(subject) != before
 
 
-def test_guards_in_a_sequence_turn_by_becoming_false() -> None:
-    assert renewed(sequence(condition("c"), A), "a", ["c"])
+DEEP = sequence(condition("c"), parallel(2, fallback(condition("d"), A), B))
 
 
-def test_guards_in_a_fallback_turn_by_becoming_true() -> None:
-    assert renewed(fallback(condition("c"), A), "a", [])
+@pytest.mark.parametrize(
+    ("spec", "subject", "true_at_first", "name", "expected"),
+    [
+        # In a Sequence guards turn by becoming false, in a Fallback by becoming true.
+        (sequence(condition("c"), A), "a", ["c"], "c", True),
+        (fallback(condition("c"), A), "a", [], "c", True),
+        (sequence(inverter(condition("c")), A), "a", [], "c", True),
+        (fallback(inverter(condition("c")), A), "a", ["c"], "c", True),
+        (inverter(sequence(condition("c"), A)), "a", ["c"], "c", True),
+        # Siblings in a Parallel, or further right, are no guards.
+        (parallel(1, condition("c"), A), "a", [], "c", False),
+        (parallel(2, condition("c"), A, B), "b", ["c"], "c", False),
+        (sequence(A, condition("c"), B), "a", ["c"], "c", False),
+        # Guards reach down through every level.
+        (DEEP, "a", ["c"], "c", True),
+        (DEEP, "b", ["c"], "c", True),
+        (DEEP, "a", ["c"], "d", True),
+        (DEEP, "b", ["c"], "d", False),
+        (sequence(sequence(condition("d"), condition("c")), A), "a", ["c", "d"], "c", True),
+        # c is read only while d is false, so not by every evaluation.
+        (sequence(fallback(condition("d"), condition("c")), A), "a", ["c", "d"], "c", False),
+        (sequence(decorated(Kind.FORCE_SUCCESS, condition("c")), A), "a", [], "c", False),
+    ],
+)
+def test_which_conditions_guard_an_action(
+    spec: NodeSpec, subject: str, true_at_first: list[str], name: str, expected: bool
+) -> None:
+    assert renewed(spec, subject, true_at_first, name) is expected
 
 
-def test_guards_under_an_inverter_turn_the_other_way_round() -> None:
-    assert renewed(sequence(inverter(condition("c")), A), "a", [])
-    assert renewed(fallback(inverter(condition("c")), A), "a", ["c"])
+def test_a_guard_under_an_inverter_stops_the_action_while_it_holds() -> None:
     world = World(sequence(inverter(condition("c")), A))
     before = world.activation("a")
     world.set("c", True)
@@ -118,50 +135,6 @@ def test_one_turn_is_counted_once_however_deep_the_inverters_are() -> None:
     world = World(sequence(inverter(inverter(condition("c"))), A), true_at_first=["c"])
     flip(world)
     assert parse_activation(world.activation("a")).turns == 1
-
-
-def test_an_inverter_around_guard_and_work_leaves_the_guard_as_it_is() -> None:
-    world = World(inverter(sequence(condition("c"), A)), true_at_first=["c"])
-    before = world.activation("a")
-    world.set("c", False)
-    assert world.status is SUCCESS
-    world.set("c", True)
-    assert world.activation("a") != before
-
-
-def test_siblings_in_a_parallel_are_no_guards_of_one_another() -> None:
-    assert not renewed(parallel(1, condition("c"), A), "a", [])
-    assert not renewed(parallel(2, condition("c"), A, B), "b", ["c"])
-
-
-def test_siblings_further_right_are_no_guards() -> None:
-    assert not renewed(sequence(A, condition("c"), B), "a", ["c"])
-
-
-def test_guards_reach_down_through_every_level() -> None:
-    spec = sequence(condition("c"), parallel(2, fallback(condition("d"), A), B))
-    assert renewed(spec, "a", ["c"])
-    assert renewed(spec, "b", ["c"])
-    assert renewed(spec, "a", ["c"], name="d")
-    assert not renewed(spec, "b", ["c"], name="d")
-
-
-def test_nested_sequences_guard_as_if_they_were_written_out() -> None:
-    assert renewed(sequence(sequence(condition("d"), condition("c")), A), "a", ["c", "d"])
-
-
-def test_behind_a_condition_that_may_not_be_read_nothing_is_a_guard() -> None:
-    # c is read only while d is false, so not by every evaluation.
-    spec = sequence(fallback(condition("d"), condition("c")), A)
-    world = World(spec, true_at_first=["c", "d"])
-    before = world.activation("a")
-    flip(world, "c")
-    assert world.activation("a") == before
-
-
-def test_a_forced_result_turns_against_nobody() -> None:
-    forced = decorated(Kind.FORCE_SUCCESS, condition("c"))
-    assert not renewed(sequence(forced, A), "a", [])
 
 
 def test_a_guard_that_flips_while_the_work_runs_has_it_started_anew() -> None:
@@ -191,53 +164,28 @@ def test_a_maintained_state_is_repaired_again_at_every_breakdown() -> None:
 # -- Retry, Repeat, KeepRunningUntilFailure ---------------------------------------------------
 
 
-def test_retry_tries_as_often_as_it_may_and_then_fails() -> None:
-    world = World(retry(3, A))
-    seen = set()
-    for _ in range(3):
-        assert world.status is RUNNING
+@pytest.mark.parametrize(
+    ("spec", "outcomes", "statuses"),
+    [
+        (retry(3, A), "fff", "rrf"),
+        (retry(3, A), "fs", "rs"),
+        (retry(-1, A), "ffffs", "rrrrs"),
+        (repeat(2, A), "ss", "rs"),
+        (repeat(2, A), "sf", "rf"),
+        (repeat(-1, A), "ssssf", "rrrrf"),
+        (keep_running(A), "ssssf", "rrrrf"),
+    ],
+)
+def test_the_status_of_a_loop_after_each_outcome(
+    spec: NodeSpec, outcomes: str, statuses: str
+) -> None:
+    world, found, seen = World(spec), "", set()
+    for outcome in outcomes:
         seen.add(world.activation("a"))
-        world.fail("a")
-    assert world.status is FAILURE
-    assert len(seen) == 3
-
-
-def test_retry_succeeds_with_the_first_success() -> None:
-    world = World(retry(3, A))
-    world.fail("a")
-    world.succeed("a")
-    assert world.status is SUCCESS
-
-
-def test_repeat_succeeds_after_that_many_successes_and_fails_with_the_first_failure() -> None:
-    world = World(repeat(2, A))
-    world.succeed("a")
-    assert world.status is RUNNING
-    world.succeed("a")
-    assert world.status is SUCCESS
-    other = World(repeat(2, A))
-    other.succeed("a")
-    other.fail("a")
-    assert other.status is FAILURE
-
-
-@pytest.mark.parametrize("kind", [Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE])
-def test_a_cycle_without_limit_ends_only_by_failure(kind: Kind) -> None:
-    world = World(repeat(-1, A) if kind is Kind.REPEAT else keep_running(A))
-    for _ in range(4):
-        world.succeed("a")
-        assert world.status is RUNNING
-    world.fail("a")
-    assert world.status is FAILURE
-
-
-def test_retry_without_limit_ends_only_by_success() -> None:
-    world = World(retry(-1, A))
-    for _ in range(4):
-        world.fail("a")
-        assert world.asked() == ["a"]
-    world.succeed("a")
-    assert world.status is SUCCESS
+        world.outcome(world.activation("a"), outcome == "s")
+        found += world.status.name[0].lower()
+    assert found == statuses
+    assert len(seen) == len(outcomes), "each attempt has an activation of its own"
 
 
 def test_a_condition_alone_uses_up_no_attempt() -> None:
@@ -246,19 +194,24 @@ def test_a_condition_alone_uses_up_no_attempt() -> None:
     assert parse_activation(world.activation("a")).attempts == (0,)
 
 
-def test_where_conditions_alone_decide_a_limited_node_passes_their_result_on() -> None:
-    assert World(retry(3, condition("c"))).status is FAILURE
-    assert World(repeat(3, condition("c")), true_at_first=["c"]).status is SUCCESS
-
-
-def test_where_conditions_alone_decide_a_node_without_limit_waits() -> None:
-    waiting = World(retry(-1, condition("c")))
-    assert waiting.status is RUNNING
-    waiting.set("c", True)
-    assert waiting.status is SUCCESS
-    assert World(repeat(-1, condition("c")), true_at_first=["c"]).status is RUNNING
-    assert World(keep_running(condition("c")), true_at_first=["c"]).status is RUNNING
-    assert World(keep_running(condition("c"))).status is FAILURE
+@pytest.mark.parametrize(
+    ("spec", "status_if_false", "status_if_true"),
+    [
+        # A node with a limit takes the status of its child, one without waits.
+        (retry(3, condition("c")), FAILURE, SUCCESS),
+        (repeat(3, condition("c")), FAILURE, SUCCESS),
+        (retry(-1, condition("c")), RUNNING, SUCCESS),
+        (repeat(-1, condition("c")), FAILURE, RUNNING),
+        (keep_running(condition("c")), FAILURE, RUNNING),
+    ],
+)
+def test_loops_where_conditions_alone_decide(
+    spec: NodeSpec, status_if_false: Status, status_if_true: Status
+) -> None:
+    world = World(spec)
+    assert world.status is status_if_false
+    world.set("c", True)
+    assert world.status is status_if_true
 
 
 def test_used_attempts_are_latched_and_outlive_the_outcomes() -> None:

@@ -16,7 +16,6 @@ from tests.support.build import (
     World,
     action,
     condition,
-    decorated,
     fallback,
     inverter,
     leaves,
@@ -143,25 +142,6 @@ def test_parallel_statuses_for_all_combinations_of_children(count: int) -> None:
             assert evaluate(spec, chosen).status is paper(spec, chosen), (needed, statuses)
 
 
-@pytest.mark.parametrize(
-    ("kind", "running", "success", "failure"),
-    [
-        (Kind.INVERTER, RUNNING, FAILURE, SUCCESS),
-        (Kind.FORCE_SUCCESS, RUNNING, SUCCESS, SUCCESS),
-        (Kind.FORCE_FAILURE, RUNNING, FAILURE, FAILURE),
-        (Kind.SUBTREE, RUNNING, SUCCESS, FAILURE),
-    ],
-)
-def test_decorators(kind: Kind, running: Status, success: Status, failure: Status) -> None:
-    found = [evaluate(decorated(kind, action("a")), {"a": each}).status for each in RESULTS]
-    assert found == [running, success, failure]
-
-
-def test_a_condition_is_never_running() -> None:
-    assert evaluate(condition("c"), {"c": SUCCESS}).status is SUCCESS
-    assert evaluate(condition("c"), {"c": FAILURE}).status is FAILURE
-
-
 def test_a_parallel_that_has_succeeded_requests_nothing_more() -> None:
     found = evaluate(parallel(1, action("a"), action("b")), {"a": SUCCESS, "b": RUNNING})
     assert (found.status, found.requests) == (SUCCESS, ())
@@ -222,19 +202,6 @@ def test_an_inverted_timeout_succeeds_when_it_expires() -> None:
     world = World(inverter(timeout(1, action("a"))))
     world.expire()
     assert world.status is SUCCESS
-
-
-@given(st.lists(st.sampled_from(Status), min_size=1, max_size=6), st.data())
-def test_a_parallel_fails_exactly_when_success_is_out_of_reach(
-    statuses: list[Status], data: st.DataObject
-) -> None:
-    needed = data.draw(st.integers(1, len(statuses)))
-    successes = statuses.count(Status.SUCCESS)
-    failures = statuses.count(Status.FAILURE)
-    best_case = len(statuses) - failures
-    found = parallel_status(statuses, needed)
-    assert (found is Status.SUCCESS) == (successes >= needed)
-    assert (found is Status.FAILURE) == (best_case < needed)
 
 
 def test_a_parallel_may_fail_at_fewer_failures_and_its_children_count_in_their_order() -> None:

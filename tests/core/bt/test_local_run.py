@@ -65,41 +65,12 @@ def test_the_status_of_the_tree_is_the_outcome() -> None:
         assert (robot.status, robot.asked) == (status, [])
 
 
-def test_a_condition_that_turns_against_an_action_takes_it_back_and_renews_it() -> None:
-    robot = Robot(sequence(fallback(condition("holding"), action("grasp")), action("turn")))
-    robot.end("grasp")
-    robot.set("holding", True)
-    (first,) = robot.tick().requests
-    robot.set("holding", False)
-    # What was grasped before does not count: it is not held any more.
-    assert robot.asked == ["grasp"]
-    robot.end("grasp")
-    (second,) = robot.tick().requests
-    assert first.subject == second.subject == "turn"
-    assert first.activation != second.activation
-
-
-def test_several_conditions_that_decide_together_renew_when_the_whole_turns() -> None:
-    tree = sequence(
-        fallback(sequence(condition("lid"), condition("locked")), action("close")), action("use")
-    )
-    robot = Robot(tree, "lid")
-    robot.end("close")
-    robot.set("locked", True)
-    assert robot.asked == ["use"]
-    robot.set("locked", False)
-    assert robot.asked == ["close"]
-
-
-def test_what_stands_right_of_an_action_reads_the_conditions_that_it_has_set() -> None:
+def test_only_nodes_right_of_an_action_read_the_conditions_that_it_has_set() -> None:
     robot = Robot(sequence(action("diagnose"), condition("broken"), action("fix")))
     (diagnose,) = robot.tick().requests
     assert robot.run.returned(diagnose.activation, True, {"broken": True}) is Status.RUNNING
     robot.set("broken", True)
     assert robot.asked == ["fix"]
-
-
-def test_in_that_tick_what_stands_left_of_it_has_read_them_before() -> None:
     robot = Robot(sequence(fallback(condition("held"), action("pick")), action("place")), "held")
     (place,) = robot.tick().requests
     assert robot.run.returned(place.activation, True, {"held": False}) is Status.SUCCESS

@@ -241,7 +241,7 @@ def test_a_death_before_anybody_watched_has_no_time() -> None:
     late.record.is_catching_up = False
     for entry in watching.facts.map:
         late.record.fact(entry, script.team.now_us)
-    late.record.verdict("A", incarnation, script.team.now_us)
+    late.record.declared_dead("A", incarnation, script.team.now_us)
     (fault,) = late.record.major
     assert (fault.robot, fault.is_older) == ("A", True)
     assert ("A is dead (earlier)") in [text for _, text in late.record.timeline]

@@ -47,7 +47,7 @@ def test_the_earliest_word_of_a_processs_end_stands(record: RunRecord) -> None:
     record.robot_seen("A", FIRST, 0)
     record.exited("A", 2 * S)
     record.exited("A", 2 * S + 30_000)
-    record.verdict("A", FIRST, 2 * S + 20_000)
+    record.declared_dead("A", FIRST, 2 * S + 20_000)
     (fault,) = record.major
     assert (fault.at_us, fault.detected_us) == (2 * S, 2 * S + 20_000)
     record.exited("A", 2 * S + 40_000)
@@ -68,7 +68,7 @@ def test_the_end_of_a_life_says_nothing_of_the_next_one(record: RunRecord) -> No
     record.state("A", State.LEFT, S, S)
     record.exited("A", S)
     record.robot_seen("A", SECOND, 5 * S)
-    record.verdict("A", SECOND, 9 * S)
+    record.declared_dead("A", SECOND, 9 * S)
     (fault,) = record.major
     assert fault.at_us == 9 * S
 
@@ -88,7 +88,7 @@ def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
     running("A", 2 * S)
     record.exited("A", 3 * S)
     running("B", 3 * S + 20_000)
-    record.verdict("A", FIRST, 3 * S + 30_000)
+    record.declared_dead("A", FIRST, 3 * S + 30_000)
     (fault,) = record.major
     assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S + 20_000)
     assert fault.detected_us == fault.reassigned_us, "who takes over knows of the death"
@@ -113,9 +113,9 @@ def test_a_robot_that_dies_before_its_first_beat_came_here_is_a_fault(record: Ru
     record.fact(member("A"), 0)
     record.fact(parse_entry("A", CLAIM, Version(FIRST, 2), claim), 0)
     record.exited("A", S)
-    record.verdict("A", SECOND, 2 * S)
+    record.declared_dead("A", SECOND, 2 * S)
     assert record.major == [], "of another life nothing is known"
-    record.verdict("A", FIRST, 2 * S)
+    record.declared_dead("A", FIRST, 2 * S)
     record.fact(parse_entry("B", CLAIM, Version(FIRST, 2), claim), 3 * S)
     (fault,) = record.major
     assert (fault.at_us, fault.detected_us, fault.reassigned_us) == (S, 2 * S, 3 * S)
