@@ -1,10 +1,10 @@
 """Evaluating a tree: a pure function from facts to a status of every node and a list of requests.
 
-This is the definition of the project's behavior trees. `_Tick.rule` has one place for each kind of
-node. The rules are those
-of the paper, section III, and of BehaviorTree.CPP 4 for nodes that the paper does not have:
+This is the definition of the project's behavior trees. The table `RULES` has one function for each
+kind of node. The rules are those of the paper, section III, and of BehaviorTree.CPP 4 for nodes
+that the paper does not have:
 
-| kind of node | without memory | with memory (`Tick.remembering`) |
+| kind of node | without memory | with memory (`_Tick.remembering`) |
 |---|---|---|
 | Sequence | the paper's; ReactiveSequence | Sequence; SequenceWithMemory |
 | Fallback | the paper's Selector; ReactiveFallback | Fallback |
@@ -39,6 +39,7 @@ from mrbt_mesh.core.bt.tree import Kind, Memory, Node, Status, Tree, build_tree
 # A status, and whether an outcome of an action had part in it: only those use up attempts.
 Result: TypeAlias = tuple[Status, bool]
 TickChild: TypeAlias = Callable[[int], Result]
+Rule: TypeAlias = Callable[["_Tick", Node, TickChild], Result]
 
 
 class Evaluator(ActivationNames):
@@ -47,6 +48,11 @@ class Evaluator(ActivationNames):
     def __init__(self, tree: Tree) -> None:
         super().__init__(tree)
         self._evaluators: dict[str, Evaluator] = {}
+        # By node.
+        self.rules = [
+            _Tick.remembering if has_memory else RULES[node.kind]
+            for node, has_memory in zip(tree.nodes, self.has_memory, strict=True)
+        ]
 
     def evaluate(self, facts: EvaluationFacts) -> Evaluation:
         """Tick the tree once."""
@@ -90,9 +96,10 @@ class _Tick:
     those that running nodes with memory have to remember; `kept_results`: those of failed ones.
     """
 
-    def __init__(self, names: ActivationNames, facts: EvaluationFacts) -> None:
+    def __init__(self, names: Evaluator, facts: EvaluationFacts) -> None:
         self.names = names
         self.nodes = names.tree.nodes
+        self.rules = names.rules
         self.facts = facts
         self.attempts: list[int] = []
         self.statuses = [Status.IDLE] * len(self.nodes)
@@ -118,46 +125,26 @@ class _Tick:
 
     def tick(self, index: int) -> Result:
         """Tick a node. One that has finished asks for nothing, nor does anything below it."""
-        marks = len(self.requests), len(self.timeouts), len(self.child_results)
         node = self.nodes[index]
-        result = self.remembering(node) if self.names.has_memory[index] else self.rule(node)
+        if not node.children:
+            result = self.rules[index](self, node, self.tick)
+            self.statuses[index] = result[0]
+            return result
+        marks = len(self.requests), len(self.timeouts), len(self.child_results)
+        result = self.rules[index](self, node, self.tick)
         if result[0] is not Status.RUNNING:
             del self.requests[marks[0] :], self.timeouts[marks[1] :]
             del self.child_results[marks[2] :]
         self.statuses[index] = result[0]
         return result
 
-    def rule(self, node: Node, tick: TickChild | None = None) -> Result:
-        """The rule of a node's kind; `tick` is how it ticks its children."""
-        tick = tick or self.tick
-        match node.kind:
-            case Kind.CONDITION:
-                return self.condition(node)
-            case Kind.ACTION:
-                return self.action(node)
-            case Kind.SEQUENCE:
-                return in_order(node.children, Status.SUCCESS, tick)
-            case Kind.FALLBACK:
-                return in_order(node.children, Status.FAILURE, tick)
-            case Kind.PARALLEL:
-                return parallel(node, tick)
-            case Kind.IF_THEN_ELSE:
-                return if_then_else(node, tick)
-            case Kind.TIMEOUT:
-                return self.timeout(node)
-            case Kind.RETRY | Kind.REPEAT | Kind.KEEP_RUNNING_UNTIL_FAILURE:
-                return self.loop(node)
-            case Kind.INVERTER | Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE | Kind.SUBTREE:
-                status, has_acted = tick(node.children[0])
-                return decorated(node.kind, status), has_acted
-
     # -- leaves -------------------------------------------------------------------------------
 
-    def condition(self, node: Node) -> Result:
+    def condition(self, node: Node, _: TickChild) -> Result:
         """Paper, section III: Success if it holds, else Failure; never Running."""
         return (Status.SUCCESS if self.facts.condition(node.subject) else Status.FAILURE), False
 
-    def action(self, node: Node) -> Result:
+    def action(self, node: Node, _: TickChild) -> Result:
         """Paper, section III: Running, which is the request for it, until it has a result."""
         activation = str(self.names.activation(node.index, self.attempts, self.facts))
         status = self.facts.task_status(node.subject, activation)
@@ -169,13 +156,13 @@ class _Tick:
 
     # -- nodes that read facts ----------------------------------------------------------------
 
-    def timeout(self, node: Node) -> Result:
+    def timeout(self, node: Node, tick: TickChild) -> Result:
         """BehaviorTree.CPP's Timeout: Failure once its child has run for too long.
 
         That the time is over is a fact: the first robot to see it pass writes it.
         """
         activation = str(self.names.activation(node.index, self.attempts, self.facts))
-        status, has_acted = self.tick(node.children[0])
+        status, has_acted = tick(node.children[0])
         if status is not Status.RUNNING:
             return status, has_acted
         if self.facts.has_expired(activation):
@@ -183,7 +170,7 @@ class _Tick:
         self.timeouts.append(RunningTimeout(node.index, activation, node.timeout_us))
         return status, has_acted
 
-    def loop(self, node: Node) -> Result:
+    def loop(self, node: Node, tick: TickChild) -> Result:
         """BehaviorTree.CPP's RetryUntilSuccessful, Repeat and KeepRunningUntilFailure.
 
         When the child has failed (Retry) or succeeded (the others) it is ticked again at once, as
@@ -201,7 +188,7 @@ class _Tick:
             mark = len(self.failures)
             self.reset(child)
             self.attempts.append(attempt)
-            status, has_acted = self.tick(child)
+            status, has_acted = tick(child)
             self.attempts.pop()
             if status is not again or not has_acted or attempt + 1 == limit:
                 break
@@ -219,7 +206,7 @@ class _Tick:
         for child in self.nodes[index].children:
             self.reset(child)
 
-    def remembering(self, node: Node) -> Result:
+    def remembering(self, node: Node, _: TickChild) -> Result:
         """A control with memory does not tick children again that have ended.
 
         `Memory.WHILE_RUNNING` is BehaviorTree.CPP's Sequence, Fallback, Parallel and IfThenElse:
@@ -249,7 +236,7 @@ class _Tick:
                 ended.append((activation, position, status is Status.SUCCESS))
             return status, has_acted
 
-        status, has_acted = self.rule(node, tick)
+        status, has_acted = RULES[node.kind](self, node, tick)
         if status is Status.RUNNING:
             self.child_results += ended
         elif status is Status.FAILURE and keeps:
@@ -260,14 +247,14 @@ class _Tick:
 # -- controls and decorators ------------------------------------------------------------------
 
 
-def in_order(children: Sequence[int], passing: Status, tick: TickChild) -> Result:
+def in_order(passing: Status, node: Node, tick: TickChild) -> Result:
     """Sequence (`passing` is Success) and Fallback (Failure): paper, section III.
 
     Children are ticked from the left until one does not return `passing`; its status is the
     node's, and children further right are not ticked. If all return `passing`, so does the node.
     """
     has_acted = False
-    for child in children:
+    for child in node.children:
         status, child_acted = tick(child)
         has_acted = has_acted or child_acted
         if status is not passing:
@@ -314,18 +301,31 @@ def if_then_else(node: Node, tick: TickChild) -> Result:
     return status, has_acted or branch_acted
 
 
-def decorated(kind: Kind, status: Status) -> Status:
-    """BehaviorTree.CPP's Inverter, ForceSuccess and ForceFailure; Running stays Running.
+def decorator(if_success: Status, if_failure: Status) -> Rule:
+    """BehaviorTree.CPP's Inverter, ForceSuccess and ForceFailure; Running stays Running."""
+    ends = {Status.SUCCESS: if_success, Status.FAILURE: if_failure}
 
-    A SubTree only names its child.
-    """
-    if status is Status.RUNNING:
-        return status
-    match kind:
-        case Kind.INVERTER:
-            return Status.FAILURE if status is Status.SUCCESS else Status.SUCCESS
-        case Kind.FORCE_SUCCESS:
-            return Status.SUCCESS
-        case Kind.FORCE_FAILURE:
-            return Status.FAILURE
-    return status
+    def rule(_: _Tick, node: Node, tick: TickChild) -> Result:
+        status, has_acted = tick(node.children[0])
+        return ends.get(status, status), has_acted
+
+    return rule
+
+
+RULES: Mapping[Kind, Rule] = {
+    Kind.CONDITION: _Tick.condition,
+    Kind.ACTION: _Tick.action,
+    Kind.SEQUENCE: lambda _, node, tick: in_order(Status.SUCCESS, node, tick),
+    Kind.FALLBACK: lambda _, node, tick: in_order(Status.FAILURE, node, tick),
+    Kind.PARALLEL: lambda _, node, tick: parallel(node, tick),
+    Kind.IF_THEN_ELSE: lambda _, node, tick: if_then_else(node, tick),
+    Kind.TIMEOUT: _Tick.timeout,
+    Kind.RETRY: _Tick.loop,
+    Kind.REPEAT: _Tick.loop,
+    Kind.KEEP_RUNNING_UNTIL_FAILURE: _Tick.loop,
+    Kind.INVERTER: decorator(Status.FAILURE, Status.SUCCESS),
+    Kind.FORCE_SUCCESS: decorator(Status.SUCCESS, Status.SUCCESS),
+    Kind.FORCE_FAILURE: decorator(Status.FAILURE, Status.FAILURE),
+    # It only names its child.
+    Kind.SUBTREE: lambda _, node, tick: tick(node.children[0]),
+}
