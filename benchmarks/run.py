@@ -102,7 +102,7 @@ class Run:
 def stranger(program: str, run_dir: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """A program of this package that disturbs the team of a run; it has begun."""
     info = json.loads((run_dir / "run.json").read_text())
-    command = [sys.executable, "-m", f"benchmarks.{program}", *options, info["team"]]
+    command = [sys.executable, "-m", f"benchmarks.{program}", *options, info["options"]["team"]]
     process = subprocess.Popen(
         [*command, *info["endpoints"].values()],
         stdin=subprocess.PIPE,

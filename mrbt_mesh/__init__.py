@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.context import RobotContext, TaskContext
     from mrbt_mesh.runtime.program import RobotProgram
     from mrbt_mesh.runtime.program_function import ProgramError
+    from mrbt_mesh.runtime.robot_options import RobotOptions
     from mrbt_mesh.runtime.team_member import (
         Assignment,
-        JoinOptions,
         NotInTeamError,
         TeamMember,
         join_team,
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 __all__ = [
     "Assignment",
     "InputError",
-    "JoinOptions",
     "NotInTeamError",
     "ProgramError",
     "RobotContext",
+    "RobotOptions",
     "RobotProgram",
     "TaskContext",
     "TaskFailedError",
@@ -40,6 +40,7 @@ __all__ = [
 _MODULES = {
     "ProgramError": "program_function",
     "RobotContext": "context",
+    "RobotOptions": "robot_options",
     "RobotProgram": "program",
     "TaskContext": "context",
 }

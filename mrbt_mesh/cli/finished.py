@@ -50,7 +50,7 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     from mrbt_mesh.runtime.team_address import timing_of
 
     info, mission = run_dir.info(), load_mission(run_dir.mission_path)
-    timing = timing_of(info.beat_s, info.detection_s, mission)
+    timing = timing_of(info.options.beat_s, info.options.detection_s, mission)
     observer = Observer(mission, info.run, timing, default_solver, chosen_engine())
     # The last sign of life is the end of a run that has no result.
     last_ns = max(run_dir.alive_mark_ns(robot) for robot in run_dir.robots())

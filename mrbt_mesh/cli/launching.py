@@ -31,7 +31,7 @@ from mrbt_mesh.runtime.capacity import (
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
-from mrbt_mesh.runtime.settings import MIB, START_S_PER_ROBOT
+from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
 
 # What the slowest machine takes to start few robots.
@@ -60,12 +60,13 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     if load_mission(found.mission_path).digest != mission.digest:
         raise InputError(f"{found.path} is a run of another mission, or of another version of it")
     before = found.info()
-    if info.insecure != before.insecure:
-        how = "without" if before.insecure else "with"
+    if info.options.insecure != before.options.insecure:
+        how = "without" if before.options.insecure else "with"
         raise InputError(
             f"{found.path} is a run {how} keys, and can only be continued so: --insecure"
         )
-    found.save(replace(info, team=before.team, run=before.run))
+    options = replace(info.options, team=before.team, run=before.run)
+    found.save(replace(info, options=options))
     found.remember()
     return found
 
@@ -119,8 +120,9 @@ async def _run(
     run_dir: RunDir, mission: Mission, show: ShowOptions | None, views: ChosenViews
 ) -> int:
     info = run_dir.info()
-    team = Team(run_dir, info, mission)
-    too_many = overload(len(info.robots), info.beat_s, info.detection_s, Machine.here())
+    options, team = info.options, Team(run_dir, info, mission)
+    here = Machine.here()
+    too_many = overload(len(info.robots), options.beat_s, options.detection_s, here)
     if too_many is not None:
         text = labelled("warning", "yellow", overload_text(too_many))
         errors.print(text, soft_wrap=not errors.is_terminal)
@@ -133,8 +135,8 @@ async def _run(
     with launched_from_here(run_dir):
         try:
             await team.start_all()
-            path, limit_bytes = observer_file(run_dir.path), info.keep_mib * MIB
-            record = RecordTo(path, "", info.record_beats, info.speed, limit_bytes)
+            path, beats = observer_file(run_dir.path), options.record_beats
+            record = RecordTo(path, beats, options.speed, options.keep_bytes)
             to = record if info.record else None
             address = address_of(run_dir)
             return await Session(address, team, show, views, record=to, overload=too_many).run()

@@ -15,6 +15,7 @@ import click
 from mrbt_mesh.cli.command import PATH, Decorator, FiniteNumber, MrbtCommand, options_as
 from mrbt_mesh.cli.options import comma_list, run_dir_option
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.robot_options import NetworkOptions
 from mrbt_mesh.runtime.settings import (
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
@@ -27,20 +28,30 @@ from mrbt_mesh.runtime.settings import (
 )
 
 if TYPE_CHECKING:
-    from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team_address import TeamAddress
 
 
-def _option(name: str, text: str, variable: str | None = None, **settings: Any) -> Decorator:
-    variable = variable or f"MRBT_{name.removeprefix('--').upper()}"
-    return click.option(name, help=text, envvar=variable, show_envvar=True, **settings)
+def _option(
+    name: str, text: str, variable: str | None = None, field: str | None = None, **settings: Any
+) -> Decorator:
+    plain = name.removeprefix("--")
+    variable = variable or f"MRBT_{plain.upper()}"
+    return click.option(
+        name, field or plain, help=text, envvar=variable, show_envvar=True, **settings
+    )
 
 
-def endpoints_option(name: str, text: str, **settings: Any) -> Decorator:
+def endpoints_option(name: str, text: str, field: str | None = None, **settings: Any) -> Decorator:
     """An option for endpoints, which may be given several times, or as a list with commas."""
     return click.option(
-        name, multiple=True, metavar="tcp/IP:PORT", callback=comma_list, help=text, **settings
+        name,
+        field or name.removeprefix("--"),
+        multiple=True,
+        metavar="tcp/IP:PORT",
+        callback=comma_list,
+        help=text,
+        **settings,
     )
 
 
@@ -53,12 +64,14 @@ transport_option = _option(
 router_option = endpoints_option(
     "--router",
     "Router to be a client of, in place of links between robots. With several, one is used.",
+    "routers",
     envvar=ROUTER_VARIABLE,
     show_envvar=True,
 )
 beat_option = _option(
     "--beat",
     "Heartbeat period.",
+    field="beat_s",
     type=FiniteNumber(0, 3600, min_open=True),
     default=DEFAULT_BEAT_S,
     metavar="SECONDS",
@@ -66,51 +79,15 @@ beat_option = _option(
 detection_option = _option(
     "--detection",
     "Silence after which a robot is declared dead.",
+    field="detection_s",
     type=FiniteNumber(0, 3600, min_open=True),
     default=DEFAULT_DETECTION_S,
     metavar="SECONDS",
 )
 
 
-@dataclass(frozen=True)
-class NetworkOptions:
-    """Members of a team, and those that watch it, have the same values of all of these."""
-
-    team: str | None
-    run: str | None
-    connect: tuple[str, ...]
-    multicast: str | None
-    router: tuple[str, ...]
-    transport: str
-    keys: Path | None
-    beat: float
-    detection: float
-
-    def locate(
-        self, mission: Mission, robot: str = "", listen: tuple[str, ...] = ()
-    ) -> TeamAddress:
-        """The team of a mission, for a robot or (without one) an observer; raises InputError."""
-        from mrbt_mesh.runtime.team_address import on_network
-
-        return on_network(
-            mission,
-            robot=robot,
-            team=self.team,
-            run=self.run,
-            listen=listen,
-            connect=self.connect,
-            multicast=self.multicast,
-            beat_s=self.beat,
-            detection_s=self.detection,
-            profile=self.transport,
-            keys=self.keys,
-            routers=self.router,
-        )
-
-
-network_options = options_as(
-    "network",
-    NetworkOptions,
+NETWORK = (
+    endpoints_option("--listen", "Endpoint to listen on; quic/IP:PORT if it is wireless."),
     _option("--team", "The team's name. Default: the mission's.", TEAM_VARIABLE),
     _option("--run", "Robots of other runs are ignored. Default: the mission's.", RUN_VARIABLE),
     endpoints_option(
@@ -130,6 +107,7 @@ network_options = options_as(
     beat_option,
     detection_option,
 )
+network_options = options_as("network", NetworkOptions, *NETWORK)
 
 
 @click.command(cls=MrbtCommand)
@@ -149,13 +127,14 @@ class TeamOptions:
         """The team that the options name; raises InputError."""
         from mrbt_mesh.formats.mission_file import load_mission
         from mrbt_mesh.runtime.team import address_of
+        from mrbt_mesh.runtime.team_address import on_network
 
         found = self.run_directory()
         if found is not None:
             return address_of(found)
         assert self.mission is not None
         network: NetworkOptions = _environment.invoke(_environment.make_context("mrbt", []))
-        return network.locate(load_mission(self.mission))
+        return on_network(load_mission(self.mission), network)
 
     def run_directory(self) -> RunDir | None:
         """The run directory that the options name; None for a team on the network.

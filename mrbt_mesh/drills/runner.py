@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,8 @@ from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
-from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo, write_atomically
+from mrbt_mesh.runtime.robot_options import RobotOptions
+from mrbt_mesh.runtime.run_dir import RunDir, write_atomically
 from mrbt_mesh.runtime.team import Team, address_of, new_run
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
@@ -82,7 +83,17 @@ async def run_drill(
         routers(drill.model.routers) as between,
         beside(drill.model.beside, drill.path.parent, os.environ) as around,
     ):
-        info = _new_run(drill, profile, found, between)
+        timing = drill.model.timing
+        options = RobotOptions(
+            program=drill.mission.program,
+            beat_s=timing.beat_s,
+            detection_s=timing.detection_s,
+            speed=drill.model.speed,
+            transport=profile,
+            routers=tuple(between.endpoints) if between is not None else (),
+        )
+        path, robots = drill.mission_path, drill.robots
+        info = new_run(drill.mission, path, robots, options, places=found, record=True)
         run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
         hold = run_dir.path / HOLD_FILE
         environment = {HOLD_VARIABLE: str(hold), **around.environment}
@@ -100,9 +111,9 @@ async def run_drill(
         evidence.checks = [around.check(command) for command in drill.model.expect.checks]
     evidence.crashes = team.crashes()
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
-    robots = run_dir.robots()
-    evidence.links = read_links(run_dir.path, robots)
-    evidence.journals = read(run_dir.path, robots, drill.mission.digest, info.run)
+    ran = run_dir.robots()
+    evidence.links = read_links(run_dir.path, ran)
+    evidence.journals = read(run_dir.path, ran, drill.mission.digest, info.run)
     return DrillRun(
         drill.label,
         profile,
@@ -112,26 +123,6 @@ async def run_drill(
         sorted(run.timeline, key=lambda line: line.at_s),
         evidence.takeovers,
         run_dir.path,
-    )
-
-
-def _new_run(
-    drill: Drill, profile: Profile, found: Mapping[str, Place], between: DrillRouters | None
-) -> RunInfo:
-    model = drill.model
-    assert drill.mission.program is not None, "checked when the drill was read"
-    return new_run(
-        drill.mission,
-        drill.mission_path,
-        drill.robots,
-        drill.mission.program,
-        beat_s=model.timing.beat_s,
-        detection_s=model.timing.detection_s,
-        speed=model.speed,
-        transport=profile,
-        places=found,
-        routers=between.endpoints if between is not None else (),
-        record=True,
     )
 
 

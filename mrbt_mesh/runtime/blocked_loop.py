@@ -1,4 +1,4 @@
-"""Tells of a robot whose event loop is blocked: at once on its own computer, then to the team."""
+"""Reports what blocks a robot's event loop: at once on its computer, afterwards to the team."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.inputs import ProblemFound
@@ -22,42 +21,33 @@ BLOCK_LIMIT_S = 1.0
 
 
 def loop_watchdog(
-    host: Host, config: AgentConfig, run_dir: Path | None, step: Callable[[], int | None]
+    host: Host, config: AgentConfig, run_dir: RunDir | None, step: Callable[[], int | None]
 ) -> LoopWatchdog:
-    """What names the code that blocks a robot's event loop, before its team takes it for dead."""
+    """What names the code that blocks a robot's event loop, before its team declares it dead."""
     limit_s = min(BLOCK_LIMIT_S, config.timing.detection_us / 2 / MICRO)
-    return LoopWatchdog(limit_s, step, BlockedLoop(host, config.robot, run_dir, limit_s))
+    loop = asyncio.get_running_loop()
 
+    def write(text: str) -> None:
+        if run_dir is not None:
+            run_dir.write_blocked(config.robot, text)
 
-class BlockedLoop:
-    """Called by the watchdog's thread. `limit_s` is how long the loop has stood by then."""
-
-    def __init__(self, host: Host, robot: str, run_dir: Path | None, limit_s: float) -> None:
-        self._host = host
-        self._robot = robot
-        self._run_dir = None if run_dir is None else RunDir(run_dir)
-        self._limit_s = limit_s
-        self._loop = asyncio.get_running_loop()
-        self._goes_on()
-
-    def __call__(self, frames: list[tuple[str, int]]) -> None:
-        what = blocking_place(UserCall.stepping, frames)
-        if what is None:
+    def blocked(frames: list[tuple[str, int]]) -> None:
+        """Called by the watchdog's thread when the loop has been blocked for `limit_s`."""
+        place = blocking_place(UserCall.stepping, frames)
+        if place is None:
             return  # this robot's own work, such as a plan for a large team
-        since_s = time.monotonic() - self._limit_s
-        self._host.log("error", "event_loop_blocked", by=what)
-        if self._run_dir is not None:
-            self._run_dir.write_blocked(self._robot, f"{what} blocks it now")
+        since_s = time.monotonic() - limit_s
+        host.log("error", "event_loop_blocked", by=place)
+        write(f"{place} blocks it now")
         with contextlib.suppress(RuntimeError):  # the loop is closed: the robot has ended
-            self._loop.call_soon_threadsafe(self._over, what, since_s)
+            loop.call_soon_threadsafe(over, place, since_s)
 
-    def _over(self, what: str, since_s: float) -> None:
+    def over(place: str, since_s: float) -> None:
         """The loop runs again."""
-        self._goes_on()
+        write("")
         blocked_s = time.monotonic() - since_s
-        text = f"{what} blocked it for {blocked_s:.1f} s: use anyio.to_thread.run_sync"
-        self._host.submit(ProblemFound(SUBJECT, text))
+        text = f"{place} blocked it for {blocked_s:.1f} s: use anyio.to_thread.run_sync"
+        host.submit(ProblemFound(SUBJECT, text))
 
-    def _goes_on(self) -> None:
-        if self._run_dir is not None:
-            self._run_dir.write_blocked(self._robot, "")
+    write("")
+    return LoopWatchdog(limit_s, step, blocked)

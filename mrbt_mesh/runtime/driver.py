@@ -11,7 +11,6 @@ import signal
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import anyio
@@ -48,12 +47,13 @@ from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.runtime.journal_writer import JournalNews, JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
-from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, append
+from mrbt_mesh.runtime.limited_file import append
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.runtime.recording import RecordTo, robot_recording
+from mrbt_mesh.runtime.recording import robot_recording
 from mrbt_mesh.runtime.robot_loop import RobotLoop
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
 from mrbt_mesh.runtime.token_holders import life_of
@@ -77,27 +77,23 @@ SILENT_BEATS = 5
 
 @dataclass(frozen=True)
 class RobotSetup:
-    """What a robot's process is made of. Without `run_dir`, it keeps no journal and no events.
+    """The parts of a robot's process. Without a run directory it keeps no journal and no events.
 
-    `record`: where it records what it knows and does, None: nowhere. `meter` counts what happens
-    and serves it. `log`: with its levels as methods, None: the robot's. `is_guest`: it lives
-    inside another program, whose process, signals and memory are not its own. `keep_bytes`: the
-    size at which its files are begun anew.
+    `meter` counts inputs and effects, and serves the counts. `log`: with its levels as methods,
+    None: the robot's. `is_guest`: it lives inside another program, whose process, signals and
+    memory are not its own.
     """
 
     mission: Mission
     config: AgentConfig
+    options: RobotOptions
     transport: TransportConfig
     program: RobotProgram
-    speed: float = 1.0
-    run_dir: Path | None = None
     journal: Journal | None = None
     manifest: ManifestWatch | None = None
     meter: RobotMeter | None = None
-    record: RecordTo | None = None
     log: Any = None
     is_guest: bool = False
-    keep_bytes: int = DEFAULT_KEEP_BYTES
 
 
 class Driver:
@@ -120,8 +116,9 @@ class Driver:
             self._meter.sync_s if self._meter else None,
         )
         self._recording = robot_recording(
-            setup.record, setup.mission, setup.config, self._agent.view, self.log
+            setup.options, setup.mission, setup.config, self._agent.view, self.log
         )
+        self._run_dir = RunDir(setup.options.run_dir) if setup.options.run_dir else None
         # When it fires, on `boottime_us`.
         self._timer: asyncio.TimerHandle | None = None
         self._timer_us = 0
@@ -186,7 +183,9 @@ class Driver:
                 self._group = group
                 setup, config = self._setup, self._config
                 own = tuple(sorted(config.capabilities))
-                identity = RobotIdentity(config.robot, config.type, os.getpid(), setup.speed, own)
+                identity = RobotIdentity(
+                    config.robot, config.type, os.getpid(), setup.options.speed, own
+                )
                 self._runner = ActionRunner(group, setup.program, setup.mission, identity, self)
                 self._runner.start_background()
                 group.start_soon(self._watch_links)
@@ -204,7 +203,7 @@ class Driver:
                 if launcher is not None:
                     loop = asyncio.get_running_loop()
                     launcher.call_when_gone(lambda: self._lose_launcher(loop))
-                with loop_watchdog(self, config, setup.run_dir, selector.step):
+                with loop_watchdog(self, config, self._run_dir, selector.step):
                     await self._stopped.wait()
                 group.cancel_scope.cancel()
                 asyncio.get_running_loop().call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
@@ -311,11 +310,9 @@ class Driver:
         self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
     async def _mark_alive(self) -> None:
-        if self._setup.run_dir is not None:
-            run_dir = RunDir(self._setup.run_dir)
-            while True:
-                run_dir.mark_alive(self._config.robot)
-                await anyio.sleep(WATCH_S)
+        while self._run_dir is not None:
+            self._run_dir.mark_alive(self._config.robot)
+            await anyio.sleep(WATCH_S)
 
     async def _watch_manifest(self) -> None:
         """Take over what has changed of the team's members."""
@@ -431,13 +428,13 @@ class Driver:
         return self._agent.view.facts.condition_of(self._agent.view.robot, name)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
-        if self._setup.run_dir is None:
+        if self._run_dir is None:
             self.log("info", "physical_event", physical=dict(event))
             return
         line = json.dumps(dict(event), separators=(",", ":")) + "\n"
-        path = self._setup.run_dir / EVENTS_FILE
+        path = self._run_dir.path / EVENTS_FILE
         try:
-            append(path, line.encode(), self._setup.keep_bytes)
+            append(path, line.encode(), self._setup.options.keep_bytes)
         except OSError as error:
             # What the robot has done it has done: the log keeps it, if it can be written.
             reason = error.strerror or str(error)

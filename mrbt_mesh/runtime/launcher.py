@@ -28,7 +28,6 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
     DEFAULT_GATHER_S,
-    DEFAULT_KEEP_MIB,
     ENCRYPTED,
     PROTOCOLS,
     START_S_PER_ROBOT,
@@ -68,7 +67,7 @@ def free_endpoints(count: int, protocol: str) -> list[str]:
 
 def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
     """Make the keys that a robot of this run lacks, and an operator's; raises KeysError."""
-    if info.insecure:
+    if info.options.insecure:
         return
     from mrbt_mesh.runtime.key_folder import OPERATOR, KeyFolder
 
@@ -88,7 +87,7 @@ def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
 
     Raises TransportError or KeysError.
     """
-    connect = () if info.routers else tuple(info.endpoints.values())
+    connect = () if info.options.routers else tuple(info.endpoints.values())
     certificates = None
     if any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in connect):
         from mrbt_mesh.runtime.key_folder import KeyFolder
@@ -99,10 +98,10 @@ def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
         info.team,
         "",
         connect=connect,
-        profile=info.transport,
+        profile=info.options.transport,
         certificates=certificates,
         robots=len(info.robots),
-        routers=info.routers,
+        routers=tuple(info.options.routers),
     )
 
 
@@ -128,44 +127,28 @@ def agent_arguments(
     run_dir: RunDir,
     info: RunInfo,
     robot: str,
-    *,
     robot_type: str | None = None,
     takeover: bool = False,
 ) -> list[str]:
     """The arguments of `mrbt` that make a robot of this run, which leaves with its launcher."""
-    command = ["agent", "--mission", str(run_dir.mission_path), "--robot", robot]
-    command += ["--team", info.team, "--run", info.run, "--run-dir", str(run_dir.path)]
-    command += ["--beat", str(info.beat_s), "--detection", str(info.detection_s)]
-    command += ["--speed", str(info.speed), "--expect", ",".join(info.robots)]
-    gather_s = max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots))
-    command += ["--join-timeout", f"{gather_s:g}"]
-    command += ["--insecure"] if info.insecure else ["--keys", str(run_dir.keys_path)]
-    command += ["--transport", info.transport, "--exit-when-done"]
-    if info.routers:
-        command += ["--router", ",".join(info.routers)]
-    else:
-        command += ["--listen", info.endpoints[robot]]
-        for other in info.dials[robot]:
-            command += ["--connect", info.endpoints[other]]
-    if info.program is not None:
-        command += ["--program", info.program]
-    if info.solver is not None:
-        command += ["--solver", info.solver]
-    if info.record:
-        command += ["--record", str(robot_file(run_dir.path, robot))]
-    if info.keep_mib != DEFAULT_KEEP_MIB:
-        command += ["--keep", str(info.keep_mib)]
-    if info.record_beats:
-        command.append("--record-beats")
-    if robot in info.metrics_ports:
-        command += ["--metrics-port", str(info.metrics_ports[robot])]
-    if robot_type is not None:
-        command += ["--type", robot_type]
-    if takeover:
-        command.append("--takeover")
-    if is_launched(run_dir):
-        command += ["--while-locked", str(run_dir.launcher_lock_path)]
-    return command
+    has_router = bool(info.options.routers)
+    options = replace(
+        info.options,
+        listen=() if has_router else (info.endpoints[robot],),
+        connect=() if has_router else tuple(info.endpoints[each] for each in info.dials[robot]),
+        keys=None if info.options.insecure else run_dir.keys_path,
+        type=robot_type,
+        expect=info.robots,
+        gather_s=max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots)),
+        run_dir=run_dir.path,
+        takeover=takeover,
+        exit_when_done=True,
+        while_locked=run_dir.launcher_lock_path if is_launched(run_dir) else None,
+        record=robot_file(run_dir.path, robot) if info.record else None,
+        metrics_port=info.metrics_ports.get(robot),
+    )
+    which = ["--mission", str(run_dir.mission_path), "--robot", robot]
+    return ["agent", *which, *options.arguments()]
 
 
 def lower_dials(robots: Iterable[str]) -> dict[str, list[str]]:
@@ -196,7 +179,7 @@ def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
 
 def _next_endpoint(info: RunInfo, robot: str) -> str:
     """A robot that is replaced while it runs still holds its old endpoint."""
-    if info.routers:
+    if info.options.routers:
         return ""
     protocol = next(iter(info.endpoints.values())).partition("/")[0]
     if not info.places:

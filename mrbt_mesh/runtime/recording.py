@@ -23,18 +23,18 @@ from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.version import __version__
 
 
 @dataclass(frozen=True)
 class RecordTo:
-    """What is to be recorded where: `solver` is the robot's own choice, `beats` every heartbeat.
+    """Where an observer records; with `beats` also every heartbeat.
 
-    `speed`: so many times faster simulated robots work. `limit_bytes`: the recording ends there.
+    `speed`: how many times faster simulated robots work. `limit_bytes`: the recording ends there.
     """
 
     path: Path
-    solver: str = ""
     beats: bool = False
     speed: float = 1.0
     limit_bytes: int = DEFAULT_KEEP_BYTES
@@ -100,23 +100,28 @@ class ObserverRecording:
 
 
 def robot_recording(
-    to: RecordTo | None,
+    options: RobotOptions,
     mission: Mission,
     config: AgentConfig,
     view: AgentView,
     log: Callable[..., Any],
 ) -> RobotRecording | None:
     """Begin to record a robot, before its first step; raises InputError if that cannot be."""
-    if to is None:
+    path, beats = options.record, options.record_beats
+    if path is None:
         return None
     metadata = _metadata(mission, config.robot, config.run, config.timing)
-    has_keys = config.keys is not None
-    metadata = replace(metadata, solver=to.solver, has_keys=has_keys, speed=to.speed)
+    metadata = replace(
+        metadata,
+        solver=options.solver or "",
+        has_keys=config.keys is not None,
+        speed=options.speed,
+    )
     try:
-        writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats)
-        recorder = RobotRecorder(writer, view, boottime_us(), beats=to.beats)
+        writer = RecordingWriter(path, metadata, options.keep_bytes, beats=beats)
+        recorder = RobotRecorder(writer, view, boottime_us(), beats=beats)
     except OSError as error:
-        raise InputError(_cannot(to.path, error)) from None
+        raise InputError(_cannot(path, error)) from None
     return RobotRecording(recorder, log)
 
 

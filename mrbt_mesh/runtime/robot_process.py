@@ -11,8 +11,7 @@ import secrets
 import socket
 import sys
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -27,19 +26,17 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
-from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, protect_output
+from mrbt_mesh.runtime.limited_file import protect_output
 from mrbt_mesh.runtime.log import configure_log, robot_logger
 from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_loader import load_program, require_program
-from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S
 from mrbt_mesh.runtime.solver_loader import chosen_engine, solver_for
-from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.team_address import on_network
 from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
-    from mrbt_mesh.plugins import MetricsAddress
     from mrbt_mesh.runtime.key_folder import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
 
@@ -48,39 +45,6 @@ LARGE_ROBOTS = 100
 LARGE_NODES = 2_000
 
 NO_JOURNAL = "this robot keeps no journal, which exclusive tasks need: give it a run directory"
-
-# Where the team of a mission is, as this robot sees it; raises InputError.
-Locate = Callable[[Mission], TeamAddress]
-
-
-@dataclass(frozen=True)
-class RobotStart:
-    """Which robot is started, and how.
-
-    `type`: for a robot that the mission does not list. `program`, `solver`: None for the mission's.
-    `expect`: robots that it waits for, for `gather_s` if no team is there (None: all of the
-    mission). `run_dir`: folder for its journal, log and events. `takeover`: it replaces a live
-    robot of the same id. `while_locked`: a file; it leaves once nobody holds a lock on it.
-    `record`: where it records what it knows and does, with `record_beats` also every heartbeat.
-    `metrics`: where it serves metrics. `keep_bytes`: the size at which its files are begun anew.
-    """
-
-    mission: Path
-    robot: str
-    type: str | None = None
-    program: str | None = None
-    solver: str | None = None
-    expect: tuple[str, ...] | None = None
-    gather_s: float = DEFAULT_GATHER_S
-    run_dir: Path | None = None
-    speed: float = 1.0
-    takeover: bool = False
-    exit_when_done: bool = False
-    while_locked: Path | None = None
-    record: Path | None = None
-    record_beats: bool = False
-    metrics: MetricsAddress | None = None
-    keep_bytes: int = DEFAULT_KEEP_BYTES
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
@@ -102,57 +66,58 @@ def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mappi
     return kind, mission.robot_types[kind]
 
 
-def make_driver(start: RobotStart, locate: Locate) -> Driver:
+def make_driver(path: Path, robot: str, options: RobotOptions) -> Driver:
     """Put a robot together; raises InputError."""
-    mission = load_mission(start.mission)
-    reference = start.program or mission.program
+    mission = load_mission(path)
+    reference = options.program or mission.program
     if reference is None:
         raise InputError(f"mission {mission.name} names no program: give one with --program")
-    return Driver(robot_setup(start, mission, load_program(reference), reference, locate))
+    return Driver(robot_setup(mission, robot, options, load_program(reference), reference))
 
 
 def robot_setup(
-    start: RobotStart,
     mission: Mission,
+    robot: str,
+    options: RobotOptions,
     program: RobotProgram,
     reference: str,
-    locate: Locate,
     guest_log: Any = None,
 ) -> RobotSetup:
     """What a robot is made of; `reference` is the program's name in messages. Raises InputError.
 
     `guest_log`: where it logs if it is a guest in another program.
     """
-    kind, capabilities = robot_of(mission, start.robot, start.type)
-    logger = guest_log or robot_logger(start.robot)
-    require_program(program, reference, mission, {start.robot: capabilities})
+    kind, capabilities = robot_of(mission, robot, options.type)
+    logger = guest_log or robot_logger(robot)
+    require_program(program, reference, mission, {robot: capabilities})
     functions_of(program).check_computer()
-    expected = _expected(start, mission)
-    address = locate(mission)
-    keys, manifest = keys_of(address.keys, start.robot)
+    expected = _expected(options, mission)
+    address = on_network(mission, options, robot)
+    keys, manifest = keys_of(address.keys, robot)
     if keys is None:
         logger.warning("not_secure", reason="messages are not signed")
-    journal = open_journal(start.run_dir, mission, address.run, start.robot, logger)
+    journal = open_journal(options.run_dir, mission, address.run, robot, logger)
     restored, problem = _begin(journal, mission)
     meter, engine = None, chosen_engine()
-    if start.metrics is not None:
-        meter = plugins.metrics().meter(start.robot, mission, start.metrics)
+    if options.metrics_port is not None:
+        metrics_address = plugins.MetricsAddress(options.metrics_port, options.metrics_host)
+        meter = plugins.metrics().meter(robot, mission, metrics_address)
         engine = meter.timed(engine)
     is_large = len(mission.robots) >= LARGE_ROBOTS or len(mission.tree.nodes) >= LARGE_NODES
     config = AgentConfig(
-        robot=start.robot,
+        robot=robot,
         type=kind,
         capabilities=dict(capabilities),
         run=address.run,
         nonce=secrets.token_hex(4),
-        solver=solver_for(mission, start.solver),
+        solver=solver_for(mission, options.solver),
         plans_apart=is_large,
         engine=engine,
         timing=address.timing,
         expected=expected,
-        gather_us=round(start.gather_s * SECOND_US),
-        takeover=start.takeover,
-        exit_when_done=start.exit_when_done,
+        gather_us=round(options.gather_s * SECOND_US),
+        takeover=options.takeover,
+        exit_when_done=options.exit_when_done,
         software=__version__,
         host=socket.gethostname(),
         pid=os.getpid(),
@@ -164,25 +129,15 @@ def robot_setup(
     return RobotSetup(
         mission,
         config,
+        options,
         address.transport,
         program,
-        start.speed,
-        start.run_dir,
         journal,
         manifest,
         meter,
-        _record_to(start),
         guest_log,
         is_guest=guest_log is not None,
-        keep_bytes=start.keep_bytes,
     )
-
-
-def _record_to(start: RobotStart) -> RecordTo | None:
-    if start.record is None:
-        return None
-    beats, limit_bytes = start.record_beats, start.keep_bytes
-    return RecordTo(start.record, start.solver or "", beats, start.speed, limit_bytes)
 
 
 def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...], str]:
@@ -195,9 +150,9 @@ def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...]
     return (), ""
 
 
-def _expected(start: RobotStart, mission: Mission) -> frozenset[str]:
+def _expected(options: RobotOptions, mission: Mission) -> frozenset[str]:
     """The robots that it waits for; raises InputError."""
-    expected = list(mission.robots) if start.expect is None else start.expect
+    expected = list(mission.robots) if options.expect is None else options.expect
     for robot in expected:
         if not is_robot_id(robot):
             raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
@@ -249,28 +204,28 @@ def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> str:
     return ""
 
 
-def run_robot(start: RobotStart, locate: Locate) -> NoReturn:
+def run_robot(mission: Path, robot: str, options: RobotOptions) -> NoReturn:
     """Run one robot; ends the process itself, since a Zenoh session may take 10 s to close."""
     message = problem = ""
-    output = RunDir(start.run_dir).output_path(start.robot) if start.run_dir else None
-    protect_output(output if output is not None and output.exists() else None, start.keep_bytes)
+    output = RunDir(options.run_dir).output_path(robot) if options.run_dir else None
+    protect_output(output if output is not None and output.exists() else None, options.keep_bytes)
     try:
         # Before anything that may take long or never end, such as a program that is imported.
-        launcher = LauncherWatch(start.while_locked) if start.while_locked is not None else None
-        if start.run_dir is not None:
-            problem = claim_run_dir(start.run_dir, start.robot, start.takeover)
-        configure_log(start.robot, start.run_dir, start.keep_bytes)
+        launcher = LauncherWatch(options.while_locked) if options.while_locked is not None else None
+        if options.run_dir is not None:
+            problem = claim_run_dir(options.run_dir, robot, options.takeover)
+        configure_log(robot, options.run_dir, options.keep_bytes)
         if problem:
-            robot_logger(start.robot).error("process_not_written", reason=problem)
-        driver = make_driver(start, locate)
+            robot_logger(robot).error("process_not_written", reason=problem)
+        driver = make_driver(mission, robot, options)
         # What is there for good is not looked through in every collection: of a large mission
         # that would take longer than a robot should be deaf.
         gc.collect()
         gc.freeze()
         stop = driver.run(launcher)
         code = stop.code
-        if code == 2 or start.run_dir is None:
-            message = f"{start.robot}: {stop.reason}"
+        if code == 2 or options.run_dir is None:
+            message = f"{robot}: {stop.reason}"
     except (InputError, OSError, ValueError) as error:
         code, message = 2, str(error)
     if message:

@@ -31,7 +31,7 @@ from typing import Any
 import psutil
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.settings import DEFAULT_KEEP_MIB
+from mrbt_mesh.runtime.robot_options import RobotOptions
 
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
 TARGETS_FILE = "metrics-targets.json"
@@ -51,40 +51,36 @@ class Place:
     prefix: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunInfo:
     """How a run was started: all that another process needs to join or to watch it.
 
-    `dials` names the robots that each robot connects to: of every pair, one side dials.
-    `places` is empty for a team on loopback; `transport` is a key of `PROTOCOLS`; `solver` is
-    None for the mission's. `insecure`: its members have no keys. With `routers` its robots are
-    clients of these, and have no endpoints of their own. `metrics_ports`: where robots serve
-    metrics, on loopback; empty: nowhere. `record`: its robots record what they know and do, with
-    `record_beats` also every heartbeat. `keep_mib`: the size at which files of robots begin anew or
-    end (`limited_file`).
+    `options`: what all its robots have in common. `dials`: the robots that each robot connects to;
+    of every pair, one side dials. With routers as `options.routers` they have no endpoints of their
+    own. `places` is empty for a team on loopback. `record`: the robots record what they know and
+    do. `metrics_ports`: where robots serve metrics, on loopback; empty: nowhere.
     """
 
     mission_path: str
     mission_name: str
-    team: str
-    run: str
-    program: str | None
+    options: RobotOptions
     endpoints: Mapping[str, str]
     dials: Mapping[str, list[str]]
-    beat_s: float
-    detection_s: float
-    speed: float
     started_unix_s: float
     robots: tuple[str, ...]
-    transport: str = "wired"
     places: Mapping[str, Place] = field(default_factory=dict)
-    solver: str | None = None
-    insecure: bool = False
-    routers: tuple[str, ...] = ()
     record: bool = False
-    record_beats: bool = False
-    keep_mib: int = DEFAULT_KEEP_MIB
     metrics_ports: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def team(self) -> str:
+        """The name of the team."""
+        return str(self.options.team)
+
+    @property
+    def run(self) -> str:
+        """The id of the run."""
+        return str(self.options.run)
 
 
 def state_dir() -> Path:
@@ -174,8 +170,12 @@ class RunDir:
                 robot: Place(place["address"], tuple(place["prefix"]))
                 for robot, place in data["places"].items()
             }
-            lists = {name: tuple(data.get(name, ())) for name in ("robots", "routers")}
-            return RunInfo(**data | lists | {"places": places})
+            options: dict[str, Any] = {
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in data["options"].items()
+            }
+            found = {"options": RobotOptions(**options), "robots": tuple(data["robots"])}
+            return RunInfo(**data | found | {"places": places})
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
 

@@ -7,6 +7,7 @@ import secrets
 import signal
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import anyio
@@ -35,13 +36,12 @@ from mrbt_mesh.runtime.launcher import (
     with_newcomer,
 )
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
-    DEFAULT_KEEP_MIB,
     ENCRYPTED,
     WARNING,
-    WIRED,
     WIRELESS,
     default_protocol,
 )
@@ -62,63 +62,43 @@ def new_run(
     mission: Mission,
     mission_path: Path,
     robots: Sequence[str],
-    program: str,
+    options: RobotOptions,
     *,
-    beat_s: float,
-    detection_s: float,
-    speed: float,
-    transport: str = WIRED,
     places: Mapping[str, Place] | None = None,
-    solver: str | None = None,
-    insecure: bool = False,
-    routers: Sequence[str] = (),
     record: bool = False,
-    record_beats: bool = False,
-    keep_mib: int = DEFAULT_KEEP_MIB,
-    metrics_port: int | None = None,
 ) -> RunInfo:
     """A run of its own: fresh ids and free endpoints.
 
-    `metrics_port`: where the first robot serves metrics, the others on the ports that follow.
-    `places`: where each robot runs that takes part or may join later; default: on loopback.
-    `routers`: endpoints of those that all its robots are clients of. `record`,
-    `record_beats`, `keep_mib`: as in RunInfo. Raises AddressError for what does not fit together,
-    TransportError for routers that its robots cannot be clients of.
+    `options`: what its robots have in common; the first robot serves metrics on `metrics_port`, the
+    others on the ports that follow. `places`: where each robot runs that takes part or may join
+    later; default: on loopback. Raises AddressError for what does not fit together, TransportError
+    for routers that its robots cannot be clients of.
     """
-    if transport == WIRELESS and insecure:
+    transport = options.transport
+    if transport == WIRELESS and options.insecure:
         raise AddressError("the transport wireless is encrypted, and so needs keys: no --insecure")
     endpoints = dict.fromkeys(robots, "")
     protocol = default_protocol(transport, has_certificates=False)
-    if routers:
-        _check_routers(routers, transport)
+    if options.routers:
+        _check_routers(options.routers, transport)
     elif places:
         endpoints = {r: f"{protocol}/{places[r].address}:{PORT}" for r in robots}
     else:
         endpoints = dict(zip(robots, free_endpoints(len(robots), protocol), strict=True))
+    team = f"{mission.name[:24]}-{secrets.token_hex(3)}"
     info = RunInfo(
         mission_path=str(mission_path.resolve()),
         mission_name=mission.name,
-        team=f"{mission.name[:24]}-{secrets.token_hex(3)}",
-        run=secrets.token_hex(4),
-        program=program,
+        options=replace(options, team=team, run=secrets.token_hex(4)),
         endpoints=endpoints,
         dials=lower_dials(robots),
-        beat_s=beat_s,
-        detection_s=detection_s,
-        speed=speed,
         started_unix_s=time.time(),
         robots=tuple(robots),
-        transport=transport,
         places=places or {},
-        solver=solver,
-        insecure=insecure,
-        routers=tuple(routers),
         record=record,
-        record_beats=record_beats,
-        keep_mib=keep_mib,
-        metrics_ports=_metrics_ports(robots, metrics_port),
+        metrics_ports=_metrics_ports(robots, options.metrics_port),
     )
-    timing_of(beat_s, detection_s, mission)
+    timing_of(options.beat_s, options.detection_s, mission)
     return info
 
 
@@ -152,10 +132,10 @@ def address_of(run_dir: RunDir) -> TeamAddress:
     return TeamAddress(
         mission,
         info.run,
-        timing_of(info.beat_s, info.detection_s, mission),
+        timing_of(info.options.beat_s, info.options.detection_s, mission),
         observer_transport(run_dir, info),
         run_dir,
-        keys=None if info.insecure else run_dir.keys_path,
+        keys=None if info.options.insecure else run_dir.keys_path,
     )
 
 
@@ -192,9 +172,7 @@ class Team:
             self.info = with_newcomer(self.info, robot)
             self.run_dir.save(self.info)
         ensure_keys(self.run_dir, self.info, robot)
-        arguments = agent_arguments(
-            self.run_dir, self.info, robot, robot_type=robot_type, takeover=takeover
-        )
+        arguments = agent_arguments(self.run_dir, self.info, robot, robot_type, takeover)
         if self._forks is not None:
             self.processes |= await self._fork({robot: arguments})
         else:
@@ -347,7 +325,7 @@ class Team:
                     if blocked := self.run_dir.blocked(robot):
                         watcher.observer.record.problem(robot, SUBJECT, blocked, boottime_us())
                         watcher.changed.set()
-                await anyio.sleep(self.info.beat_s)
+                await anyio.sleep(self.info.options.beat_s)
 
     async def end(self) -> None:
         """Wait for the robots to stop by themselves; then ask, then insist."""
@@ -358,7 +336,9 @@ class Team:
                         process.terminate()
                     elif step == "kill":
                         process.kill()
-            with anyio.move_on_after(END_TIMEOUT_S if step != "wait" else self.info.beat_s * 4):
+            with anyio.move_on_after(
+                END_TIMEOUT_S if step != "wait" else self.info.options.beat_s * 4
+            ):
                 while self.living():
                     await anyio.sleep(0.02)
                 break

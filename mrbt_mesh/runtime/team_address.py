@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +9,9 @@ from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.robot_options import NetworkOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import Certificates, TransportConfig
-from mrbt_mesh.runtime.settings import DEFAULT_BEAT_S, DEFAULT_DETECTION_S, WIRED
 
 
 class AddressError(InputError):
@@ -35,48 +34,34 @@ class TeamAddress:
     keys: Path | None = None
 
 
-def on_network(
-    mission: Mission,
-    *,
-    robot: str = "",
-    team: str | None = None,
-    run: str | None = None,
-    listen: Sequence[str] = (),
-    connect: Sequence[str] = (),
-    multicast: str | None = None,
-    beat_s: float = DEFAULT_BEAT_S,
-    detection_s: float = DEFAULT_DETECTION_S,
-    profile: str = WIRED,
-    keys: Path | None = None,
-    routers: Sequence[str] = (),
-) -> TeamAddress:
-    """The team that everybody finds who has the same mission and says the same of the rest.
+def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> TeamAddress:
+    """The team of a mission, for a robot or, without one, an observer.
 
-    `robot` is empty for an observer. Without endpoints they find each other by multicast.
     Raises AddressError, TransportError or KeysError.
     """
-    for option, value in (("--team", team), ("--run", run)):
+    for option, value in (("--team", options.team), ("--run", options.run)):
         if value is not None and not is_robot_id(value):
             text = "1 to 32 letters, digits, '_' or '-', it becomes part of keys"
             raise AddressError(f"{option} {value!r}: {text}")
-    if multicast is None and not listen and not connect and not routers:
+    multicast = options.multicast
+    if multicast is None and not options.listen and not options.connect and not options.routers:
         multicast = "auto"
     return TeamAddress(
         mission,
-        run or mission.digest[:8],
-        timing_of(beat_s, detection_s, mission),
+        options.run or mission.digest[:8],
+        timing_of(options.beat_s, options.detection_s, mission),
         TransportConfig(
-            team or mission.name,
+            options.team or mission.name,
             robot,
-            tuple(listen),
-            tuple(connect),
+            tuple(options.listen),
+            tuple(options.connect),
             multicast,
-            profile,
-            certificates_of(keys, robot),
+            options.transport,
+            certificates_of(options.keys, robot),
             len(mission.robots),
-            tuple(routers),
+            tuple(options.routers),
         ),
-        keys=keys,
+        keys=options.keys,
     )
 
 

@@ -1,6 +1,7 @@
 """A robot inside a user's own asyncio program: a ROS node, a driver, a web server.
 
-    async with mrbt_mesh.join_team("mission.yaml", "A1", robot, keys="keys") as member:
+    options = RobotOptions(keys=Path("keys"))
+    async with mrbt_mesh.join_team("mission.yaml", "A1", robot, options) as member:
         await member.until(lambda: member.result is not None)
 
 It shares the program's event loop and process. So it installs no signal handlers, configures no
@@ -14,33 +15,26 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, fields, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import anyio
 
 from mrbt_mesh.core.agent.effects import Stop
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind, Phase
-from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
 from mrbt_mesh.runtime.log import StandardLog
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.runtime.robot_process import RobotStart, claim_run_dir, robot_setup
-from mrbt_mesh.runtime.settings import (
-    DEFAULT_BEAT_S,
-    DEFAULT_DETECTION_S,
-    DEFAULT_GATHER_S,
-    PROTOCOLS,
-    WIRED,
-)
-from mrbt_mesh.runtime.team_address import on_network
+from mrbt_mesh.runtime.robot_options import RobotOptions
+from mrbt_mesh.runtime.robot_process import claim_run_dir, robot_setup
+from mrbt_mesh.runtime.settings import PROTOCOLS
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.agent.view import AgentView
@@ -196,46 +190,18 @@ class TeamMember:
         self._step()
 
 
-class JoinOptions(TypedDict, total=False):
-    """What the options of `mrbt agent` say: where the team is, and how this robot takes part.
-
-    `robot_type`: of a robot that the mission does not list. `run_dir` keeps journal and events, so
-    that the robot may come back after a crash. `expect`: robots that it waits for, `gather_s` long.
-    """
-
-    keys: File | None
-    insecure: bool
-    robot_type: str | None
-    team: str | None
-    run: str | None
-    listen: Sequence[str]
-    connect: Sequence[str]
-    multicast: str | None
-    routers: Sequence[str]
-    transport: Literal["wired", "wireless"]
-    beat_s: float
-    detection_s: float
-    expect: Sequence[str] | None
-    gather_s: float
-    run_dir: File | None
-    speed: float
-    solver: str | None
-    takeover: bool
-    exit_when_done: bool
-
-
 @asynccontextmanager
 async def join_team(
     mission: File,
     robot: str,
     program: RobotProgram | str | None = None,
-    **options: Unpack[JoinOptions],
+    options: RobotOptions | None = None,
 ) -> AsyncIterator[TeamMember]:
     """Be a robot of a team while the body runs, and leave it at its end, however it ends.
 
     `mission` is a file, or a compiled one; `program` a program, or where one is (`robot.py:name`),
-    None: the mission's. Of `JoinOptions` one is needed: `keys`, a folder made by `mrbt keys`, or
-    `insecure=True`.
+    None: the mission's. Of `options` one is needed: `keys`, a folder made by `mrbt keys`, or
+    `insecure=True`. It needs asyncio's event loop, also below anyio.
 
     Raises InputError for whatever is wrong with these, before the body. What the robot's own code
     raises ends a local task, not the body.
@@ -244,7 +210,9 @@ async def join_team(
         loop = asyncio.get_running_loop()
     except RuntimeError:
         raise InputError("join_team needs asyncio: no event loop of it runs here") from None
-    driver = Driver(_setup(Path(fspath(mission)), robot, program, options))
+    driver = Driver(
+        _setup(Path(fspath(mission)), robot, program, _checked(options or RobotOptions()))
+    )
     running = loop.create_task(driver.run_as_guest(), name=f"mrbt robot {robot}")
     member = TeamMember(driver, running)
     try:
@@ -256,54 +224,22 @@ async def join_team(
 
 
 def _setup(
-    file: Path, robot: str, program: RobotProgram | str | None, options: JoinOptions
+    file: Path, robot: str, program: RobotProgram | str | None, options: RobotOptions
 ) -> RobotSetup:
     """The robot that is to join; raises InputError."""
-    _check_options(options)
-    keys = options.get("keys")
-    if bool(options.get("insecure")) is (keys is not None):
-        text = "give either keys=FOLDER, made by `mrbt keys`, or insecure=True"
-        raise InputError(f"join_team: {text}")
-    expect, run_dir = options.get("expect"), options.get("run_dir")
-    start = RobotStart(
-        file,
-        robot,
-        type=options.get("robot_type"),
-        solver=options.get("solver"),
-        expect=None if expect is None else tuple(expect),
-        gather_s=options.get("gather_s", DEFAULT_GATHER_S),
-        run_dir=None if run_dir is None else Path(fspath(run_dir)),
-        speed=options.get("speed", 1.0),
-        takeover=options.get("takeover", False),
-        exit_when_done=options.get("exit_when_done", False),
-    )
-    locate = partial(
-        on_network,
-        robot=robot,
-        team=options.get("team"),
-        run=options.get("run"),
-        listen=tuple(options.get("listen", ())),
-        connect=tuple(options.get("connect", ())),
-        multicast=options.get("multicast"),
-        beat_s=options.get("beat_s", DEFAULT_BEAT_S),
-        detection_s=options.get("detection_s", DEFAULT_DETECTION_S),
-        profile=options.get("transport", WIRED),
-        keys=None if keys is None else Path(fspath(keys)),
-        routers=tuple(options.get("routers", ())),
-    )
     mission = load_mission(file)
     reference = "the program"
     if not isinstance(program, RobotProgram):
-        found = program or mission.program
+        found = program or options.program or mission.program
         if found is None:
             raise InputError(f"mission {mission.name} names no program: give one to join_team")
         reference, program = found, load_program(found)
-    if start.run_dir is not None:
+    if options.run_dir is not None:
         try:
-            claim_run_dir(start.run_dir, robot, start.takeover)
+            claim_run_dir(options.run_dir, robot, options.takeover)
         except OSError as error:
-            raise InputError(f"{start.run_dir}: cannot be written: {error.strerror}") from None
-    return robot_setup(start, mission, program, reference, locate, StandardLog(robot))
+            raise InputError(f"{options.run_dir}: cannot be written: {error.strerror}") from None
+    return robot_setup(mission, robot, options, program, reference, StandardLog(robot))
 
 
 def _is_number(least: float, most: float) -> Callable[[Any], bool]:
@@ -320,28 +256,40 @@ _TEXT = ("a text", lambda value: isinstance(value, str))
 _FLAG = ("True or False", lambda value: isinstance(value, bool))
 _PATH = ("a path", lambda value: isinstance(value, str | PathLike))
 _PERIOD = ("a number of seconds from 0.001 to 3600", _is_number(0.001, 3_600))
-# What the options may be, besides None where that is their default.
+# What the options may be, besides their defaults.
 _EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
-    **dict.fromkeys(("robot_type", "team", "run", "multicast", "solver"), _TEXT),
+    **dict.fromkeys(("type", "team", "run", "multicast", "program", "solver"), _TEXT),
     **dict.fromkeys(("listen", "connect", "routers", "expect"), _LIST),
-    **dict.fromkeys(("insecure", "takeover", "exit_when_done"), _FLAG),
-    **dict.fromkeys(("keys", "run_dir"), _PATH),
+    **dict.fromkeys(("insecure", "takeover", "exit_when_done", "record_beats"), _FLAG),
+    **dict.fromkeys(("keys", "run_dir", "record"), _PATH),
     **dict.fromkeys(("beat_s", "detection_s"), _PERIOD),
     "gather_s": ("a number of seconds from 0 to 86400", _is_number(0, 86_400)),
     "speed": ("a number from 0.01 to 1000", _is_number(0.01, 1_000)),
+    "keep_mib": ("a number of MiB from 1 to 1000000", _is_number(1, 1_000_000)),
     "transport": (" or ".join(map(repr, PROTOCOLS)), lambda value: value in tuple(PROTOCOLS)),
+    **dict.fromkeys(
+        ("while_locked", "metrics_port", "metrics_host"),
+        ("for robots with a process of their own", lambda _: False),
+    ),
 }
-_MAY_BE_NONE = ("keys", "robot_type", "team", "run", "multicast", "expect", "run_dir", "solver")
 
 
-def _check_options(options: JoinOptions) -> None:
-    """Raise InputError for an option that there is not, and for a value that it cannot have."""
-    for name, value in options.items():
-        if name not in _EXPECTED:
-            raise InputError(f"join_team has no option {name!r}{nearest(name, _EXPECTED)}")
-        expected, accepts = _EXPECTED[name]
-        if not accepts(value) and not (value is None and name in _MAY_BE_NONE):
-            raise InputError(f"join_team: {name} is {expected}, not {value!r:.80}")
+def _checked(options: RobotOptions) -> RobotOptions:
+    """The options with texts turned into paths; raises InputError for values that they cannot
+    have.
+    """
+    for each in fields(options):
+        value = getattr(options, each.name)
+        expected, accepts = _EXPECTED[each.name]
+        is_default = value == each.default and type(value) is type(each.default)
+        if not is_default and not accepts(value):
+            raise InputError(f"join_team: {each.name} is {expected}, not {value!r:.80}")
+    if options.insecure is (options.keys is not None):
+        text = "give either keys=FOLDER, made by `mrbt keys`, or insecure=True"
+        raise InputError(f"join_team: {text}")
+    paths = {name: getattr(options, name) for name in ("keys", "run_dir", "record")}
+    found: dict[str, Any] = {n: Path(fspath(p)) for n, p in paths.items() if p is not None}
+    return replace(options, **found)
 
 
 async def _begun(driver: Driver, running: asyncio.Task[Stop]) -> None:

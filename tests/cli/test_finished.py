@@ -11,6 +11,7 @@ from mrbt_mesh.cli.finished import summary_of_finished
 from mrbt_mesh.cli.options import chosen_robots
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
 from tests.support.paths import mission_file
@@ -22,7 +23,7 @@ def test_a_run_that_nobody_watched_has_a_summary(
     path = mission_file("explore")
     mission = load_mission(path)
     robots = chosen_robots("--robots", None, mission)
-    info = new_run(mission, path, robots, "program", beat_s=1.0, detection_s=5.0, speed=1.0)
+    info = new_run(mission, path, robots, RobotOptions(beat_s=1.0, detection_s=5.0))
     monkeypatch.setenv("MRBT_STATE_DIR", str(tmp_path))
     run_dir = RunDir.create(tmp_path / "run", info, compile_mission(mission))
     assert summary_of_finished(run_dir) is None, "no robot was ever started"

@@ -16,6 +16,7 @@ from ruamel.yaml import YAML
 
 from mrbt_mesh.cli.main import main
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
 from tests.support.command import EXPLORE, REPAIR, mrbt
@@ -161,7 +162,9 @@ def test_who_watches_a_team_loads_no_solver_before_a_plan_needs_one() -> None:
 def a_run(path: Path, pid: int) -> Path:
     """The directory of a run of which the robot R1 has this process; 0: of which nobody runs."""
     mission = load_mission(Path(EXPLORE))
-    info = new_run(mission, Path(EXPLORE), ["R1"], "p.py", beat_s=0.1, detection_s=0.5, speed=1.0)
+    info = new_run(
+        mission, Path(EXPLORE), ["R1"], RobotOptions(program="p.py", beat_s=0.1, detection_s=0.5)
+    )
     RunDir.create(path, info, compile_mission(mission))
     if pid:
         started_s = psutil.Process(pid).create_time()

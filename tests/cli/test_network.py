@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh.cli.network import TeamOptions
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 from mrbt_mesh.runtime.team import new_run
 from tests.support.command import mrbt
@@ -72,7 +73,9 @@ def test_an_observer_looks_where_robots_with_the_same_variables_are(
 def test_a_run_directory_says_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MRBT_STATE_DIR", str(tmp_path))
     mission = load_mission(EXPLORE)
-    info = new_run(mission, EXPLORE, ["R1", "R2"], "p.py", beat_s=0.1, detection_s=0.5, speed=1.0)
+    info = new_run(
+        mission, EXPLORE, ["R1", "R2"], RobotOptions(program="p.py", beat_s=0.1, detection_s=0.5)
+    )
     RunDir.create(tmp_path / "run", info, compile_mission(mission))
     found = TeamOptions(tmp_path / "run", None).find()
     assert (found.transport.team, found.run) == (info.team, info.run)

@@ -62,7 +62,7 @@ def test_noise_is_counted_logged_once_per_source_and_changes_nothing(team: Team)
     team.wait_for_events(2, "use_screwdriver")
     info = json.loads((team.run_dir / "run.json").read_text())
     stranger = subprocess.Popen(
-        [sys.executable, "-c", STRANGER, info["team"], *info["endpoints"].values()],
+        [sys.executable, "-c", STRANGER, info["options"]["team"], *info["endpoints"].values()],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

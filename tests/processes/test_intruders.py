@@ -50,7 +50,7 @@ def wanted_of(team: Team, *how: str, **more: Any) -> dict[str, Any]:
     started = team.events()[0]
     return {
         "how": how,
-        "team": info["team"],
+        "team": info["options"]["team"],
         "endpoints": list(info["endpoints"].values()),
         "keys": str(team.run_dir / "keys"),
         "activation": started["activation"],
@@ -112,9 +112,9 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     info = json.loads((team.run_dir / "run.json").read_text())
     there = team.at(
         mission=team.run_dir / "mission.json",
-        team=info["team"],
-        run=info["run"],
-        beat=info["beat_s"],
+        team=info["options"]["team"],
+        run=info["options"]["run"],
+        beat=info["options"]["beat_s"],
         connect=",".join(info["endpoints"].values()),
     )
     done = there.command("abort")

@@ -42,7 +42,7 @@ def test_a_robot_with_another_key_is_taken_in_again_and_a_revoked_one_is_refused
     assert refused.returncode == 2
     assert f"{INSIDER} is no member of the team" in refused.stderr
     info = json.loads((team.run_dir / "run.json").read_text())
-    wanted = {"how": ["member"], "team": info["team"], "keys": str(stolen)}
+    wanted = {"how": ["member"], "team": info["options"]["team"], "keys": str(stolen)}
     with intruder(**wanted, endpoints=list(info["endpoints"].values())):
         text = f"{INSIDER}: '{INSIDER}' has no key in this team"
         team.wait_until(

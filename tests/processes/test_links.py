@@ -20,6 +20,7 @@ from mrbt_mesh.drills.namespaces import Namespaces
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import agent_arguments, agent_command, ensure_keys
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir
 from mrbt_mesh.runtime.team import new_run
 from tests.support.paths import ROOT
@@ -71,11 +72,7 @@ class Crew:
             mission,
             mission_path,
             robots,
-            mission.program,
-            beat_s=0.2,
-            detection_s=1.0,
-            speed=1.0,
-            transport=profile,
+            RobotOptions(program=mission.program, transport=profile),
             places={r: Place(space.address(r), tuple(space.command_prefix(r))) for r in robots},
         )
         self.run_dir = RunDir.create(team.run_dir, self.info, compile_mission(mission))

@@ -13,7 +13,7 @@ import anyio
 import pytest
 
 import mrbt_mesh
-from mrbt_mesh import RobotContext, RobotProgram, TaskContext
+from mrbt_mesh import RobotContext, RobotOptions, RobotProgram, TaskContext
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -26,7 +26,7 @@ from pathlib import Path
 
 import anyio
 
-from mrbt_mesh import RobotContext, RobotProgram, TaskContext
+from mrbt_mesh import RobotOptions, RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram(record_work=True)
 seen = Path(__file__).with_name("seen")
@@ -89,7 +89,10 @@ async def test_inside_a_program_of_ones_own(caplog: pytest.LogCaptureFixture) ->
 
     with caplog.at_level(logging.ERROR, "mrbt_mesh.R1"):
         async with mrbt_mesh.join_team(
-            EXPLORE, "R1", robot, insecure=True, expect=["R1"], listen=["tcp/127.0.0.1:0"]
+            EXPLORE,
+            "R1",
+            robot,
+            RobotOptions(insecure=True, expect=["R1"], listen=["tcp/127.0.0.1:0"]),
         ) as member:
             assert await member.until_ended() == "failure"
     assert PROBLEM in caplog.text

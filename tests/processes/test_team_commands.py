@@ -17,7 +17,14 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 def endpoints(team: Team) -> list[str]:
     """Options that make an agent dial everybody of the running team."""
     info = json.loads((team.run_dir / "run.json").read_text())
-    result = ["--team", info["team"], "--listen", "tcp/127.0.0.1:0", "--beat", str(info["beat_s"])]
+    result = [
+        "--team",
+        info["options"]["team"],
+        "--listen",
+        "tcp/127.0.0.1:0",
+        "--beat",
+        str(info["options"]["beat_s"]),
+    ]
     for endpoint in info["endpoints"].values():
         result += ["--connect", endpoint]
     keys = team.run_dir / "keys"
@@ -28,7 +35,7 @@ def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: T
     team.hold("explore")
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
-    run = json.loads((team.run_dir / "run.json").read_text())["run"]
+    run = json.loads((team.run_dir / "run.json").read_text())["options"]["run"]
     mission = team.run_dir / "mission.json"
     _, problems = team.agent(mission, "R1", "--run", run, *endpoints(team)).communicate()
     assert "robot R1 is already running" in problems
@@ -53,7 +60,7 @@ def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
     team.hold("use_screwdriver")
     team.up(REPAIR, "--insecure")
     team.wait_for_event("use_screwdriver", robot="C1")
-    run = json.loads((team.run_dir / "run.json").read_text())["run"]
+    run = json.loads((team.run_dir / "run.json").read_text())["options"]["run"]
     stranger = team.agent(EXPLORE, "R1", "--run", run, *endpoints(team))
     _, problems = stranger.communicate()
     assert stranger.returncode == 2

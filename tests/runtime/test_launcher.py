@@ -11,6 +11,7 @@ import pytest
 
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.launcher import HOST, agent_arguments, free_endpoints, with_newcomer
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo
 from mrbt_mesh.runtime.team import new_run
 from mrbt_mesh.runtime.team_address import AddressError
@@ -34,12 +35,7 @@ def run_with_metrics(first: int | None) -> RunInfo:
         mission,
         mission_file("explore"),
         ["R1", "R2"],
-        "p.py",
-        beat_s=0.1,
-        detection_s=1,
-        speed=1,
-        insecure=True,
-        metrics_port=first,
+        RobotOptions(program="p.py", beat_s=0.1, insecure=True, metrics_port=first),
     )
 
 

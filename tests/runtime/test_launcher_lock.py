@@ -11,6 +11,7 @@ import pytest
 
 from mrbt_mesh.runtime.launcher import agent_arguments
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch, is_launched, launched_from_here
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 
 HOLDS = """
@@ -39,14 +40,9 @@ def run_info() -> RunInfo:
     return RunInfo(
         mission_path="m.yaml",
         mission_name="m",
-        team="t",
-        run="r",
-        program=None,
+        options=RobotOptions(team="t", run="r", insecure=True),
         endpoints={"R1": "tcp/127.0.0.1:1"},
         dials={"R1": []},
-        beat_s=0.2,
-        detection_s=1.0,
-        speed=1.0,
         started_unix_s=0.0,
         robots=("R1",),
     )

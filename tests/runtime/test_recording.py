@@ -19,6 +19,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.recording import RecordTo, observer_recording, robot_recording
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from tests.support.build import action, make_mission
 
 MISSION = make_mission(action("a1"))
@@ -36,7 +37,7 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(
 ) -> None:
     told: list[tuple[str, str, Any]] = []
     agent = Agent(MISSION, CONFIG, 0)
-    to = RecordTo(tmp_path / "a.mcap", solver="mine", speed=2.0)
+    to = RobotOptions(record=tmp_path / "a.mcap", solver="mine", speed=2.0)
     recording = robot_recording(
         to,
         MISSION,
@@ -56,7 +57,7 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(
             recording.step(event, agent.handle(event, now_us), now_us)
     recording.close()
     assert told == [("error", "recording_ended", {"reason": "No space left on device"})]
-    found = read_recording(to.path)
+    found = read_recording(tmp_path / "a.mcap")
     assert (found.metadata.robot, found.metadata.solver, found.metadata.speed) == ("R1", "mine", 2)
     assert {each.topic for each in found.records} >= {"/facts", "/plans", "/life"}
     assert found.damage == ()
@@ -85,25 +86,27 @@ def test_a_place_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     file.write_text("")
     agent = Agent(MISSION, CONFIG, 0)
     with pytest.raises(InputError, match=r"--record .*file/a\.mcap: cannot be written: "):
-        robot_recording(RecordTo(file / "a.mcap"), MISSION, CONFIG, agent.view, full)
+        robot_recording(RobotOptions(record=file / "a.mcap"), MISSION, CONFIG, agent.view, full)
 
 
 def test_nothing_is_recorded_where_nothing_is_asked_for() -> None:
     agent = Agent(MISSION, CONFIG, 0)
-    assert robot_recording(None, MISSION, CONFIG, agent.view, full) is None
+    assert robot_recording(RobotOptions(), MISSION, CONFIG, agent.view, full) is None
     observer = Observer(MISSION, "r1", Timing(), default_solver)
     assert observer_recording(None, observer, "r1", False, full) is None
 
 
 def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
     agent = Agent(MISSION, CONFIG, 0)
-    to = RecordTo(tmp_path / "a.mcap", beats=True)
+    to = RobotOptions(record=tmp_path / "a.mcap", record_beats=True)
     recording = robot_recording(to, MISSION, CONFIG, agent.view, full)
     assert recording is not None
     for now_us in range(0, 4_000_000, 200_000):
         recording.step(TimerFired(), agent.handle(TimerFired(), now_us), now_us)
     recording.close()
-    beats = [each.data for each in read_recording(to.path).records if each.topic == "/beats"]
+    beats = [
+        each.data for each in read_recording(tmp_path / "a.mcap").records if each.topic == "/beats"
+    ]
     assert len(beats) >= 3
     assert all(each["source"] == "R1" and each["sent"] for each in beats)
 
@@ -111,7 +114,8 @@ def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
 def test_a_recording_that_is_long_enough_ends_and_says_so(tmp_path: Path) -> None:
     told: list[Any] = []
     agent = Agent(MISSION, CONFIG, 0)
-    to = RecordTo(tmp_path / "a.mcap", limit_bytes=1 << 20)
+    path = tmp_path / "a.mcap"
+    to = RobotOptions(record=path, keep_mib=1)
     recording = robot_recording(
         to, MISSION, CONFIG, agent.view, lambda *_, **more: told.append(more)
     )
@@ -123,5 +127,5 @@ def test_a_recording_that_is_long_enough_ends_and_says_so(tmp_path: Path) -> Non
         recording.step(event, agent.handle(event, now_us), now_us)
     recording.close()
     assert told == [{"reason": "it has come to 1 MiB (--keep)"}]
-    assert 1 << 20 < to.path.stat().st_size < 2 << 20
-    assert read_recording(to.path).damage == ()
+    assert 1 << 20 < path.stat().st_size < 2 << 20
+    assert read_recording(path).damage == ()

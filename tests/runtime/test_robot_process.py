@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,40 +15,31 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import run_dir as run_dir_module
-from mrbt_mesh.runtime.robot_process import RobotStart, claim_run_dir, make_driver, robot_of
+from mrbt_mesh.runtime.robot_options import RobotOptions
+from mrbt_mesh.runtime.robot_process import claim_run_dir, make_driver, robot_of
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team_address import AddressError, on_network
 from tests.support.paths import mission_file
 
 EXPLORE = mission_file("explore")
 
 
 @pytest.mark.parametrize(
-    ("start", "message"),
+    ("robot", "options", "message"),
     [
-        (RobotStart(EXPLORE, "Z9"), "has no robot 'Z9' (it has R1, R2); name its --type to add it"),
-        (RobotStart(EXPLORE, "Z9", type="X"), "has no robot type 'X' (explorer)"),
-        (RobotStart(EXPLORE, "a b"), "robot id 'a b': 1 to 32 letters"),
-        (RobotStart(EXPLORE, "R1", expect=("R1", "")), "--expect R1,: '' is no robot's id"),
+        ("Z9", {}, "has no robot 'Z9' (it has R1, R2); name its --type to add it"),
+        ("Z9", {"type": "X"}, "has no robot type 'X' (explorer)"),
+        ("a b", {}, "robot id 'a b': 1 to 32 letters"),
+        ("R1", {"expect": ("R1", "")}, "--expect R1,: '' is no robot's id"),
+        ("R1", {"team": "a/b"}, "--team 'a/b': 1 to 32 letters"),
+        ("R1", {"run": "a:b"}, "--run 'a:b': 1 to 32 letters"),
+        ("R1", {"beat_s": 0.5}, "at least 3 beat periods"),
     ],
 )
-def test_a_robot_that_cannot_be_is_explained(start: RobotStart, message: str) -> None:
+def test_a_robot_that_cannot_be_is_explained(
+    robot: str, options: dict[str, Any], message: str
+) -> None:
     with pytest.raises(InputError) as error:
-        make_driver(start, on_network)
-    assert message in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"team": "a/b"}, "--team 'a/b': 1 to 32 letters"),
-        ({"run": "a:b"}, "--run 'a:b': 1 to 32 letters"),
-        ({"beat_s": 0.5}, "at least 3 beat periods"),
-    ],
-)
-def test_an_address_that_cannot_be_is_explained(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(AddressError) as error:
-        make_driver(RobotStart(EXPLORE, "R1"), partial(on_network, robot="R1", **options))
+        make_driver(EXPLORE, robot, RobotOptions(**options))
     assert message in str(error.value)
 
 
@@ -60,9 +50,7 @@ def test_a_newcomer_of_a_known_type_gets_its_capabilities() -> None:
 
 def test_a_robot_without_a_journal_says_that_exclusive_tasks_need_one(tmp_path: Path) -> None:
     def problem(mission: Path, robot: str, run_dir: Path | None) -> str:
-        start = RobotStart(mission, robot, run_dir=run_dir)
-        locate = partial(on_network, robot=robot)
-        return make_driver(start, locate)._config.journal_problem
+        return make_driver(mission, robot, RobotOptions(run_dir=run_dir))._config.journal_problem
 
     dispense = mission_file("dispense")
     assert problem(dispense, "D1", None).startswith("this robot keeps no journal")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -10,14 +11,23 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import anyio
+import anyio.abc
 import pytest
 import structlog
 
 import mrbt_mesh
-from mrbt_mesh import InputError, NotInTeamError, RobotProgram, TaskContext, TeamMember, join_team
+from mrbt_mesh import (
+    InputError,
+    NotInTeamError,
+    RobotOptions,
+    RobotProgram,
+    TaskContext,
+    TeamMember,
+    join_team,
+)
 from mrbt_mesh.runtime import team_member
 from mrbt_mesh.runtime.team import free_endpoints
-from mrbt_mesh.runtime.team_member import JoinOptions
 from tests.support.paths import mission_file
 
 EXPLORE = mission_file("explore")
@@ -34,20 +44,20 @@ def exploring(seconds: float = 0.0) -> RobotProgram:
     return program
 
 
-def places(**more: Any) -> dict[str, JoinOptions]:
+def places(**more: Any) -> dict[str, RobotOptions]:
     """Where two robots are that find each other."""
     first, second = free_endpoints(2, "tcp")
     common: dict[str, Any] = {"insecure": True, "expect": BOTH, "beat_s": 0.05, **more}
     return {
-        "R1": {**common, "listen": [first]},
-        "R2": {**common, "listen": [second], "connect": [first]},
+        "R1": RobotOptions(**common, listen=[first]),
+        "R2": RobotOptions(**common, listen=[second], connect=[first]),
     }
 
 
-def alone(**more: Any) -> JoinOptions:
+def alone(**more: Any) -> RobotOptions:
     (place,) = free_endpoints(1, "tcp")
     options: dict[str, Any] = {"insecure": True, "expect": ["R1"], "listen": [place], **more}
-    return JoinOptions(**options)
+    return RobotOptions(**options)
 
 
 async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
@@ -63,8 +73,8 @@ async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
     selector = loop._selector  # type: ignore[attr-defined]
     beside = asyncio.create_task(other_task())
     async with (
-        join_team(EXPLORE, "R1", exploring(), **where["R1"]) as a,
-        join_team(EXPLORE, "R2", exploring(), **where["R2"]) as b,
+        join_team(EXPLORE, "R1", exploring(), where["R1"]) as a,
+        join_team(EXPLORE, "R2", exploring(), where["R2"]) as b,
     ):
         await a.until_joined()
         await b.until_joined()
@@ -85,8 +95,8 @@ async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
 async def test_plan_and_work_can_be_read_and_the_robot_tells_conditions() -> None:
     where = places()
     async with (
-        join_team(EXPLORE, "R1", exploring(60), **where["R1"]) as a,
-        join_team(EXPLORE, "R2", exploring(60), **where["R2"]) as b,
+        join_team(EXPLORE, "R1", exploring(60), where["R1"]) as a,
+        join_team(EXPLORE, "R2", exploring(60), where["R2"]) as b,
     ):
         await a.until(lambda: a.works_on is not None and b.works_on is not None)
         assert a.agrees
@@ -108,7 +118,7 @@ async def test_what_the_body_raises_comes_out_as_it_is_and_the_robot_leaves() ->
     found: list[TeamMember] = []
 
     async def body() -> None:
-        async with join_team(EXPLORE, "R1", exploring(60), **alone()) as member:
+        async with join_team(EXPLORE, "R1", exploring(60), alone()) as member:
             found.append(member)
             await member.until_joined()
             raise ZeroDivisionError
@@ -122,7 +132,7 @@ async def test_a_body_that_is_cancelled_leaves() -> None:
     found: list[TeamMember] = []
 
     async def body() -> None:
-        async with join_team(EXPLORE, "R1", exploring(60), **alone()) as member:
+        async with join_team(EXPLORE, "R1", exploring(60), alone()) as member:
             found.append(member)
             await member.until(lambda: member.works_on is not None)
             joined.set()
@@ -138,7 +148,7 @@ async def test_a_body_that_is_cancelled_leaves() -> None:
 
 
 async def test_a_robot_that_ends_by_itself_does_not_end_the_program() -> None:
-    async with join_team(EXPLORE, "R1", exploring(), **alone(exit_when_done=True)) as member:
+    async with join_team(EXPLORE, "R1", exploring(), alone(exit_when_done=True)) as member:
         while member.stopped is None:
             await member.changed()
         assert member.stopped == "mission success"
@@ -148,8 +158,8 @@ async def test_a_robot_that_ends_by_itself_does_not_end_the_program() -> None:
 async def test_of_two_robots_of_the_same_id_one_stops_and_says_why() -> None:
     where = places(expect=["R1"])
     async with (
-        join_team(EXPLORE, "R1", exploring(60), **where["R1"]) as first,
-        join_team(EXPLORE, "R1", exploring(60), **where["R2"]) as second,
+        join_team(EXPLORE, "R1", exploring(60), where["R1"]) as first,
+        join_team(EXPLORE, "R1", exploring(60), where["R2"]) as second,
     ):
         with pytest.raises(NotInTeamError, match=r"R1 is no member any more: .* R1 "):
             await asyncio.gather(first.until(lambda: False), second.until(lambda: False))
@@ -172,7 +182,7 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
             said.append("cancelled")
             raise
 
-    async with join_team(EXPLORE, "R1", program, **alone(beat_s=0.05, detection_s=0.3)) as member:
+    async with join_team(EXPLORE, "R1", program, alone(beat_s=0.05, detection_s=0.3)) as member:
         await begun.wait()
         said.clear()
         begun.clear()
@@ -194,7 +204,7 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"insecure": True, "program": "none.py"}, "there is no such file"),
         ({"insecure": True, "mission": "none.yaml"}, "none.yaml"),
         ({"insecure": True, "detection_s": 0.01}, "detection"),
-        ({"keyz": 1}, "join_team has no option 'keyz'; did you mean 'keys'?"),
+        ({"insecure": True, "metrics_port": 1}, "for robots with a process of their own, not 1"),
         ({"insecure": 1}, "insecure is True or False, not 1"),
         ({"keys": 1}, "keys is a path, not 1"),
         ({"insecure": True, "connect": "tcp/1.2.3.4:7447"}, "connect is a list of texts, not 'tcp"),
@@ -206,22 +216,23 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"insecure": True, "speed": True}, "speed is a number from 0.01 to 1000, not True"),
         ({"insecure": True, "transport": "wird"}, "transport is 'wired' or 'wireless', not 'wird'"),
         ({"insecure": True, "transport": None}, "transport is 'wired' or 'wireless', not None"),
-        ({"insecure": True, "robot_type": 3}, "robot_type is a text, not 3"),
+        ({"insecure": True, "type": 3}, "type is a text, not 3"),
         ({"insecure": True, "expect": ["a b"]}, "is no robot's id"),
         ({"insecure": True, "run_dir": EXPLORE / "x"}, "mission.yaml/x: cannot be written"),
     ],
 )
 async def test_what_is_wrong_is_told_before_the_body(options: Any, message: str) -> None:
-    given = {"mission": EXPLORE, "robot": "R1", "program": exploring(), **options}
+    given = {"mission": EXPLORE, "robot": "R1", "program": exploring()}
+    named = {name: options.pop(name, value) for name, value in given.items()}
     with pytest.raises(InputError, match=message):
-        async with join_team(**given):
+        async with join_team(**named, options=RobotOptions(**options)):
             pytest.fail("the body runs")
 
 
 async def test_a_session_that_cannot_be_opened_is_told_before_the_body() -> None:
-    async with join_team(EXPLORE, "R1", exploring(60), **(place := alone())):
+    async with join_team(EXPLORE, "R1", exploring(60), (place := alone())):
         with pytest.raises(InputError):
-            async with join_team(EXPLORE, "R2", exploring(), **place):
+            async with join_team(EXPLORE, "R2", exploring(), place):
                 pytest.fail("the body runs")
 
 
@@ -233,7 +244,7 @@ async def test_a_robot_that_breaks_is_told_to_who_waits(monkeypatch: pytest.Monk
     monkeypatch.setattr(team_member.Driver, "run_as_guest", broken)
 
     async def body() -> None:
-        async with join_team(EXPLORE, "R1", exploring(), **alone()) as member:
+        async with join_team(EXPLORE, "R1", exploring(), alone()) as member:
             with pytest.raises(NotInTeamError, match="it broke"):
                 await member.until(lambda: False)
 
@@ -252,7 +263,7 @@ async def test_a_journal_lets_it_come_back(tmp_path: Path) -> None:
 
     place = alone(run_dir=tmp_path)
     for _ in range(2):
-        async with join_team(EXPLORE, "R1", program, **place) as member:
+        async with join_team(EXPLORE, "R1", program, place) as member:
             assert await member.until_ended() == "success"
     assert sorted(done) == sorted(set(done))
     lines = (tmp_path / "events.jsonl").read_text().splitlines()
@@ -274,8 +285,8 @@ robot = mrbt_mesh.RobotProgram()
 async def explore(area): ...
 
 async def main():
-    team = {{"insecure": True, "listen": [{place!r}], "expect": ["R1"]}}
-    async with mrbt_mesh.join_team({str(EXPLORE)!r}, "R1", robot, **team) as member:
+    options = mrbt_mesh.RobotOptions(insecure=True, listen=[{place!r}], expect=["R1"])
+    async with mrbt_mesh.join_team({str(EXPLORE)!r}, "R1", robot, options) as member:
         print(await member.until_ended())
 
 asyncio.run(main())
@@ -294,10 +305,34 @@ def test_importing_the_package_loads_nothing_of_it() -> None:
 
 def test_without_asyncio_it_says_so() -> None:
     """As in a program of trio: no loop of asyncio's runs."""
-    entering = join_team(EXPLORE, "R1", exploring(), insecure=True).__aenter__()
+    entering = join_team(EXPLORE, "R1", exploring(), RobotOptions(insecure=True)).__aenter__()
     with pytest.raises(InputError, match="needs asyncio"):
         entering.__await__().send(None)
 
 
 def test_every_option_is_checked() -> None:
-    assert team_member._EXPECTED.keys() == team_member.JoinOptions.__optional_keys__
+    assert team_member._EXPECTED.keys() == {each.name for each in dataclasses.fields(RobotOptions)}
+
+
+def test_a_program_of_anyio_joins_and_cancels_as_it_is_used_to() -> None:
+    """The member waits in scopes and task groups of anyio, on asyncio."""
+    found: list[TeamMember] = []
+
+    async def take_part(*, task_status: anyio.abc.TaskStatus[None]) -> None:
+        async with join_team(EXPLORE, "R1", exploring(60), alone()) as member:
+            found.append(member)
+            with anyio.move_on_after(0.1) as scope:
+                await member.until(lambda: False)
+            assert scope.cancelled_caught
+            await member.until(lambda: member.works_on is not None)
+            task_status.started()
+            await anyio.sleep_forever()
+
+    async def main() -> None:
+        async with anyio.create_task_group() as group:
+            await group.start(take_part)
+            assert found[0].stopped is None
+            group.cancel_scope.cancel()
+
+    anyio.run(main)
+    assert found[0].stopped == "left"

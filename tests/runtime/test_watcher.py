@@ -20,6 +20,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import watcher as watcher_module
 from mrbt_mesh.runtime.key_folder import KeyFolder
+from mrbt_mesh.runtime.robot_options import NetworkOptions
 from mrbt_mesh.runtime.team_address import TeamAddress, on_network
 from mrbt_mesh.runtime.token_holders import LifeOf
 from mrbt_mesh.runtime.watcher import MANIFEST_US, Watcher
@@ -61,7 +62,9 @@ class Desk:
         self.now_us = 1
         monkeypatch.setattr(watcher_module, "ZenohTransport", Wire)
         monkeypatch.setattr(watcher_module, "boottime_us", lambda: self.now_us)
-        self.address: TeamAddress = on_network(self.mission, run="run", keys=self.keys.path)
+        self.address: TeamAddress = on_network(
+            self.mission, NetworkOptions(run="run", keys=self.keys.path)
+        )
         self.watcher = Watcher(self.address)
 
     def guard(self, robot: str) -> Guard:

@@ -14,6 +14,7 @@ import pytest
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime import launcher
 from mrbt_mesh.runtime.key_folder import KeyFolder
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.session_config import (
     Certificates,
@@ -31,14 +32,11 @@ PLACES = {r: Place(f"198.18.0.{i}", ("enter", r)) for i, r in enumerate(("A1", "
 
 def run(transport: str, robots: tuple[str, ...], places: dict[str, Place] | None) -> RunInfo:
     mission = load_mission(REPAIR)
-    timing = {"beat_s": 0.2, "detection_s": 1.0, "speed": 1.0}
-    return new_run(
-        mission, REPAIR, robots, "robot.py", **timing, transport=transport, places=places
-    )
+    return new_run(mission, REPAIR, robots, RobotOptions(transport=transport), places=places)
 
 
 def options(command: list[str], name: str) -> list[str]:
-    return [command[i + 1] for i, word in enumerate(command) if word == name]
+    return [e for i, word in enumerate(command) if word == name for e in command[i + 1].split(",")]
 
 
 CERTIFICATES = Certificates("authority", "certificate", "private")
@@ -99,12 +97,13 @@ def test_a_client_of_routers_has_no_other_links() -> None:
 
 def test_robots_of_a_run_are_clients_of_its_routers(tmp_path: Path) -> None:
     routers = ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
-    info = dataclasses.replace(run("wired", ("A1", "A2"), None), routers=routers)
-    info = dataclasses.replace(info, endpoints={"A1": "", "A2": ""})
+    info = run("wired", ("A1", "A2"), None)
+    shared = dataclasses.replace(info.options, routers=routers)
+    info = dataclasses.replace(info, options=shared, endpoints={"A1": "", "A2": ""})
     run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
     assert RunDir.find(tmp_path).info() == info
     arguments = launcher.agent_arguments(run_dir, info, "A2")
-    assert options(arguments, "--router") == [",".join(routers)]
+    assert options(arguments, "--router") == list(routers)
     assert not options(arguments, "--listen")
     assert not options(arguments, "--connect")
     assert launcher.observer_transport(run_dir, info).routers == routers
@@ -121,9 +120,8 @@ def test_robots_of_a_run_are_clients_of_its_routers(tmp_path: Path) -> None:
 )
 def test_runs_that_cannot_be_encrypted_are_refused(options: Any, problem: str) -> None:
     mission = load_mission(REPAIR)
-    timing = {"beat_s": 0.2, "detection_s": 1.0, "speed": 1.0}
     with pytest.raises(AddressError, match=problem):
-        new_run(mission, REPAIR, ("A1", "A2"), "robot.py", **timing, **options)
+        new_run(mission, REPAIR, ("A1", "A2"), RobotOptions(**options))
 
 
 @pytest.mark.parametrize(("transport", "protocol"), [("wired", "tcp"), ("wireless", "quic")])
@@ -167,7 +165,7 @@ def test_a_run_on_loopback_has_ports_of_its_own() -> None:
         assert len(set(info.endpoints.values())) == 3
         newcomer = launcher.with_newcomer(info, "C1").endpoints["C1"]
         assert newcomer not in info.endpoints.values()
-        assert dataclasses.replace(info, team="x").places == {}
+        assert dataclasses.replace(info, mission_name="x").places == {}
 
 
 def test_a_robot_without_keys_does_without_the_library_for_them() -> None:

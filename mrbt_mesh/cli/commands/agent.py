@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
 import click
 
-from mrbt_mesh.cli.command import PATH, SUCCESS, FiniteNumber, MrbtCommand, end_process, refuse
-from mrbt_mesh.cli.network import (
-    NetworkOptions,
-    endpoints_option,
-    network_options,
-    warn_insecure,
+from mrbt_mesh.cli.command import (
+    PATH,
+    SUCCESS,
+    FiniteNumber,
+    MrbtCommand,
+    end_process,
+    options_as,
+    refuse,
 )
+from mrbt_mesh.cli.network import NETWORK, endpoints_option, warn_insecure
 from mrbt_mesh.cli.options import (
     json_option,
     keep_option,
@@ -24,34 +26,65 @@ from mrbt_mesh.cli.options import (
     speed_option,
 )
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MIB, MISSION_VARIABLE, WARNING
+from mrbt_mesh.runtime.robot_options import RobotOptions
+from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE, WARNING
 
 
-def metrics_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options for where metrics are served; `metrics_address` reads them."""
-    port = click.option(
+def _names(context: click.Context, option: click.Parameter, value: str | None) -> Any:
+    return None if value is None else tuple(value.split(","))
+
+
+METRICS = (
+    click.option(
         "--metrics-port",
         type=click.IntRange(1, 65_535),
         metavar="PORT",
         help="Serve metrics for Prometheus.",
-    )
-    host = click.option(
+    ),
+    click.option(
         "--metrics-host",
         default="127.0.0.1",
         metavar="IP",
         help="Serve them on this address; 0.0.0.0: on all.",
-    )
-    return port(host(function))
-
-
-def metrics_address(port: int | None, host: str) -> Any:
-    """A MetricsAddress, None without a port; raises InputError for a host without one."""
-    if port is None:
-        refuse("give --metrics-port too", "--metrics-host")
-        return None
-    from mrbt_mesh.plugins import MetricsAddress
-
-    return MetricsAddress(port, host)
+    ),
+)
+robot_options = options_as(
+    "options",
+    RobotOptions,
+    click.option("--type", metavar="TYPE", help="Its type, if the mission does not list it."),
+    program_option,
+    solver_option,
+    speed_option,
+    click.option("--run-dir", type=PATH, metavar="DIR", help="Folder for journal, log and events."),
+    click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what it knows and does."),
+    record_beats_option,
+    keep_option,
+    click.option("--takeover", is_flag=True, help="Replace a live robot of the same id."),
+    click.option("--exit-when-done", is_flag=True, help="Stop once the team has the result."),
+    click.option(
+        "--while-locked",
+        type=PATH,
+        metavar="FILE",
+        help="Leave once no process holds a lock (flock) on it.",
+    ),
+    click.option(
+        "--expect",
+        metavar="A1,B1,...",
+        callback=_names,
+        help="Robots to hear before it starts. Default: all of the mission.",
+    ),
+    click.option(
+        "--join-timeout",
+        "gather_s",
+        type=FiniteNumber(0, 86_400),
+        default=DEFAULT_GATHER_S,
+        metavar="SECONDS",
+        help="How long it waits for them where there is no team yet.",
+    ),
+    *NETWORK,
+    click.option("--insecure", is_flag=True, help="Without --keys: believe every sender."),
+    *METRICS,
+)
 
 
 @click.command(cls=MrbtCommand)
@@ -65,52 +98,8 @@ def metrics_address(port: int | None, host: str) -> Any:
     help="Mission file.",
 )
 @click.option("--robot", required=True, metavar="ID", help="This robot's id.")
-@click.option("--type", metavar="TYPE", help="Its type, if the mission does not list it.")
-@program_option
-@solver_option
-@speed_option
-@click.option("--run-dir", type=PATH, metavar="DIR", help="Folder for journal, log and events.")
-@click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what it knows and does.")
-@record_beats_option
-@keep_option
-@click.option("--takeover", is_flag=True, help="Replace a live robot of the same id.")
-@click.option("--exit-when-done", is_flag=True, help="Stop once the team has the result.")
-@click.option(
-    "--while-locked",
-    type=PATH,
-    metavar="FILE",
-    help="Leave once no process holds a lock (flock) on it.",
-)
-@click.option(
-    "--expect",
-    metavar="A1,B1,...",
-    help="Robots to hear before it starts. Default: all of the mission.",
-)
-@click.option(
-    "--join-timeout",
-    "gather_s",
-    type=FiniteNumber(0, 86_400),
-    default=DEFAULT_GATHER_S,
-    metavar="SECONDS",
-    help="How long it waits for them where there is no team yet.",
-)
-@endpoints_option("--listen", "Endpoint to listen on; quic/IP:PORT if it is wireless.")
-@network_options
-@click.option("--insecure", is_flag=True, help="Without --keys: believe every sender.")
-@metrics_options
-def agent(
-    *,
-    mission: Path,
-    robot: str,
-    keep_mib: int,
-    expect: str | None,
-    listen: tuple[str, ...],
-    network: NetworkOptions,
-    insecure: bool,
-    metrics_port: int | None,
-    metrics_host: str,
-    **how: Any,
-) -> None:
+@robot_options
+def agent(mission: Path, robot: str, options: RobotOptions) -> None:
     """Run one robot, anywhere on the network.
 
     Exit status: 0 the mission succeeded or the robot left on purpose, 1 the mission failed, 2 bad
@@ -121,30 +110,22 @@ def agent(
       mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R1
       mrbt agent --mission examples/explore/mission.yaml --keys keys --robot R2
     """
-    from functools import partial
+    from mrbt_mesh.runtime.robot_process import run_robot
 
-    from mrbt_mesh.runtime.robot_process import RobotStart, run_robot
-
-    if insecure:
+    if options.insecure:
         refuse("with --insecure nothing is signed", "--keys")
         warn_insecure()
-    elif network.keys is None:
+    elif options.keys is None:
         raise InputError(
             "without keys no robot knows the author of a message: give --keys DIR, made once with "
             f"`mrbt keys init DIR --robots {robot},...` and copied to every robot, "
             "or --insecure to believe everybody who reaches this robot's port"
         )
-    if how["record"] is None:
+    if options.record is None:
         refuse("of a recording: give --record as well", "--record-beats")
-    start = RobotStart(
-        mission,
-        robot,
-        expect=tuple(expect.split(",")) if expect is not None else None,
-        keep_bytes=keep_mib * MIB,
-        metrics=metrics_address(metrics_port, metrics_host),
-        **how,
-    )
-    run_robot(start, partial(network.locate, robot=robot, listen=listen))
+    if options.metrics_port is None:
+        refuse("give --metrics-port too", "--metrics-host")
+    run_robot(mission, robot, options)
 
 
 @click.command(cls=MrbtCommand)

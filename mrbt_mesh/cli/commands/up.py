@@ -31,6 +31,7 @@ from mrbt_mesh.cli.options import (
 from mrbt_mesh.cli.plugged import ChosenViews, view_options
 from mrbt_mesh.formats.shipped import examples
 from mrbt_mesh.plugins import VIEWS, ViewerOptions
+from mrbt_mesh.runtime.robot_options import RobotOptions
 
 
 @click.command(cls=MrbtCommand)
@@ -72,9 +73,6 @@ def up(
     run_dir: Path | None,
     continues: bool,
     no_record: bool,
-    router: tuple[str, ...],
-    beat: float,
-    detection: float,
     **how: Any,
 ) -> None:
     """Start one process per robot and watch the mission.
@@ -108,14 +106,10 @@ def up(
         loaded,
         mission,
         chosen,
-        reference,
-        beat_s=beat,
-        detection_s=detection,
-        routers=router,
+        RobotOptions(program=reference, **how),
         record=not no_record,
-        **how,
     )
-    if info.insecure:
+    if info.options.insecure:
         warn_insecure()
     found = (continued if continues else created)(run_dir, info, loaded)
     run_team(found, loaded, None if detach else show, views)

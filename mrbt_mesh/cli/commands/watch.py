@@ -13,7 +13,7 @@ from mrbt_mesh.cli.command import (
     end_process,
     refuse,
 )
-from mrbt_mesh.cli.commands.agent import metrics_address, metrics_options
+from mrbt_mesh.cli.commands.agent import METRICS
 from mrbt_mesh.cli.network import TeamOptions, team_options
 from mrbt_mesh.cli.options import ShowOptions, record_beats_option, show_options
 from mrbt_mesh.cli.plugged import ChosenViews, check_exports, export_options, view_options
@@ -26,7 +26,8 @@ from mrbt_mesh.cli.plugged import ChosenViews, check_exports, export_options, vi
 @export_options
 @click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what is heard.")
 @record_beats_option
-@metrics_options
+@METRICS[0]
+@METRICS[1]
 def watch(
     show: ShowOptions,
     team: TeamOptions,
@@ -51,12 +52,15 @@ def watch(
 
     from mrbt_mesh.cli import watching
     from mrbt_mesh.cli.finished import print_summary, summary_of_finished
+    from mrbt_mesh.plugins import MetricsAddress
     from mrbt_mesh.runtime.recording import RecordTo
     from mrbt_mesh.runtime.team import Team
 
     check_exports(exports)
     views.check()
-    metrics = metrics_address(metrics_port, metrics_host)
+    if metrics_port is None:
+        refuse("give --metrics-port too", "--metrics-host")
+    metrics = MetricsAddress(metrics_port, metrics_host) if metrics_port is not None else None
     if record is None:
         refuse("of a recording: give --record as well", "--record-beats")
     found = team.run_directory()
@@ -76,7 +80,7 @@ def watch(
         views,
         exports=exports,
         metrics=metrics,
-        record=RecordTo(record, "", record_beats) if record is not None else None,
+        record=RecordTo(record, record_beats) if record is not None else None,
         past=watching.past_of(processes) if views.viewers else None,
     )
     end_process(anyio.run(session.follow if views.viewers else session.run))

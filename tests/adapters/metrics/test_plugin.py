@@ -6,17 +6,15 @@ import contextlib
 import re
 import socket
 import threading
-from functools import partial
 from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import MetricsAddress
 from mrbt_mesh.runtime import driver
-from mrbt_mesh.runtime.robot_process import RobotStart, make_driver
-from mrbt_mesh.runtime.team_address import on_network
+from mrbt_mesh.runtime.robot_options import RobotOptions
+from mrbt_mesh.runtime.robot_process import make_driver
 from tests.support.paths import mission_file
 from tests.support.slow_transport import SlowTransport
 
@@ -39,20 +37,20 @@ def test_a_robot_serves_metrics_while_it_lives(
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    start = RobotStart(
-        EXPLORE,
-        "R1",
+    options = RobotOptions(
+        listen=("tcp/127.0.0.1:0",),
+        beat_s=0.1,
+        detection_s=0.3,
         expect=("R1",),
         speed=20,
         run_dir=tmp_path,
         exit_when_done=True,
-        metrics=MetricsAddress(port),
+        metrics_port=port,
     )
-    where = {"robot": "R1", "listen": ("tcp/127.0.0.1:0",), "beat_s": 0.1, "detection_s": 0.3}
     found: list[str] = []
     reader = threading.Thread(target=pages, args=(port, found), daemon=True)
     reader.start()
-    stop = make_driver(start, partial(on_network, **where)).run()
+    stop = make_driver(EXPLORE, "R1", options).run()
     reader.join()
     assert stop.code == 0
     last = found[-1]
@@ -72,8 +70,8 @@ def test_a_robot_that_cannot_serve_metrics_refuses_to_start(
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        address = MetricsAddress(taken.getsockname()[1])
-        start = RobotStart(EXPLORE, "R1", run_dir=tmp_path, metrics=address)
-        robot = make_driver(start, partial(on_network, robot="R1"))
-        with pytest.raises(InputError, match=f"metrics cannot be served on {address}"):
+        port = taken.getsockname()[1]
+        options = RobotOptions(run_dir=tmp_path, metrics_port=port)
+        robot = make_driver(EXPLORE, "R1", options)
+        with pytest.raises(InputError, match=f"metrics cannot be served on 127.0.0.1:{port}"):
             robot.run()

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.plugins import MetricsAddress
 from mrbt_mesh.runtime import robot_process
 from mrbt_mesh.runtime.key_folder import KeyFolder
-from mrbt_mesh.runtime.robot_process import RobotStart
-from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.robot_options import RobotOptions
+from mrbt_mesh.runtime.team_address import TeamAddress, on_network
 from tests.support.command import EXPLORE, mrbt
 
-Started = tuple[RobotStart, TeamAddress]
+Started = tuple[RobotOptions, TeamAddress]
 
 
 @pytest.fixture
@@ -25,8 +22,8 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[Started]:
     """What `mrbt agent` would run."""
     found: list[Started] = []
 
-    def run(start: RobotStart, locate: Callable[[Any], TeamAddress]) -> None:
-        found.append((start, locate(load_mission(start.mission))))
+    def run(mission: Path, robot: str, options: RobotOptions) -> None:
+        found.append((options, on_network(load_mission(mission), options, robot)))
 
     monkeypatch.setattr(robot_process, "run_robot", run)
     return found
@@ -36,9 +33,9 @@ def test_a_robot_on_the_network(started: list[Started]) -> None:
     code, output, problems = mrbt("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure")
     assert (code, output) == (0, "")
     assert problems.startswith("mrbt: warning: not secure")
-    ((start, address),) = started
+    ((options, address),) = started
     assert address.keys is None
-    assert start == RobotStart(Path(EXPLORE), "R1")
+    assert options == RobotOptions(insecure=True)
     assert (address.transport.team, address.transport.robot) == ("explore", "R1")
     assert address.transport.multicast_interface == "auto"
 
@@ -55,10 +52,8 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         "agent", "--mission", EXPLORE, "--robot", "R9", *words, "--detection", "0.4"
     )
     assert (code, problems) == (0, "")
-    ((start, address),) = started
-    assert start == RobotStart(
-        Path(EXPLORE),
-        "R9",
+    ((options, address),) = started
+    expected = RobotOptions(
         type="explorer",
         program="p.py",
         solver="cp_sat",
@@ -71,7 +66,15 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         record=Path("r.mcap"),
         record_beats=True,
         exit_when_done=True,
+        team="t",
+        run="r",
+        listen=("tcp/127.0.0.1:1",),
+        connect=("tcp/127.0.0.1:2", "tcp/127.0.0.1:3"),
+        keys=keys,
+        beat_s=0.1,
+        detection_s=0.4,
     )
+    assert options == expected
     assert (address.transport.team, address.run, address.keys) == ("t", "r", keys)
     assert address.transport.listen == ("tcp/127.0.0.1:1",)
     assert address.transport.connect == ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
@@ -98,8 +101,8 @@ def test_metrics_are_for_this_machine_unless_said_otherwise(started: list[Starte
     words = ("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure")
     assert mrbt(*words, "--metrics-port", "9464")[0] == 0
     assert mrbt(*words, "--metrics-port", "9464", "--metrics-host", "0.0.0.0")[0] == 0
-    found = [start.metrics for start, _ in started]
-    assert found == [MetricsAddress(9464, "127.0.0.1"), MetricsAddress(9464, "0.0.0.0")]
+    found = [(options.metrics_port, options.metrics_host) for options, _ in started]
+    assert found == [(9464, "127.0.0.1"), (9464, "0.0.0.0")]
     code, _, problems = mrbt(*words, "--metrics-host", "0.0.0.0")
     assert (code, "--metrics-host: give --metrics-port too" in problems) == (2, True)
     assert mrbt(*words, "--metrics-port", "0")[0] == 2
@@ -112,8 +115,8 @@ def test_variables_stand_for_options_and_options_win(
     variables = {"MRBT_MISSION": EXPLORE, "MRBT_TEAM": "t", "MRBT_RUN": "r"}
     variables["MRBT_KEYS"] = str(keys)
     assert mrbt("agent", "--robot", "R1", "--team", "other", **variables)[0] == 0
-    ((start, address),) = started
-    assert (start.mission, address.transport.team, address.run) == (Path(EXPLORE), "other", "r")
+    ((_, address),) = started
+    assert (address.mission.name, address.transport.team, address.run) == ("explore", "other", "r")
 
 
 def test_clients_of_routers_neither_listen_nor_look_around(started: list[Started]) -> None:

@@ -6,12 +6,12 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime import launcher
+from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
 from tests.support.command import mrbt
@@ -417,7 +417,7 @@ OF_OTHERS = [
 ]
 
 
-RUN: dict[str, Any] = {"beat_s": 0.2, "detection_s": 1.0, "speed": 1.0, "insecure": True}
+RUN = RobotOptions(program="robot.py", insecure=True)
 
 
 @pytest.fixture(autouse=True)
@@ -456,7 +456,9 @@ def test_a_mistake_is_told_in_a_line_or_two(
 ) -> None:
     if "--run-dir run" in arguments:
         mission = load_mission(folder / "mission.yaml")
-        info = new_run(mission, Path("mission.yaml"), ["P1", "P2"], "robot.py", **RUN)
+        info = new_run(
+            mission, Path("mission.yaml"), ["P1", "P2"], RobotOptions(program="robot.py")
+        )
         RunDir.create(folder / "run", info, compile_mission(mission))
     for name, content in files.items():
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
