@@ -179,7 +179,7 @@ drills: $(READY)
 # SciPy and the like are not in requirements.lock: the product and its tests do not need them.
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[bench]'
-	$(BIN)/python -m benchmarks --json bench.json --plot bench-plots
+	$(BIN)/python -m benchmarks --json bench.json
 
 bench-scale: $(READY)
 	$(BIN)/python -m benchmarks.scale --json scale.json

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.instances import Density, Instance, Spec, Values, draw
 from benchmarks.peak import peak_mb
-from benchmarks.registry import Benchmark, Chart, Result, Setting, Table, need
+from benchmarks.registry import Benchmark, Result, Setting, Table, need
 from benchmarks.solvers import OURS, REFERENCE, SOLVERS, TimeLimitError
 
 SIZES = {
@@ -29,7 +29,8 @@ INSTANCES, QUICK_INSTANCES = 7, 3
 # after LIMIT_S, and not begun if it would take that long: `feasible_in_time`.
 BUDGET_S, QUICK_BUDGET_S = 10.0, 3.0
 LIMIT_S = 60.0
-# Calls of some microseconds are repeated for so long, and the median taken.
+LABELS = [solver.label for solver in SOLVERS.values()]
+# Calls of some microseconds are repeated for this long, and the median taken.
 LEAST_S = 0.005
 
 
@@ -170,13 +171,13 @@ def run(setting: Setting) -> Result:
 
 
 def result(cells: Sequence[Cell], setting: Setting) -> Result:
-    """Rows, tables and charts of what was measured."""
+    """Rows and tables of the figures."""
     instances = max(len(cell.pairs) for cell in cells)
+    tables = [_times(cells), _growth(cells), _memory(cells), _same(cells)]
     return Result(
         SOLVERS[REFERENCE].label,
         [row for cell in cells for row in _rows(cell)],
-        [table for table in _tables(cells) if table.rows],
-        _charts(cells),
+        [table for table in tables if table.rows],
         [
             "As many demands are offered as there are robots, with lower bounds 1 to 3 and upper "
             "bounds up to 5; those are kept that are feasible together with the ones before "
@@ -192,29 +193,26 @@ def result(cells: Sequence[Cell], setting: Setting) -> Result:
     )
 
 
-def _tables(cells: Sequence[Cell]) -> list[Table]:
-    return [_times(cells), _growth(cells), _memory(cells), _same(cells)]
-
-
 def _rows(cell: Cell) -> list[dict[str, Any]]:
+    kind = {
+        "robots": cell.robots,
+        "density": str(cell.density),
+        "performances": str(cell.values),
+        "kept": statistics.median(cell.kept),
+        "pairs": statistics.median(cell.pairs),
+    }
     rows = []
     for solver in SOLVERS:
         time_s = cell.time_s(solver)
-        rows.append(
-            {
-                "robots": cell.robots,
-                "density": str(cell.density),
-                "performances": str(cell.values),
-                "kept": statistics.median(cell.kept),
-                "pairs": statistics.median(cell.pairs),
-                "solver": solver,
-                "instances": len(cell.times_s.get(solver, ())),
-                "time_ms": None if time_s is None else time_s * 1e3,
-                "ratio": statistics.median(cell.ratios[solver]) if time_s is not None else None,
-                "peak_mb": cell.peaks_mb.get(solver),
-                "same_as_ours": cell.same.get(solver, 0),
-            }
-        )
+        figures = {
+            "solver": solver,
+            "instances": len(cell.times_s.get(solver, ())),
+            "time_ms": None if time_s is None else time_s * 1e3,
+            "ratio": statistics.median(cell.ratios[solver]) if time_s is not None else None,
+            "peak_mb": cell.peaks_mb.get(solver),
+            "same_as_ours": cell.same.get(solver, 0),
+        }
+        rows.append(kind | figures)
     return rows
 
 
@@ -223,10 +221,6 @@ def significant(value: float) -> str:
     if value >= 10:
         return f"{value:,.0f}"
     return f"{value:.1f}" if value >= 1 else f"{value:.2g}"
-
-
-def _labels() -> list[str]:
-    return [solver.label for solver in SOLVERS.values()]
 
 
 def _times(cells: Sequence[Cell]) -> Table:
@@ -244,32 +238,31 @@ def _times(cells: Sequence[Cell]) -> Table:
         kept, pairs = statistics.median(cell.kept), statistics.median(cell.pairs)
         kind = (str(cell.robots), cell.density, cell.values, f"{kept:.0f}", f"{pairs:,.0f}")
         rows.append((*kind, *shown))
-    head = ("robots", "density", "p", "kept", "pairs", *_labels())
+    head = ("robots", "density", "p", "kept", "pairs", *LABELS)
     return Table("Time, ms (ratio to min-cost flow)", head, rows)
 
 
-def _points(cells: Sequence[Cell], solver: str, density: Density) -> list[tuple[float, float]]:
-    points = []
-    for cell in cells:
-        time_s = cell.time_s(solver)
-        if cell.density is density and time_s is not None:
-            points.append((float(statistics.median(cell.pairs)), time_s * 1e3))
-    return points
+def _points(cells: Sequence[Cell], solver: str) -> list[tuple[float, float]]:
+    return [
+        (float(statistics.median(cell.pairs)), time_s * 1e3)
+        for cell in cells
+        if cell.density is Density.SPARSE and (time_s := cell.time_s(solver)) is not None
+    ]
 
 
 def _growth(cells: Sequence[Cell]) -> Table:
     rows = []
     for values in Values:
         of_values = [c for c in cells if c.values is values and c.robots >= GROWTH_FROM]
-        if len(_points(of_values, REFERENCE, Density.SPARSE)) < LEAST_POINTS:
+        if len(_points(of_values, REFERENCE)) < LEAST_POINTS:
             continue
         shown = []
         for solver in SOLVERS:
-            points = _points(of_values, solver, Density.SPARSE)
+            points = _points(of_values, solver)
             shown.append(f"{exponent(points):.2f}" if len(points) >= LEAST_POINTS else "-")
         rows.append((values, *shown))
     title = f"Growth: exponent of time in the number of pairs, sparse, from {GROWTH_FROM} robots"
-    return Table(title, ("performances", *_labels()), rows)
+    return Table(title, ("performances", *LABELS), rows)
 
 
 def _memory(cells: Sequence[Cell]) -> Table:
@@ -279,7 +272,7 @@ def _memory(cells: Sequence[Cell]) -> Table:
         shown = ["-" if peak is None else significant(max(peak, 0.1)) for peak in peaks]
         rows.append((str(cell.robots), cell.density, f"{cell.pairs[0]:,}", *shown))
     title = f"Peak memory on top of the problem, MB (performances {Values.WIDE})"
-    return Table(title, ("robots", "density", "pairs", *_labels()), rows)
+    return Table(title, ("robots", "density", "pairs", *LABELS), rows)
 
 
 def _same(cells: Sequence[Cell]) -> Table:
@@ -299,24 +292,6 @@ def _same(cells: Sequence[Cell]) -> Table:
             rows.append((density, values, *shown))
     head = ("density", "performances", *(SOLVERS[solver].label for solver in others))
     return Table("Instances on which a solver's own optimum is the canonical one", head, rows)
-
-
-def _charts(cells: Sequence[Cell]) -> list[Chart]:
-    charts = []
-    for density in Density:
-        for values in (Values.WIDE, Values.EQUAL):
-            of_values = [cell for cell in cells if cell.values is values]
-            curves = {s.label: _points(of_values, name, density) for name, s in SOLVERS.items()}
-            charts.append(
-                Chart(
-                    f"assignment-{density}-{values.name.lower()}",
-                    f"Assignment, {density}, performances {values}",
-                    "capable (robot, demand) pairs",
-                    "build and solve, ms (median)",
-                    {label: points for label, points in curves.items() if points},
-                )
-            )
-    return charts
 
 
 BENCHMARK = Benchmark("the assignment problem, our whole answer against the usual solvers", run)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from benchmarks import ours
 from benchmarks.assignment import significant
-from benchmarks.cbaa import Verdict, cbaa, complete, flooding, judge, line, ring, slots
+from benchmarks.cbaa import Scores, cbaa, complete, flooding, judge, line, ring, slots
 from benchmarks.instances import Density, Instance, Spec, Values, draw
-from benchmarks.registry import Benchmark, Chart, Result, Setting, Table
+from benchmarks.registry import Benchmark, Result, Setting, Table
 
 ROBOTS = (6, 50, 200)
 SEEDS = {6: 100, 50: 30, 200: 8}
@@ -77,14 +77,12 @@ def auction(instance: Instance, links: NDArray[np.bool_], way: str, optimum: int
     return _figures(sent, judge(instance, tasks.choice(outcome)), optimum, compute_s)
 
 
-def _figures(
-    sent: tuple[int, int, int], verdict: Verdict, optimum: int, compute_s: float
-) -> Figures:
+def _figures(sent: tuple[int, int, int], scores: Scores, optimum: int, compute_s: float) -> Figures:
     return Figures(
         *sent,
-        verdict.score / optimum,
-        verdict.usable / optimum,
-        verdict.missed,
+        scores.score / optimum,
+        scores.usable / optimum,
+        scores.missed,
         compute_s * 1e3,
     )
 
@@ -105,7 +103,7 @@ def measure(
 
 
 def summary(figures: Sequence[Figures]) -> dict[str, float]:
-    """Medians, and the least and the most where that tells more."""
+    """Medians, and extremes where they show more."""
     columns = {each.name: [getattr(f, each.name) for f in figures] for each in fields(Figures)}
     found = {f"{name}_median": statistics.median(values) for name, values in columns.items()}
     for name in ("score", "usable"):
@@ -116,21 +114,13 @@ def summary(figures: Sequence[Figures]) -> dict[str, float]:
     return found
 
 
-HEAD = (
-    "rounds",
-    "messages",
-    "MB",
-    "score",
-    "usable",
-    "missed",
-    "plain: rounds",
-    "usable",
-    "missed",
-)
+SCORES = ("score", "usable", "missed")
+HEAD = (*("rounds", "messages", "MB"), *SCORES, "plain: rounds", *SCORES[1:])
 
 
-def cells(exact: dict[str, float], bonus: dict[str, float], plain: dict[str, float]) -> list[str]:
+def cells(of_way: dict[str, dict[str, float]]) -> list[str]:
     """A row of the table, as in HEAD, of CBAA with and without the bonus; ratios to the exact."""
+    exact, bonus, plain = (of_way[way] for way in (EXACT, WITH_BONUS, PLAIN))
     messages, sent_bytes = bonus["messages_median"], bonus["bytes_median"]
     return [
         f"{bonus['rounds_median']:g}",
@@ -149,113 +139,77 @@ def _spread(found: dict[str, float], name: str) -> str:
     return f"{found[f'{name}_min']:.3f}..{found[f'{name}_median']:.3f}"
 
 
+def compare(
+    spec: dict[str, Any], seeds: range, load: str, network_name: str
+) -> tuple[list[dict[str, Any]], dict[str, dict[str, float]]]:
+    """(rows of the figures, their summary by way) of one kind of instance on one network."""
+    found = measure(spec, seeds, LOADS[load], network_name, tuple(LABELS))
+    of_way = {way: summary(figures) for way, figures in found.items()}
+    kind = {
+        "robots": spec["robots"],
+        "density": str(spec["density"]),
+        "performances": str(spec["values"]),
+        "load": load,
+        "network": network_name,
+        "instances": len(seeds),
+    }
+    return [{**kind, "way": way, **figures} for way, figures in of_way.items()], of_way
+
+
 def run(setting: Setting) -> Result:
     """Measure all sizes on complete networks, and one size on other networks."""
     rows: list[dict[str, Any]] = []
     tables = []
+    first = setting.seed
     seeds_of = QUICK_SEEDS if setting.quick else SEEDS
-    for load, per_robot in LOADS.items():
+    for load in LOADS:
         shown = []
         for robots, density, values in product(ROBOTS, Density, Values):
-            seeds = range(setting.seed, setting.seed + seeds_of[robots])
             spec = {"robots": robots, "density": density, "values": values}
-            found = measure(spec, seeds, per_robot, "complete", tuple(LABELS))
-            of_way = {way: summary(figures) for way, figures in found.items()}
-            kind = {**_plain(spec), "load": load, "network": "complete", "instances": len(seeds)}
-            rows += [{**kind, "way": way, **figures} for way, figures in of_way.items()]
-            names = (str(robots), str(density), str(values))
-            shown.append([*names, *cells(of_way[EXACT], of_way[WITH_BONUS], of_way[PLAIN])])
+            found, of_way = compare(spec, range(first, first + seeds_of[robots]), load, "complete")
+            rows += found
+            shown.append([str(robots), density, values, *cells(of_way)])
             setting.say(f"  {load}: {robots} robots, {density}, performances {values}")
         title = f"CBAA, everybody hears everybody, {TITLES[load]}"
         tables.append(Table(title, ("robots", "density", "p", *HEAD), shown))
-    notes = [NOTE, _counts(seeds_of, setting.quick)]
-    charts = _charts(rows)
-    other_rows, others = _networks(setting)
+    exact = _exact_table(rows)
+    others = QUICK_NETWORK_SEEDS if setting.quick else NETWORK_SEEDS
+    spec = {"robots": NETWORK_ROBOTS, "density": Density.SPARSE, "values": Values.WIDE}
+    shown = []
+    for name in NETWORKS:
+        found, of_way = compare(spec, range(first, first + others), "roomy", name)
+        rows += found
+        shown.append([name, f"{of_way[EXACT]['rounds_median']:g}", *cells(of_way)])
+        setting.say(f"  {NETWORK_ROBOTS} robots, network {name}")
+    title = f"Other networks: {NETWORK_ROBOTS} robots, sparse, p {Values.WIDE}, {TITLES['roomy']}"
+    networks = Table(title, ("network", "flooding: rounds", *HEAD), shown)
+    counts = ", ".join(f"{count} with {robots} robots" for robots, count in seeds_of.items())
     return Result(
         "one broadcast per robot, N(N-1) messages in one round, and the exact optimum",
-        rows + other_rows,
-        [_exact_table(rows), *tables, others],
-        charts,
-        notes,
+        rows,
+        [exact, *tables, networks],
+        [NOTE, f"Instances per row: {counts}; on other networks {others}."],
     )
 
 
 def _exact_table(rows: Sequence[dict[str, Any]]) -> Table:
-    shown = []
-    for row in rows:
-        kind = row["load"], row["performances"], row["way"]
-        if kind == ("roomy", str(Values.WIDE), EXACT):
-            shown.append(
-                [
-                    str(row["robots"]),
-                    row["density"],
-                    f"{row['rounds_median']:g}",
-                    f"{row['messages_median']:,.0f}",
-                    f"{row['bytes_median'] / 1e6:.4f}",
-                    _spread(row, "score"),
-                    f"{row['missed_max']}",
-                ]
-            )
+    kind = {"load": "roomy", "performances": str(Values.WIDE), "way": EXACT}
+    shown = [
+        [
+            str(row["robots"]),
+            row["density"],
+            f"{row['rounds_median']:g}",
+            f"{row['messages_median']:,.0f}",
+            f"{row['bytes_median'] / 1e6:.4f}",
+            _spread(row, "score"),
+            f"{row['missed_max']}",
+        ]
+        for row in rows
+        if kind.items() <= row.items()
+    ]
     head = ("robots", "density", "rounds", "messages", "MB", "score", "missed")
     title = f"One broadcast per robot and the exact plan ({TITLES['roomy']}, p {Values.WIDE})"
     return Table(title, head, shown)
-
-
-def _counts(seeds_of: dict[int, int], quick: bool) -> str:
-    counts = ", ".join(f"{count} with {robots} robots" for robots, count in seeds_of.items())
-    others = QUICK_NETWORK_SEEDS if quick else NETWORK_SEEDS
-    return f"Instances per row: {counts}; on other networks {others}."
-
-
-def _plain(spec: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "robots": spec["robots"],
-        "density": str(spec["density"]),
-        "performances": str(spec["values"]),
-    }
-
-
-def _networks(setting: Setting) -> tuple[list[dict[str, Any]], Table]:
-    rows: list[dict[str, Any]] = []
-    shown = []
-    count = QUICK_NETWORK_SEEDS if setting.quick else NETWORK_SEEDS
-    seeds = range(setting.seed, setting.seed + count)
-    spec = {"robots": NETWORK_ROBOTS, "density": Density.SPARSE, "values": Values.WIDE}
-    for name in NETWORKS:
-        found = measure(spec, seeds, LOADS["roomy"], name, (EXACT, WITH_BONUS, PLAIN))
-        of_way = {way: summary(figures) for way, figures in found.items()}
-        kind = {**_plain(spec), "load": "roomy", "network": name, "instances": count}
-        rows += [{**kind, "way": way, **figures} for way, figures in of_way.items()]
-        ours_rounds = f"{of_way[EXACT]['rounds_median']:g}"
-        shown.append([name, ours_rounds, *cells(of_way[EXACT], of_way[WITH_BONUS], of_way[PLAIN])])
-        setting.say(f"  {NETWORK_ROBOTS} robots, network {name}")
-    title = f"Other networks: {NETWORK_ROBOTS} robots, sparse, p {Values.WIDE}, {TITLES['roomy']}"
-    return rows, Table(title, ("network", "flooding: rounds", *HEAD), shown)
-
-
-def _charts(rows: Sequence[dict[str, Any]]) -> list[Chart]:
-    charts = []
-    for density in Density:
-        kind = {"density": density, "performances": Values.WIDE, "load": "roomy"}
-        chosen = [row for row in rows if kind.items() <= row.items()]
-        curves = {
-            LABELS[way]: [
-                (float(row["robots"]), float(row["messages_median"]))
-                for row in chosen
-                if row["way"] == way
-            ]
-            for way in (EXACT, WITH_BONUS, PLAIN)
-        }
-        charts.append(
-            Chart(
-                f"auction-messages-{density}",
-                f"Messages until all agree, {density}, performances {Values.WIDE}",
-                "robots",
-                "messages (median)",
-                curves,
-            )
-        )
-    return charts
 
 
 NOTE = (

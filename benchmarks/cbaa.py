@@ -31,7 +31,7 @@ class Outcome:
     """`taken`: a task or -1 per robot; `winners`: a robot or -1 per task.
 
     `rounds` counts those until all robots hold the same lists and nobody bids any more, as an
-    onlooker sees it. The robots themselves would need some more to know.
+    onlooker sees it; the robots themselves would need some more to know.
     """
 
     taken: tuple[int, ...]
@@ -100,7 +100,7 @@ def _bid(
     holds: NDArray[np.int64],
     spread: bool,
 ) -> None:
-    """Phase 1: whoever has no task bids for the best one that it would win."""
+    """Phase 1: each robot without a task bids for the best one that it would win."""
     for robot in np.flatnonzero(holds < 0):
         open_values = np.where(offers[robot] > highest[robot], values[robot], 0)
         if open_values.any():
@@ -126,9 +126,7 @@ class Slots:
 
 def slots(instance: Instance, bonus: bool) -> Slots:
     """The single tasks of an instance."""
-    demand = np.repeat(np.arange(instance.demands), instance.upper)
-    first = np.repeat(np.cumsum(instance.upper) - instance.upper, instance.upper)
-    needed = np.arange(len(demand)) - first < instance.lower[demand]
+    demand, needed = instance.slots()
     values = instance.matrix()[:, demand]
     if bonus:
         worth = int(instance.performance.max(initial=0)) + 1
@@ -137,7 +135,7 @@ def slots(instance: Instance, bonus: bool) -> Slots:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Scores:
     """`score`: the sum of performances. `usable`: of those on demands whose lower bound is met,
     for the others cannot begin. `missed`: demands whose lower bound is not met."""
 
@@ -146,9 +144,11 @@ class Verdict:
     missed: int
 
 
-def judge(instance: Instance, choice: NDArray[np.int64]) -> Verdict:
-    """What an assignment that may break lower bounds is worth; raises ValueError if it breaks
-    an upper bound or a capability."""
+def judge(instance: Instance, choice: NDArray[np.int64]) -> Scores:
+    """The scores of an assignment, which may break lower bounds.
+
+    Raises ValueError if it breaks an upper bound or a capability.
+    """
     counts = np.bincount(choice[choice >= 0], minlength=instance.demands)
     met = counts >= instance.lower
     taken = choice[instance.robot] == instance.demand
@@ -156,7 +156,7 @@ def judge(instance: Instance, choice: NDArray[np.int64]) -> Verdict:
         raise ValueError("the answer breaks an upper bound or a capability")
     values = instance.performance[taken]
     usable = values[met[instance.demand[taken]]]
-    return Verdict(int(values.sum()), int(usable.sum()), int(np.count_nonzero(~met)))
+    return Scores(int(values.sum()), int(usable.sum()), int(np.count_nonzero(~met)))
 
 
 # -- networks: symmetric boolean matrices without a diagonal ----------------------------------

@@ -1,9 +1,9 @@
-"""Floods a team: a raw Zenoh session that says what it hears again, with some bytes changed.
+"""Floods a team: a raw Zenoh session that repeats what it hears, with some bytes changed.
 
     python -m benchmarks.flooder RATE TEAM ENDPOINT...
 
-It needs no key. Once it floods it says so, and goes on with `RATE` messages a second until its
-input ends; then it prints how many it has sent in a second.
+It needs no key. It prints a line when the flood has begun, and goes on with `RATE` messages a
+second until its input ends; then it prints how many it has sent in a second.
 """
 
 from __future__ import annotations
@@ -38,10 +38,22 @@ def open_peer(endpoints: list[str]) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def tell(line: str) -> None:
-    """To whoever has started it."""
+def report(line: str) -> None:
+    """Print a line for the program that has started this one."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
+
+
+def input_ended() -> threading.Event:
+    """Set once this process' input has ended."""
+    ended = threading.Event()
+
+    def wait() -> None:
+        sys.stdin.read()
+        ended.set()
+
+    threading.Thread(target=wait, daemon=True).start()
+    return ended
 
 
 def main() -> None:
@@ -63,24 +75,16 @@ def main() -> None:
     subscriber.undeclare()
     dice = random.Random(1)
     known = [(key, spoilt(data, dice)) for key, data in dice.choices(heard, k=POOL)]
-    enough = threading.Event()
-
-    def wait_for_end() -> None:
-        sys.stdin.read()
-        enough.set()
-
-    threading.Thread(target=wait_for_end, daemon=True).start()
-    sent, begun_s, has_told = 0, time.monotonic(), False
-    while not enough.wait(PAUSE_S):
+    sent, begun_s, has_begun, ended = 0, time.monotonic(), False, input_ended()
+    while not ended.wait(PAUSE_S):
         due = int((time.monotonic() - begun_s) * int(rate)) - sent
         for _ in range(min(due, POOL)):
-            key, data = known[sent % POOL]
-            session.put(key, data)
+            session.put(*known[sent % POOL])
             sent += 1
-        if not has_told and time.monotonic() > begun_s + WARM_UP_S:
-            has_told = True
-            tell("flooding")
-    tell(str(round(sent / (time.monotonic() - begun_s))))
+        if not has_begun and time.monotonic() > begun_s + WARM_UP_S:
+            has_begun = True
+            report("flooding")
+    report(str(round(sent / (time.monotonic() - begun_s))))
     os._exit(0)
 
 

@@ -80,6 +80,12 @@ class Instance:
         found[self.robot, self.demand] = self.performance
         return found
 
+    def slots(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Each demand once per robot that it may take, and whether its lower bound needs that."""
+        demand = np.repeat(np.arange(self.demands), self.upper)
+        first = np.repeat(np.cumsum(self.upper) - self.upper, self.upper)
+        return demand, np.arange(len(demand)) - first < self.lower[demand]
+
     def objective(self, choice: NDArray[np.int64]) -> int:
         """The sum of performances of an assignment: a demand, or -1, per robot.
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.instances import Instance
 from benchmarks.registry import need
-from benchmarks.run import ROOT
+from benchmarks.report import ROOT
 from benchmarks.solvers import SOLVERS, TimeLimitError
 
 STATUS = Path("/proc/self/status")

@@ -3,9 +3,9 @@
     python -m benchmarks.recording [--robots 6] [--seconds 20] [--json FILE]
 
 A team of real processes over Zenoh works without end, so that its plan changes some ten times a
-second; each robot says ten times a second where it is. Each robot measures the time that its
-recorder takes, beside the time of its whole process: the ratio comes of one run, so it does not
-matter how fast the machine is or what else it does.
+second; each robot reports its position ten times a second. Each robot measures the time that its
+recorder takes, beside the time of its whole process: the ratio is that of one run, so it does not
+depend on the machine's speed and load.
 """
 
 from __future__ import annotations
@@ -17,20 +17,19 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from benchmarks.report import script_parser
-from benchmarks.run import ROOT, machine, say, tell
-from mrbt_mesh.core.agent.effects import Effect
-from mrbt_mesh.core.agent.inputs import Input
+from benchmarks.missions import write_patrol
+from benchmarks.report import ROOT, run_program
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording.channels import PLANS
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import free_endpoints
 
-# So long each robot works at a time: some ten plan changes a second come of it.
+# Each piece of work; it makes for some ten plan changes a second.
 WORK_S = 1.8
 # The robots of examples/explore, on their way.
 PROGRAM = """\
@@ -52,52 +51,32 @@ async def drive(context: RobotContext) -> None:
         context.report_position(at / 10, at / 20, heading=at / 100)
         await anyio.sleep(0.1)
 """
-MISSION = """\
-mission: busy
-program: {program}
-parameters:
-  areas: [{areas}]
-  map: {{lines: [{{kind: street, points: [[0, 0], [20, 10]]}}], places: {{{places}}}}}
-local_tasks: {{explore: {{parameters: [area], work: {work}}}}}
-robot_types: {{R: {{capabilities: {{explore: 1}}}}}}
-robots: {{{robots}}}
-global_tasks:
-  explore_area: {{parameters: [area], needs: {{explore($area): {{min: 1, max: 1}}}}}}
-tree:
-  Parallel:
-    success: all
-    for_each: {{area: $areas}}
-    do: {{Repeat: {{cycles: -1, do: explore_area($area)}}}}
-"""
 
 
 def robot(measured: Path, arguments: list[str]) -> NoReturn:
-    """Be a robot, as `mrbt agent` is, and write down what its recorder took."""
+    """Be a robot, as `mrbt agent` is, and write down its recorder's time."""
     from mrbt_mesh.cli.main import main
     from mrbt_mesh.recording.robot_recorder import RobotRecorder
 
     spent_s = 0.0
-    step, planned, end = RobotRecorder.step, RobotRecorder._planned, os._exit
+    end = os._exit
 
-    def timed_step(self: RobotRecorder, event: Input, effects: list[Effect], now_us: int) -> None:
-        nonlocal spent_s
-        begun_s = time.thread_time()
-        step(self, event, effects, now_us)
-        spent_s += time.thread_time() - begun_s
+    def timed(method: Callable[..., None]) -> Callable[..., None]:
+        def call(*arguments: Any) -> None:
+            nonlocal spent_s
+            begun_s = time.thread_time()
+            method(*arguments)
+            spent_s += time.thread_time() - begun_s
 
-    def timed_plan(self: RobotRecorder, *said: Any) -> None:
-        nonlocal spent_s
-        begun_s = time.thread_time()
-        planned(self, *said)
-        spent_s += time.thread_time() - begun_s
+        return call
 
     def written(code: int) -> NoReturn:
         figures = {"recorder_s": spent_s, "process_s": time.process_time() - before_s}
         measured.write_text(json.dumps(figures))
         end(code)
 
-    RobotRecorder.step = timed_step  # type: ignore[assignment, method-assign]
-    RobotRecorder._planned = timed_plan  # type: ignore[assignment, method-assign]
+    for name in ("step", "_planned"):
+        setattr(RobotRecorder, name, timed(getattr(RobotRecorder, name)))
     os._exit = written  # type: ignore[assignment]
     sys.argv = ["mrbt", *arguments]
     before_s = time.process_time()
@@ -105,20 +84,26 @@ def robot(measured: Path, arguments: list[str]) -> NoReturn:
     raise SystemExit("a robot ends by itself")
 
 
-def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
-    """Let a team work for so long: the shares of all robots, and their plan changes a second."""
+def measure(robots: int = 6, seconds: float = 20.0) -> dict[str, Any]:
+    """The shares of all robots of a team at work, and their plan changes a second."""
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        return measure_in(Path(folder), robots, seconds)
+
+
+def measure_in(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
     areas = [f"a{number}" for number in range(max(1, robots - 1))]
     names = [f"R{number}" for number in range(1, robots + 1)]
-    mission, program = folder / "busy.yaml", folder / "busy.py"
-    program.write_text(PROGRAM.format(agents=str(ROOT / "agents")))
-    text = MISSION.format(
-        program=program,
-        areas=", ".join(areas),
-        places=", ".join(f"{area}: {{at: [1, 1], mended: explore_area({area})}}" for area in areas),
-        robots=", ".join(f"{name}: R" for name in names),
-        work=WORK_S,
+    street = {"kind": "street", "points": [[0, 0], [20, 10]]}
+    places = {area: {"at": [1, 1], "mended": f"visit({area})"} for area in areas}
+    mission = write_patrol(
+        folder,
+        names,
+        areas,
+        WORK_S,
+        again=True,
+        program=PROGRAM.format(agents=str(ROOT / "agents")),
+        map={"lines": [street], "places": places},
     )
-    mission.write_text(text)
     endpoints, keys = free_endpoints(robots, "tcp"), folder / "keys"
     KeyFolder.create(keys, dict.fromkeys(names, Role.ROBOT))
     running = []
@@ -132,7 +117,7 @@ def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
         running.append(subprocess.Popen([*command, *words], cwd=ROOT))
     records = [folder / f"{name}.mcap" for name in names]
     try:
-        # Recordings begin once the robots are up, which takes a while on a busy machine.
+        # Recordings begin once the robots run, which takes a while on a busy machine.
         while not all(each.exists() for each in records) and not any(p.poll() for p in running):
             time.sleep(0.1)
         time.sleep(seconds)
@@ -147,8 +132,6 @@ def measure(folder: Path, robots: int, seconds: float) -> dict[str, Any]:
     spent_s = sum(row["recorder_s"] for row in rows.values())
     whole_s = sum(row["process_s"] for row in rows.values())
     return {
-        "robots": robots,
-        "seconds": seconds,
         "plan_changes_per_s": sum(changes) / robots,
         "recorder_share": spent_s / whole_s,
         "highest_share": max(row["recorder_s"] / row["process_s"] for row in rows.values()),
@@ -161,21 +144,8 @@ def _plan_changes_per_s(path: Path) -> float:
     return (len(plans) - 1) / ((plans[-1] - plans[0]) / 1e6)
 
 
-def main() -> None:
-    """Measure, and tell the figures."""
-    if sys.argv[1:2] == ["--measured"]:
-        name, folder, *arguments = sys.argv[2:]
-        robot(Path(folder) / f"{name}.measured", arguments)
-    parser = script_parser(__doc__)
-    parser.add_argument("--robots", type=int, default=6)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    given = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
-        found = measure(Path(folder), given.robots, given.seconds)
-    say(f"{found['plan_changes_per_s']:.1f} plan changes a second")
-    say(f"recording: {found['recorder_share']:.2%} of a robot's processor time")
-    tell({"machine": machine(), **found}, given.json)
-
-
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:2] == ["--measured"]:
+        name, measured_in, *arguments = sys.argv[2:]
+        robot(Path(measured_in) / f"{name}.measured", arguments)
+    run_program(__doc__, measure)

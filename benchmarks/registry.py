@@ -1,7 +1,7 @@
-"""What a benchmark is, what it returns, and which ones there are.
+"""What a benchmark of `python -m benchmarks` is, what it returns, and which ones there are.
 
-A benchmark of its own is a module with a constant `BENCHMARK: Benchmark`, named in MODULES. It
-imports optional packages inside `run` only, through `need`, so that the others work without.
+Each is a module with a constant `BENCHMARK: Benchmark`, named in MODULES. It imports optional
+packages inside `run` only, through `need`, so that the others work without.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 Say: TypeAlias = Callable[[str], None]
 
-EXTRA = "bench"
+MODULES = ("assignment", "evaluate", "plan", "loop", "auction")
 
 
 class MissingPackageError(Exception):
@@ -32,7 +32,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people; the cells as they are to be printed.
+    """A table; the cells as they are to be printed.
 
     Raises ValueError if a row is not as long as the head.
     """
@@ -48,18 +48,6 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Chart:
-    """Curves, from label to points. `name` is the stem of the file; axes with their units."""
-
-    name: str
-    title: str
-    x_label: str
-    y_label: str
-    curves: Mapping[str, Sequence[tuple[float, float]]]
-    log: bool = True
-
-
-@dataclass(frozen=True)
 class Result:
     """What a benchmark found.
 
@@ -70,7 +58,6 @@ class Result:
     reference: str
     rows: Sequence[Mapping[str, Any]]
     tables: Sequence[Table]
-    charts: Sequence[Chart] = field(default=())
     notes: Sequence[str] = field(default=())
 
 
@@ -80,40 +67,6 @@ class Benchmark:
 
     summary: str
     run: Callable[[Setting], Result]
-
-
-@dataclass(frozen=True)
-class Script:
-    """A program of its own: long, with options of its own, so not among the default ones.
-
-    `options` are those of its usual and of its quick run. It writes its result to `--json FILE`.
-    """
-
-    summary: str
-    options: Sequence[str]
-    quick_options: Sequence[str]
-
-
-MODULES = ("assignment", "evaluate", "plan", "loop", "auction")
-
-SCRIPTS = {
-    "failover": Script(
-        "time from a kill or a freeze until the replacement has started",
-        (),
-        ("--kills", "3", "--freezes", "1"),
-    ),
-    "resume": Script("rounds of killing the whole team and resuming it", (), ("--rounds", "3")),
-    "scale": Script(
-        "teams of 6 to 64 processes: launch, cost at rest, time until a killed robot is replaced",
-        (),
-        ("--sizes", "6,12", "--kills", "2"),
-    ),
-    "membership": Script("false deaths, detection and agreement on bad networks", (), ()),
-    "estimate": Script("how many runs mrbt sim estimate makes in a minute", (), ("--runs", "20")),
-    "robustness": Script(
-        "robots that die of their work, against published figures", (), ("--runs", "10")
-    ),
-}
 
 
 def load(name: str) -> Benchmark:
@@ -129,4 +82,4 @@ def need(module: str) -> ModuleType:
         return importlib.import_module(module)
     except ImportError:
         package = module.partition(".")[0]
-        raise MissingPackageError(f"needs {package}: pip install -e '.[{EXTRA}]'") from None
+        raise MissingPackageError(f"needs {package}: pip install -e '.[bench]'") from None

@@ -2,21 +2,21 @@
 
     python -m benchmarks.resume [--rounds 50] [--seed 1] [--json FILE]
 
+The exit status is 1 if anything was lost or repeated.
 Each round starts a team of the vehicle repair, kills all its robots (SIGKILL) at a random
 moment, and resumes it with `mrbt up --run-dir SAME --resume`; in every second round, on the
-average, the resumed team is killed and resumed once more. What was done is read from
-events.jsonl and from the journals as the kills left them:
+average, the resumed team is killed and resumed once more. The figures come from events.jsonl and
+from the journals as the kills left them:
 
 lost      successes that a journal held at a kill and none holds at the end, and missions that
           did not succeed
 repeated  local tasks that were started again although a journal held their success
 in gap    kills between an action's end and the commit of its outcome: that action had ended in
-          the world, and nobody could know
+          the world without a trace in any journal
 """
 
 from __future__ import annotations
 
-import os
 import random
 import tempfile
 import time
@@ -24,11 +24,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
-from benchmarks.report import script_parser
-from benchmarks.run import REPAIR, Run, machine, say, tell
+from benchmarks.report import run_program, say
+from benchmarks.run import REPAIR, Run
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.inject import InjectedFaults, JournalsAtDeath
 from mrbt_mesh.drills.journals import read
@@ -42,7 +39,7 @@ SPEED = "4"
 
 @dataclass
 class Round:
-    """One round. Times in s from the moment all robots had a process; counts of local tasks."""
+    """One round. Times in s since all robots had a process; counts of local tasks."""
 
     seed: int
     killed_at_s: list[float]
@@ -56,7 +53,7 @@ class Round:
 
 
 def play(mission: Mission, seed: int, duration_s: float) -> Round:
-    """One round; `duration_s` is how long a team needs that nobody kills."""
+    """One round; `duration_s` is what an undisturbed team needs."""
     draw = random.Random(seed)
     moments_s = [draw.uniform(0, duration_s)]
     if draw.random() < 0.5:
@@ -110,7 +107,7 @@ def _kill_at(run: Run, mission: Mission, moment_s: float) -> JournalsAtDeath | N
 
 
 def undisturbed_s() -> float:
-    """How long a team needs from the moment all robots have a process."""
+    """Seconds that a team needs once all robots have a process."""
     with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
         run = Run(Path(folder), REPAIR, "--speed", SPEED)
         run.wait_for_processes(6)
@@ -134,53 +131,27 @@ def totals(rounds: list[Round]) -> dict[str, Any]:
     }
 
 
-def show(result: dict[str, Any]) -> None:
-    """The table for people."""
-    table = Table(box=None, show_header=False)
-    table.add_column(no_wrap=True)
-    table.add_column(justify="right")
-    for name, value in result["totals"].items():
-        table.add_row(name.replace("_", " "), str(value))
-    Console(stderr=True).print(table)
-
-
-def main() -> None:
-    """Run the benchmark; exit status 1 if anything was lost or repeated."""
-    parser = script_parser(__doc__)
-    parser.add_argument("--rounds", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=1, help="seed of the first round")
-    options = parser.parse_args()
+def measure(rounds: int = 50, seed: int = 1) -> dict[str, Any]:
+    """Play the rounds; `seed` is that of the first one."""
     mission = load_mission(REPAIR)
-    load_before = os.getloadavg()[0]
     duration_s = undisturbed_s()
     say(f"an undisturbed team needs {duration_s:.1f} s")
-    rounds: list[Round] = []
-    seed = options.seed
-    while len(rounds) < options.rounds:
+    played: list[Round] = []
+    while len(played) < rounds:
         done = play(mission, seed, duration_s)
         seed += 1
         if not done.killed_at_s:
             say(f"seed {done.seed}: the mission was over before the kill; another one")
             continue
-        rounds.append(done)
-        at = ", ".join(f"{at_s:.2f} s" for at_s in done.killed_at_s)
-        say(
-            f"round {len(rounds)}/{options.rounds} (seed {done.seed}): killed at {at}; "
-            f"{done.result}; {done.journaled} journaled, {done.lost} lost, "
-            f"{done.repeated} repeated, {done.in_gap} in gap"
-        )
-    result: dict[str, Any] = {
-        "machine": machine(),
-        "load_before": load_before,
+        played.append(done)
+        say(f"round {len(played)}/{rounds}: {asdict(done)}")
+    return {
         "undisturbed_s": round(duration_s, 3),
-        "totals": totals(rounds),
-        "rounds": [asdict(done) for done in rounds],
+        "totals": totals(played),
+        "rounds": [asdict(done) for done in played],
     }
-    show(result)
-    tell(result, options.json)
-    if result["totals"]["lost"] or result["totals"]["repeated"]:
-        raise SystemExit(1)
 
 
 if __name__ == "__main__":
-    main()
+    found = run_program(__doc__, measure)["totals"]
+    raise SystemExit(1 if found["lost"] or found["repeated"] else 0)

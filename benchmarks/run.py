@@ -4,27 +4,40 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
 
-from benchmarks.report import write_json
+from benchmarks.report import ROOT
 from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.run_dir import RunDir
 
-ROOT = Path(__file__).resolve().parents[1]
 REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
-WAIT_S = 60.0
+WAIT_S, LOOK_S = 60.0, 0.005
+
+_Found = TypeVar("_Found")
+
+
+def until(look: Callable[[], _Found | None], timeout_s: float = WAIT_S) -> _Found | None:
+    """What `look` finds, as soon as it finds something; None: not in time."""
+    deadline_s = time.monotonic() + timeout_s
+    while not (found := look()) and time.monotonic() < deadline_s:
+        time.sleep(LOOK_S)
+    return found or None
+
+
+def cpu_s(processes: Iterable[psutil.Process]) -> float:
+    """Processor time that these processes have used."""
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
 
 
 class Run:
@@ -56,26 +69,20 @@ class Run:
         return {robot: process for robot, process in found.items() if process is not None}
 
     def wait_for_processes(self, count: int) -> None:
-        """Wait until so many robots live, or all is over already; raises TimeoutError."""
-        deadline = time.monotonic() + WAIT_S
-        while len(self.processes()) < count and self.process.poll() is None:
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"no {count} robots in {self.folder}")
-            time.sleep(0.01)
+        """Wait until that many robots live, or all is over already; raises TimeoutError."""
+        if not until(lambda: len(self.processes()) >= count or self.process.poll() is not None):
+            raise TimeoutError(f"no {count} robots in {self.folder}")
 
     def wait_for(self, local_task: str, event: str, **more: Any) -> dict[str, Any]:
         """Wait for a physical event; raises TimeoutError."""
-        deadline = time.monotonic() + WAIT_S
-        while time.monotonic() < deadline:
-            for line in self.events():
-                wanted = {"local_task": local_task, "event": event, **more}
-                if all(line[key] == value for key, value in wanted.items()):
-                    return line
-            time.sleep(0.005)
-        raise TimeoutError(f"no {event} of {local_task} in {self.folder}")
+        wanted = {"local_task": local_task, "event": event, **more}.items()
+        found = until(lambda: next((e for e in self.events() if wanted <= e.items()), None))
+        if found is None:
+            raise TimeoutError(f"no {event} of {local_task} in {self.folder}")
+        return found
 
     def kill(self) -> list[str]:
-        """SIGKILL for all robots at once; returns who was killed, when all of them are gone."""
+        """SIGKILL for all robots at once; returns the killed robots, once all are dead."""
         found = self.processes()
         for process in found.values():
             try:
@@ -99,6 +106,17 @@ class Run:
 
 
 @contextmanager
+def team(write_mission: Callable[[Path], Path], *options: str) -> Iterator[Run]:
+    """A team that runs; its mission is written into a folder of its own."""
+    with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
+        run = Run(Path(folder), write_mission(Path(folder)), *options)
+        try:
+            yield run
+        finally:
+            run.stop()
+
+
+@contextmanager
 def stranger(program: str, run_dir: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
     """A program of this package that disturbs the team of a run; it has begun."""
     info = json.loads((run_dir / "run.json").read_text())
@@ -117,32 +135,3 @@ def stranger(program: str, run_dir: Path, *options: str) -> Iterator[subprocess.
     finally:
         process.kill()
         process.communicate()
-
-
-def machine() -> str:
-    """What the figures were measured on."""
-    system = f"{platform.system()}, Python {platform.python_version()}"
-    return f"{os.cpu_count()} cores, {platform.machine()}, {system}"
-
-
-def versions() -> dict[str, str]:
-    """Version of each package that figures depend on, of those that are installed."""
-    found = {}
-    for package in ("ortools", "numpy", "scipy", "py_trees"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
-def tell(result: Mapping[str, Any], file: Path | None) -> None:
-    """The figures as JSON on stdout, and in a file if one is named."""
-    sys.stdout.write(json.dumps(result, indent=2) + "\n")
-    write_json(result, file)
-
-
-def say(text: str) -> None:
-    """A line for people."""
-    sys.stderr.write(text + "\n")
-    sys.stderr.flush()

@@ -1,11 +1,11 @@
-"""What it costs that every message is proved, and what a flood does to a team.
+"""The cost of proving every message, and of a flood of forged ones.
 
     python -m benchmarks.security [--messages 5000] [--kills 10] [--rate 20000] [--json FILE]
 
 messages  sealing a heartbeat, checking it at the gate and opening it: median and p99 of each
-at rest   a team of six: how much of what a robot uses goes into that
+at rest   a team of six: the share of that in a robot's processor time
 flood     the time from a SIGKILL until the replacement has started, calm and while a stranger
-          sends so many changed messages a second, each to every robot
+          sends `--rate` changed messages a second, each to every robot
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from contextlib import contextmanager
 from typing import Any
 
 from benchmarks.failover import at_rest, failover_s, spread
-from benchmarks.report import script_parser
-from benchmarks.run import Run, machine, say, stranger, tell
+from benchmarks.report import run_program, say
+from benchmarks.run import Run, stranger
 from mrbt_mesh.core.agent.inputs import Input, MessageReceived
 from mrbt_mesh.core.membership.envelope import MAX_TAGS, Guard
 from mrbt_mesh.core.membership.keys import Role
@@ -34,7 +34,7 @@ WARM_UP = 200
 
 
 def team_keys(robots: int) -> list[MemberKeys]:
-    """Keys of so many robots and an operator, the robots' first."""
+    """Keys of a team of `robots` and an operator, the robots' first."""
     authority = signing_key(os.urandom(32))
     names = [*(f"R{number:03}" for number in range(robots)), "operator"]
     secrets = {name: os.urandom(32) for name in names}
@@ -59,7 +59,7 @@ def quantiles_us(step: Callable[[int], object], count: int) -> dict[str, float]:
 
 
 def message_costs(robots: int, count: int) -> dict[str, dict[str, float]]:
-    """What one message of a team of so many robots costs."""
+    """Times of each step for a message of a team of `robots`."""
     mine, theirs, *_ = team_keys(robots)
     sender, receiver = Guard(mine, RUN, 1), Guard(theirs, RUN, 1)
     total = WARM_UP + count
@@ -85,7 +85,7 @@ def message_costs(robots: int, count: int) -> dict[str, dict[str, float]]:
 
 
 def rest_share(costs: dict[str, dict[str, float]]) -> dict[str, float]:
-    """What a robot of a small team uses at rest, and how much of it proves messages."""
+    """Processor time of a robot of a small team at rest, and the share for proving messages."""
     used = at_rest(ROBOTS, WIRED)["cpu_percent"]
     beats_per_s = 1 / DEFAULT_BEAT_S
     received_us = costs["gate"]["median_us"] + costs["open"]["median_us"]
@@ -98,44 +98,34 @@ def rest_share(costs: dict[str, dict[str, float]]) -> dict[str, float]:
     }
 
 
-@contextmanager
-def flood(run: Run, rate: int, rates: list[int]) -> Iterator[None]:
-    """A stranger floods the team."""
-    run.wait_for("use_screwdriver", "start")
-    with stranger("flooder", run.folder, str(rate)) as process:
-        yield
-        sent, _ = process.communicate(timeout=30)
-        rates.append(int(sent))
-
-
 def takeovers(kills: int, rate: int) -> dict[str, Any]:
-    """Takeovers in turn, calm and in a flood."""
+    """Takeovers in turn, without a flood and in one."""
     calm_s, flood_s, rates = [], [], list[int]()
+
+    @contextmanager
+    def flood(run: Run) -> Iterator[None]:
+        run.wait_for("use_screwdriver", "start")
+        with stranger("flooder", run.folder, str(rate)) as process:
+            yield
+            sent, _ = process.communicate(timeout=30)
+            rates.append(int(sent))
+
     for number in range(kills):
         calm_s.append(failover_s(signal.SIGKILL, WIRED))
-        flood_s.append(failover_s(signal.SIGKILL, WIRED, lambda run: flood(run, rate, rates)))
+        flood_s.append(failover_s(signal.SIGKILL, WIRED, flood))
         say(f"kill {number + 1}/{kills}: {1e3 * calm_s[-1]:.0f} ms, {1e3 * flood_s[-1]:.0f} ms")
     ratio = statistics.median(flood_s) / statistics.median(calm_s)
     found = {"calm": spread(calm_s), "flood": spread(flood_s), "times_slower": round(ratio, 2)}
     return {**found, "sent_per_s": round(statistics.median(rates))}
 
 
-def main() -> None:
-    """Run the benchmark."""
-    parser = script_parser(__doc__)
-    parser.add_argument("--messages", type=int, default=5_000)
-    parser.add_argument("--kills", type=int, default=10, help="0: no flood")
-    parser.add_argument("--rate", type=int, default=20_000, help="messages a second")
-    options = parser.parse_args()
-    result: dict[str, Any] = {"machine": machine(), "load_before": os.getloadavg()[0]}
-    result["tags"] = message_costs(ROBOTS, options.messages)
-    result["signatures"] = message_costs(2 * MAX_TAGS, options.messages)
-    say("at rest ...")
-    result["at_rest"] = rest_share(result["tags"])
-    if options.kills:
-        result["flood"] = takeovers(options.kills, options.rate)
-    tell(result, options.json)
+def measure(messages: int = 5_000, kills: int = 10, rate: int = 20_000) -> dict[str, Any]:
+    """All three; without kills no flood."""
+    tags = message_costs(ROBOTS, messages)
+    signatures = message_costs(2 * MAX_TAGS, messages)
+    found = {"tags": tags, "signatures": signatures, "at_rest": rest_share(tags)}
+    return found | ({"flood": takeovers(kills, rate)} if kills else {})
 
 
 if __name__ == "__main__":
-    main()
+    run_program(__doc__, measure)

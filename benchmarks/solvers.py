@@ -118,9 +118,7 @@ def linear_sum_assignment(instance: Instance, limit_s: float) -> NDArray[np.int6
     lower bounds come first; a robot that ends in a column of value 0 stays idle.
     """
     optimize = need("scipy.optimize")
-    demand = np.repeat(np.arange(instance.demands), instance.upper)
-    first = np.repeat(np.cumsum(instance.upper) - instance.upper, instance.upper)
-    needed = np.arange(len(demand)) - first < instance.lower[demand]
+    demand, needed = instance.slots()
     bonus = instance.robots * int(instance.performance.max(initial=0)) + 1
     values = instance.matrix()[:, demand].astype(np.float64)
     values[:, needed] += bonus * (values[:, needed] > 0)

@@ -4,21 +4,20 @@
 
 It needs no key: a raw Zenoh session that lists the tokens it sees, declares COUNT of its own and
 undeclares them, again and again until its input ends; then it prints how often it has done both.
-NAMES says whose they are: `live` (of robots in their present lives), `lives` (of robots in lives
-that nobody has), `unknown` (of robots that do not exist), `mixed` (a third of each), or `copies`
-(the very keys that robots use).
+NAMES are their owners: `live` (robots in their present lives), `lives` (robots in other lives),
+`unknown` (robots that do not exist), `mixed` (a third of each), or `copies` (the very keys that
+robots use).
 """
 
 from __future__ import annotations
 
 import os
 import sys
-import threading
 import time
 
 import zenoh
 
-from benchmarks.flooder import open_peer, tell
+from benchmarks.flooder import input_ended, open_peer, report
 
 KINDS = ("live", "lives", "unknown")
 PAUSE_S = 0.01
@@ -64,16 +63,9 @@ def main() -> None:
     os.nice(19)  # what it does on its own machine must not cost the team anything
     session = open_peer(endpoints)
     seen = seen_tokens(session, team, len(endpoints))
-    enough = threading.Event()
-
-    def wait_for_end() -> None:
-        sys.stdin.read()
-        enough.set()
-
-    threading.Thread(target=wait_for_end, daemon=True).start()
-    tell("at it")
-    rounds = 0
-    while not enough.is_set():
+    rounds, ended = 0, input_ended()
+    report("at it")
+    while not ended.is_set():
         shown = [
             session.liveliness().declare_token(
                 f"mrbt/{team}/alive/{key(kind, seen, number, rounds)}"
@@ -83,7 +75,7 @@ def main() -> None:
         for token in shown:
             token.undeclare()
         rounds += 1
-    tell(str(rounds))
+    report(str(rounds))
     os._exit(0)
 
 

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 
-from benchmarks.run import ROOT, say
+from benchmarks.report import ROOT, say
 
 
 def main() -> None:

@@ -4,40 +4,26 @@
 
 Virtual time; the robots are the real agents with the default timing. A plain detector sees the
 same heartbeats for comparison: it declares a robot dead after the detection time without one.
-`--full` takes hours; `--write-docs` puts the tables into docs/explanation/membership.md.
+`--full` takes hours; `--write-docs` puts the tables into docs/data/membership.md.
 """
 
 from __future__ import annotations
 
-import os
-import time
 from typing import Any
 
-from benchmarks.membership.jobs import jobs
-from benchmarks.membership.networks import Net
+from benchmarks.membership.jobs import Key, calls
 from benchmarks.membership.results import markdown, summary
-from benchmarks.report import finish, in_processes, page_parser, positive
-from benchmarks.run import ROOT
-
-DOCS = ROOT / "docs" / "data" / "membership.md"
+from benchmarks.report import CORES, ROOT, in_processes, run_program
 
 
-def main() -> None:
-    """Run the benchmark."""
-    parser = page_parser(__doc__, DOCS)
-    parser.add_argument("--jobs", type=positive, default=os.cpu_count(), help="processes")
-    parser.add_argument("--full", action="store_true", help="more and longer runs: hours")
-    options = parser.parse_args()
-    started_s = time.monotonic()
-    found: dict[tuple[str, int, Net], list[Any]] = {}
-    calls = [((job.kind, job.robots, job.net), job.run) for job in jobs(options.full)]
-    for key, result in in_processes(calls, options.jobs):
+def measure(full: bool = False, jobs: int = CORES) -> dict[str, Any]:
+    """Make all runs, in that many processes."""
+    found: dict[Key, list[Any]] = {}
+    for key, result in in_processes(list(calls(full)), jobs):
         found.setdefault(key, []).append(result)
     tables = summary(found)
-    seconds = round(time.monotonic() - started_s)
-    result = {"seconds": seconds, "full": options.full, **tables}
-    finish(markdown(tables), result, DOCS, options)
+    return {**tables, "tables": {"": markdown(tables)}}
 
 
 if __name__ == "__main__":
-    main()
+    run_program(__doc__, measure, ROOT / "docs" / "data" / "membership.md")

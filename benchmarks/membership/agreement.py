@@ -1,4 +1,4 @@
-"""How fast a team agrees after an event, and what it sends meanwhile."""
+"""How fast a team agrees after an event, and how much it sends meanwhile."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ GIVE_UP_US = 10 * SECOND_US
 
 
 class Drill:
-    """Events befall a team at work; each is timed until every living robot may start.
+    """Events of a team at work; each is timed until every living robot may start.
 
-    That is: all have the same plan, and each has heard it of all others.
+    That is: all have the same plan, and each has had it from all others.
     """
 
     KINDS = ("outcome", "minor fault", "outcome", "recovery", "death", "join")
@@ -29,8 +29,7 @@ class Drill:
         self._random = random.Random(f"drill/{seed}")
         self._events = events
         self._since_us: int | None = None
-        self._agreed = True
-        self._agreed_us = 0
+        self._agreed_us: int | None = 0
         self._dead = ""
         self._faulty = ""
 
@@ -40,20 +39,20 @@ class Drill:
         self.team.run_until(WARM_UP_US)
         for number in range(self._events):
             kind = self.KINDS[number % len(self.KINDS)]
-            self._agreed = False
+            self._agreed_us = None
             self._since_us = self.team.now_us
             if not self._befall(kind):
                 continue
             end_us = self.team.now_us + GIVE_UP_US
-            while not self._agreed and self.team.now_us < end_us:
+            while self._agreed_us is None and self.team.now_us < end_us:
                 self.team.run_until(self.team.now_us + 100_000)
-            time_us = self._agreed_us if self._agreed else GIVE_UP_US
+            time_us = GIVE_UP_US if self._agreed_us is None else self._agreed_us
             self.times_us.setdefault(kind, []).append(time_us)
             self.team.run_until(self.team.now_us + SECOND_US + self._random.randrange(SECOND_US))
         return self.times_us
 
     def _befall(self, kind: str) -> bool:
-        """Let it happen; False if it changes nothing, since nobody has to do anything else."""
+        """Let it happen; False if no plan changes."""
         chosen = self._random.choice(self.team.at_work())
         match kind:
             case "outcome":
@@ -75,7 +74,7 @@ class Drill:
         return True
 
     def _step(self, agent: AgentView, now_us: int) -> None:
-        if self._agreed:
+        if self._agreed_us is not None:
             return
         if self._since_us is None:
             # A death counts from the first declaration: before, it is detection.
@@ -83,7 +82,6 @@ class Drill:
                 return
             self._since_us = now_us
         if self._is_settled():
-            self._agreed = True
             self._agreed_us = now_us - self._since_us
 
     def _is_found_dead(self, agent: AgentView) -> bool:

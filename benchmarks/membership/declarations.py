@@ -1,9 +1,9 @@
-"""Who is thought dead: the agents, and beside them a plain detector that sees the same beats."""
+"""Declarations of death by the agents, and by a plain detector that sees the same heartbeats."""
 
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from benchmarks.membership.networks import SECOND_US, TIMING, WARM_UP_US, Net, mission, name
 from benchmarks.membership.team import SteppedTeam
@@ -14,7 +14,7 @@ from mrbt_mesh.sim.world.network import Link
 
 @dataclass
 class Declarations:
-    """What both detectors made of one kind of network, over some runs of one team size."""
+    """Of both detectors, on one kind of network, over some runs of one team size."""
 
     minutes: float = 0.0
     false: int = 0
@@ -23,11 +23,8 @@ class Declarations:
     plain_detection_us: list[int] = field(default_factory=list)
 
     def add(self, other: Declarations) -> None:
-        self.minutes += other.minutes
-        self.false += other.false
-        self.plain_false += other.plain_false
-        self.detection_us += other.detection_us
-        self.plain_detection_us += other.plain_detection_us
+        for each in fields(self):
+            setattr(self, each.name, getattr(self, each.name) + getattr(other, each.name))
 
 
 class Watch:
@@ -79,7 +76,7 @@ class Watch:
             if (source, target) in silent:
                 self.found.plain_false += source not in self._frozen_us  # and for ever
             elif source in self._frozen_us and target not in self._frozen_us:
-                # One that was held for dead already at the freeze is found in no time.
+                # A robot that was declared dead before the freeze is found at once.
                 self.found.plain_detection_us.append(max(0, due_us - self._frozen_us[source]))
         return self.found
 

@@ -1,31 +1,20 @@
-"""What is run: every measurement on its networks, as jobs for processes of their own."""
+"""The runs: every measurement on its networks, each as a call for a process of its own."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any
 
 from benchmarks.membership.agreement import agreement, traffic
 from benchmarks.membership.declarations import declarations
 from benchmarks.membership.networks import BAD, BROKEN, GRADED, ROUGH, Net
 
-
-@dataclass(frozen=True)
-class Job:
-    """One call in a process of its own."""
-
-    kind: str
-    robots: int
-    net: Net
-    arguments: tuple[int, ...]
-
-    def run(self) -> Any:
-        call = {"declarations": declarations, "agreement": agreement, "traffic": traffic}[self.kind]
-        return call(self.robots, self.net, *self.arguments)  # type: ignore[operator]
+# Kind, robots, network.
+Key = tuple[str, int, Net]
 
 
-def jobs(full: bool) -> Iterator[Job]:
+def calls(full: bool) -> Iterator[tuple[Key, Callable[[], Any]]]:
     """Long ones first. Sizes: (robots, networks, seconds at rest, runs, victims)."""
     some = [Net(), Net(30), BAD, *(net for net in BROKEN if net.loss_percent)]
     sizes: list[tuple[int, Iterable[Net], int, int, int]] = [
@@ -40,7 +29,7 @@ def jobs(full: bool) -> Iterator[Job]:
         (2, GRADED, 600, 100 if full else 3, 1),
         (2, GRADED, 20, 200 if full else 40, 1),
     ]
-    yield Job("traffic", 64, Net(), (1,))
+    yield ("traffic", 64, Net()), partial(traffic, 64, Net(), 1)
     for robots, net, runs, events in (
         (32, BAD, 20 if full else 2, 18),
         (32, Net(), 5 if full else 1, 6),
@@ -48,11 +37,12 @@ def jobs(full: bool) -> Iterator[Job]:
         (6, Net(), 10, 18),
     ):
         for seed in range(runs):
-            yield Job("agreement", robots, net, (events, seed))
+            yield ("agreement", robots, net), partial(agreement, robots, net, events, seed)
     for robots in (32, 6):
         for net in (Net(), BAD):
-            yield Job("traffic", robots, net, (1,))
+            yield ("traffic", robots, net), partial(traffic, robots, net, 1)
     for robots, nets, rest_s, runs, victims in sizes:
         for net in nets:
-            for seed in range(runs):
-                yield Job("declarations", robots, net, (rest_s, victims, 1_000 * rest_s + seed))
+            for seed in range(1_000 * rest_s, 1_000 * rest_s + runs):
+                run = partial(declarations, robots, net, rest_s, victims, seed)
+                yield ("declarations", robots, net), run

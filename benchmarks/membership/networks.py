@@ -1,4 +1,4 @@
-"""The networks and the mission on which everything is measured."""
+"""The networks and the mission of all measurements."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from benchmarks.missions import write_patrol
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
@@ -16,33 +17,14 @@ SECOND_US = 1_000_000
 TIMING = Timing()
 WARM_UP_US = 10 * SECOND_US
 
-MISSION = """\
-mission: at_work
-program: robot.py
-parameters: {{areas: [{areas}]}}
-local_tasks: {{explore: {{parameters: [area], work: 1}}}}
-robot_types: {{R: {{capabilities: {{explore: 1}}}}}}
-robots: {{{robots}}}
-global_tasks: {{visit: {{parameters: [area], needs: {{explore($area): {{min: 1, max: 1}}}}}}}}
-tree:
-  Parallel:
-    success: all
-    for_each: {{area: $areas}}
-    do: visit($area)
-"""
-
 
 @cache
 def mission(robots: int, areas: int) -> Mission:
-    """So many robots, and so many areas for them to visit."""
+    """A mission in which robots visit areas."""
     with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
-        path = Path(folder) / "mission.yaml"
-        (Path(folder) / "robot.py").write_text("")
-        names = ", ".join(f"{name(i)}: R" for i in range(robots))
-        path.write_text(
-            MISSION.format(robots=names, areas=", ".join(f"a{i}" for i in range(areas)))
-        )
-        return load_mission(path)
+        names = [name(number) for number in range(robots)]
+        areas_named = [f"a{number}" for number in range(areas)]
+        return load_mission(write_patrol(Path(folder), names, areas_named))
 
 
 def name(number: int) -> str:
@@ -58,7 +40,7 @@ class Net:
     links: str = ""
 
     def knobs(self) -> NetworkKnobs:
-        """No tokens: what is measured here is what beats alone can tell."""
+        """No tokens: only heartbeats are measured here."""
         link = LinkKnobs(
             jitter_us=1_000 * (self.jitter_ms or 1), loss_permille=10 * self.loss_percent
         )

@@ -7,7 +7,8 @@ from typing import Any
 
 from benchmarks.membership.agreement import Drill
 from benchmarks.membership.declarations import Declarations
-from benchmarks.membership.networks import BROKEN, GRADED, ROUGH, SECOND_US, Net
+from benchmarks.membership.jobs import Key
+from benchmarks.membership.networks import BROKEN, GRADED, ROUGH, SECOND_US
 from benchmarks.report import grid
 
 
@@ -23,7 +24,7 @@ def spread_s(times_us: list[int]) -> dict[str, float]:
     }
 
 
-def summary(found: dict[tuple[str, int, Net], list[Any]]) -> dict[str, list[dict[str, Any]]]:
+def summary(found: dict[Key, list[Any]]) -> dict[str, list[dict[str, Any]]]:
     """Everything as plain data."""
     tables: dict[str, list[dict[str, Any]]] = {"declarations": [], "agreement": [], "traffic": []}
     order = {net: index for index, net in enumerate([*GRADED, *BROKEN, ROUGH])}
@@ -55,47 +56,34 @@ def median_p99(spread: dict[str, float]) -> str:
     return f"{spread['median_s']:.2f} / {spread['p99_s']:.2f}"
 
 
-def declaration_rows(rows: list[dict[str, Any]]) -> list[list[Any]]:
-    return [
-        [
-            row["robots"],
-            row["network"],
-            f"{row['minutes']:g}",
-            row["false"],
-            row["plain_false"],
-            median_p99(row["detection"]),
-            median_p99(row["plain_detection"]),
-        ]
-        for row in rows
-    ]
+def _setting(row: dict[str, Any]) -> tuple[Any, Any]:
+    return row["robots"], row["network"]
 
 
 def markdown(tables: dict[str, list[dict[str, Any]]]) -> str:
     """All tables, for people."""
     head = ["robots", "network", "minutes", "false", "plain", "found after, s", "plain, s"]
-    teams = [row for row in tables["declarations"] if row["robots"] > 2]
-    pairs = [row for row in tables["declarations"] if row["robots"] == 2]
+    teams: list[list[Any]] = []
+    pairs: list[list[Any]] = []
+    for row in tables["declarations"]:
+        counts = f"{row['minutes']:g}", row["false"], row["plain_false"]
+        times = [median_p99(row[kind]) for kind in ("detection", "plain_detection")]
+        (teams if row["robots"] > 2 else pairs).append([*_setting(row), *counts, *times])
     kinds = [*sorted(set(Drill.KINDS)), "all"]
     agreed = [
-        [
-            row["robots"],
-            row["network"],
-            *(median_p99(row[kind]) if kind in row else "-" for kind in kinds),
-        ]
+        [*_setting(row), *(median_p99(row[kind]) if kind in row else "-" for kind in kinds)]
         for row in tables["agreement"]
     ]
     columns = ("rest_messages", "rest_kb", "event_messages", "event_kb")
-    sent = [
-        [row["robots"], row["network"], *(row[c] for c in columns)] for row in tables["traffic"]
-    ]
+    sent = [[*_setting(row), *(row[name] for name in columns)] for row in tables["traffic"]]
     return "\n\n".join(
         [
             "**Declarations.** `minutes` of a team at rest, `false` declarations of death in them "
             "(beside it those of the plain detector), and the time from a freeze until a robot "
             "has found it (median / 99th percentile).",
-            grid(head, declaration_rows(teams)),
+            grid(head, teams),
             "**Two robots**, where nobody else can be asked:",
-            grid(head, declaration_rows(pairs)),
+            grid(head, pairs),
             "**Agreement.** Seconds from an event (a death: from the first declaration; a join: "
             "from the start of the process) until every living robot may start without its grace "
             "(median / 99th percentile).",

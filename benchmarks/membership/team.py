@@ -152,6 +152,12 @@ class SteppedTeam:
         """One input to one robot, and what follows from it."""
         self._world.robots.processes[robot].deliver(event)
 
+    def wrap_handle(self, robot: str, wrapper: Callable[..., list[Effect]]) -> None:
+        """From now on its agent takes inputs by `wrapper(handle, event, now_us)`."""
+        agent = self._world.robots.processes[robot].agent
+        assert agent is not None
+        vars(agent)["handle"] = partial(wrapper, agent.handle)
+
     def run_until(self, until_us: int) -> None:
         """Let everything happen up to that time."""
         self._world.clock.advance((until_us - self.now_us) / 1e6)

@@ -15,11 +15,7 @@ from typing import Any
 
 import psutil
 
-from mrbt_mesh.formats.shipped import example_mission
-
-
-def _used_s(processes: list[psutil.Process]) -> float:
-    return sum(sum(process.cpu_times()[:2]) for process in processes)
+from benchmarks.run import REPAIR, cpu_s
 
 
 def _listen(url: str) -> None:
@@ -34,7 +30,7 @@ def measure(seconds: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"MRBT_STATE_DIR": folder}
         mrbt = [sys.executable, "-m", "mrbt_mesh"]
-        mission = str(example_mission("vehicle_repair"))
+        mission = str(REPAIR)
         subprocess.run(
             [*mrbt, "up", mission, "--detach", "--speed", str(20 / seconds)],
             env=environment,
@@ -52,9 +48,9 @@ def measure(seconds: float) -> dict[str, Any]:
         )
         robots = [psutil.Process(r["pid"]) for r in json.loads(done.stdout)["robots"].values()]
         page = [psutil.Process(web.pid)]
-        team_s, web_s = _used_s(robots), _used_s(page)
+        team_s, web_s = cpu_s(robots), cpu_s(page)
         time.sleep(seconds)
-        team_s, web_s = _used_s(robots) - team_s, _used_s(page) - web_s
+        team_s, web_s = cpu_s(robots) - team_s, cpu_s(page) - web_s
         web.terminate()
         subprocess.run([*mrbt, "abort"], env=environment, check=False, capture_output=True)
         web.wait()

@@ -8,39 +8,28 @@ completes an action. docs/explanation/robustness.md describes the experiment and
 
 from __future__ import annotations
 
-import os
-import time
 from functools import partial
+from typing import Any
 
-from benchmarks.report import finish, in_processes, page_parser, positive
+from benchmarks.report import CORES, ROOT, in_processes, run_program
 from benchmarks.robustness.draws import CELLS, Cell
 from benchmarks.robustness.results import Judged, judge, markdown, summary
-from benchmarks.run import ROOT
 
-DOCS = ROOT / "docs" / "data" / "robustness.md"
 CHUNK = 10
 
 
-def main() -> None:
-    """Run the benchmark."""
-    parser = page_parser(__doc__, DOCS)
-    parser.add_argument("--jobs", type=positive, default=os.cpu_count(), help="processes")
-    parser.add_argument("--runs", type=positive, default=500, help="draws per setting (500)")
-    parser.add_argument("--seed", type=int, default=0, help="the first draw's seed (0)")
-    options = parser.parse_args()
-    started_s = time.monotonic()
+def measure(runs: int = 500, seed: int = 0, jobs: int = CORES) -> dict[str, Any]:
+    """Make as many draws per setting, from this seed on, in that many processes."""
     found: dict[Cell, list[Judged]] = {cell: [] for cell in CELLS}
-    seeds = range(options.seed, options.seed + options.runs)
-    chunks = [seeds[start : start + CHUNK] for start in range(0, len(seeds), CHUNK)]
+    seeds = range(seed, seed + runs)
+    chunks = [seeds[start : start + CHUNK] for start in range(0, runs, CHUNK)]
     calls = [(cell, partial(judge, cell, chunk)) for chunk in chunks for cell in CELLS]
-    for cell, judged in in_processes(calls, options.jobs):
+    for cell, judged in in_processes(calls, jobs):
         found[cell] += judged
     rows = [summary(cell, found[cell]) for cell in CELLS]
-    text = f"{options.runs} draws per setting, seeds from {options.seed}.\n\n{markdown(rows)}"
-    seconds = round(time.monotonic() - started_s)
-    result = {"runs": options.runs, "seed": options.seed, "seconds": seconds, "rows": rows}
-    finish(text, result, DOCS, options)
+    text = f"{runs} draws per setting, seeds from {seed}.\n\n{markdown(rows)}"
+    return {"rows": rows, "tables": {"": text}}
 
 
 if __name__ == "__main__":
-    main()
+    run_program(__doc__, measure, ROOT / "docs" / "data" / "robustness.md")

@@ -1,6 +1,6 @@
-"""What the messages of a team at rest cost with raw Zenoh and asyncio: the least a robot can use.
+"""The cost of a team's messages at rest with raw Zenoh and asyncio: the least a robot can use.
 
-    python -m benchmarks.scale.raw [--sizes 6,24,64] [--seconds 10] [--json FILE]
+    python -m benchmarks.scale.raw [--sizes 6 24 64] [--seconds 10] [--json FILE]
 
 As many processes as the team has robots, with sessions, links and heartbeats as robots have them:
 each process publishes a heartbeat's bytes to the same receivers as often as a robot does, and hands
@@ -10,22 +10,21 @@ with the column "all at rest" of `python -m benchmarks.scale`, in one run on one
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import psutil
 import zenoh
 from zenoh.handlers import Callback
 
-from benchmarks.report import script_parser, write_json
-from benchmarks.run import ROOT, machine, say
-from benchmarks.scale.processes import REST_S, SETTLE_S
+from benchmarks.report import ROOT, run_program, say
+from benchmarks.scale.processes import REST_S, SETTLE_S, percent_of_a_core
 from benchmarks.security import RUN, team_keys
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
@@ -35,14 +34,8 @@ from mrbt_mesh.core.membership.wire import Header, Heartbeat, SelfReport, write_
 from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.session_config import TransportConfig, open_session, session_config
 
-SIZES = (6, 24, 64)
 PREFIX = "mrbt/raw"
 READY_TIMEOUT_S = 120.0
-
-
-def names_of(robots: int) -> list[str]:
-    """The robots of a team."""
-    return [f"R{number:03}" for number in range(robots)]
 
 
 def heartbeat(me: str, near: tuple[str, ...]) -> bytes:
@@ -57,9 +50,10 @@ def heartbeat(me: str, near: tuple[str, ...]) -> bytes:
 
 
 async def take_part(number: int, endpoints: list[str], seconds: float) -> None:
-    """Be one robot for so long; prints how many messages came in a second."""
-    names, timing = names_of(len(endpoints)), Timing()
-    me, near = names[number], Ring(names, timing.reach).neighbours(names[number])
+    """Be one robot for that long; print the number of messages received in a second."""
+    names = [f"R{robot:03}" for robot in range(len(endpoints))]
+    timing, me = Timing(), names[number]
+    near = Ring(names, timing.reach).neighbours(me)
     others = [name for name in names if name != me]
     is_small = timing.all_are_neighbours(len(names))
     period_s = timing.of_team(len(names)).heartbeat_us / SECOND_US
@@ -99,12 +93,12 @@ async def take_part(number: int, endpoints: list[str], seconds: float) -> None:
 
 @contextmanager
 def team(robots: int, seconds: float) -> Iterator[list[subprocess.Popen[str]]]:
-    """The processes of a team, which end by themselves after so long."""
+    """The processes of a team, which end by themselves after that long."""
     endpoints = json.dumps(free_endpoints(robots, "tcp"))
-    command = [sys.executable, "-m", "benchmarks.scale.raw", "--seconds", str(seconds)]
+    command = [sys.executable, "-m", "benchmarks.scale.raw", "--robot"]
     processes = [
         subprocess.Popen(
-            [*command, "--robot", str(number), "--endpoints", endpoints],
+            [*command, str(number), endpoints, str(seconds)],
             stdout=subprocess.PIPE,
             text=True,
             cwd=ROOT,
@@ -119,48 +113,27 @@ def team(robots: int, seconds: float) -> Iterator[list[subprocess.Popen[str]]]:
             process.wait()
 
 
-def measure(robots: int, rest_s: float) -> dict[str, float]:
+def measured(robots: int, seconds: float) -> dict[str, float]:
     """Processor time of a whole team, in percent of a core, and messages per robot and second."""
     # Processes start one after the other, so each lives long enough for all to be there.
     start_s = SETTLE_S + robots / 2
-    with team(robots, start_s + rest_s + SETTLE_S) as processes:
+    with team(robots, start_s + seconds + SETTLE_S) as processes:
         time.sleep(start_s)
-        watched = [psutil.Process(process.pid) for process in processes]
-        before_s, began_s = _cpu_s(watched), time.monotonic()
-        time.sleep(rest_s)
-        spent_s, over_s = _cpu_s(watched) - before_s, time.monotonic() - began_s
+        percent = percent_of_a_core([psutil.Process(each.pid) for each in processes], seconds)
         rates = [float(p.communicate(timeout=READY_TIMEOUT_S)[0]) for p in processes]
-    return {
-        "robots": robots,
-        "cpu_percent": round(100 * spent_s / over_s, 1),
-        "messages_per_s": round(sum(rates) / robots, 1),
-    }
+    rate = round(sum(rates) / robots, 1)
+    say(f"{robots} processes: {percent} % of a core, {rate} messages a second to each")
+    return {"robots": robots, "cpu_percent": percent, "messages_per_s": rate}
 
 
-def _cpu_s(processes: list[psutil.Process]) -> float:
-    return sum(sum(process.cpu_times()[:2]) for process in processes)
-
-
-def main() -> None:
-    """Run the benchmark, or be one of its processes."""
-    parser = script_parser(__doc__)
-    parser.add_argument("--sizes", default=",".join(map(str, SIZES)), metavar="N,N,...")
-    parser.add_argument("--seconds", type=float, default=REST_S, help=f"measured ({REST_S:g})")
-    parser.add_argument("--robot", type=int, help=argparse.SUPPRESS)
-    parser.add_argument("--endpoints", type=json.loads, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.robot is not None:
-        asyncio.run(take_part(options.robot, options.endpoints, options.seconds))
-        return
-    found = []
-    for size in map(int, options.sizes.split(",")):
-        found.append(measure(size, options.seconds))
-        say(
-            f"{size} processes: {found[-1]['cpu_percent']} % of a core, "
-            f"{found[-1]['messages_per_s']} messages a second to each"
-        )
-    write_json({"machine": machine(), "sizes": found}, options.json)
+def measure(sizes: Sequence[int] = (6, 24, 64), seconds: float = REST_S) -> dict[str, Any]:
+    """Teams of these sizes."""
+    return {"sizes": [measured(size, seconds) for size in sizes]}
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:2] == ["--robot"]:
+        number, endpoints, lives_s = sys.argv[2:]
+        asyncio.run(take_part(int(number), json.loads(endpoints), float(lives_s)))
+    else:
+        run_program(__doc__, measure)

@@ -1,11 +1,12 @@
-"""Tables and plots of what was found."""
+"""Tables and a picture of the figures."""
 
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from benchmarks.registry import Chart
 from benchmarks.report import grid
 from benchmarks.scale import processes
 from benchmarks.scale.simulated import GIVE_UP_US, Event, Size
@@ -29,7 +30,7 @@ def spread(times_s: Sequence[float]) -> str:
 
 
 def of_processes(teams: Sequence[processes.Size]) -> str:
-    """The table of real processes, for docs/explanation/scale.md."""
+    """The table of real processes, for docs/data/scale.md."""
     head = ("robots", "launch, s", "all at rest, % of a core", "resident, MB", "share, MB")
     rows = []
     for team in teams:
@@ -50,105 +51,55 @@ def _most(event: Event | None) -> str:
 
 
 def of_simulated(sizes: Sequence[Size]) -> str:
-    """The tables of simulated teams, for docs/explanation/scale.md."""
+    """The tables of simulated teams, for docs/data/scale.md."""
     kinds = ("outcome", "new plan", "kill", "freeze")
-    costs = [
-        [
-            size.robots,
-            f"{size.rest_messages:.1f}",
-            f"{size.rest_bytes / 1_000:.1f}",
-            *(_most(size.events.get(kind)) for kind in kinds),
-            size.launch_most,
-        ]
-        for size in sizes
-    ]
-    times = [
-        [
-            size.robots,
-            seconds(size.launch_s),
-            f"{Timing().of_team(size.robots).detection_us / SECOND_US:g}",
-            *(
-                spread(size.events[kind].replaced_s if kind in size.events else ())
-                for kind in kinds[1:]
-            ),
-        ]
-        for size in sizes
-    ]
-    rest = [
-        [
-            size.robots,
-            size.facts,
-            seconds(size.facts_s),
-            seconds(size.late_s),
-            f"{size.late_kb:.0f}",
-            seconds(size.cut_s, 1),
-            seconds(size.healed_s),
-            f"{size.cpu_s:.0f}",
-        ]
-        for size in sizes
-        if size.facts
-    ]
+    costs, times, rest = [], [], []
+    for size in sizes:
+        sent = f"{size.rest_messages:.1f}", f"{size.rest_bytes / 1_000:.1f}"
+        received = (_most(size.events.get(kind)) for kind in kinds)
+        costs.append([size.robots, *sent, *received, size.launch_most])
+        detection_s = Timing().of_team(size.robots).detection_us / SECOND_US
+        replaced = (
+            spread(size.events[kind].replaced_s if kind in size.events else ())
+            for kind in kinds[1:]
+        )
+        times.append([size.robots, seconds(size.launch_s), f"{detection_s:g}", *replaced])
+        if size.facts:
+            late = seconds(size.facts_s), seconds(size.late_s), f"{size.late_kb:.0f}"
+            cut = seconds(size.cut_s, 1), seconds(size.healed_s), f"{size.cpu_s:.0f}"
+            rest.append([size.robots, size.facts, *late, *cut])
     return "\n\n".join(
         [
             "**Messages.** Sent per robot and second at rest, and kB; then received of one event "
             "beyond that: by the robot that received most / by a robot on average. Launch: all "
-            "that the robot received that received most.",
+            "messages to the robot that received most.",
             grid(["robots", "at rest", "kB", *kinds, "launch"], costs),
             "**Seconds.** From the launch until all areas are worked on; the detection time; from "
             "an event until another robot has started, with the team's agreement (median / "
             "longest).",
             grid(["robots", "launch", "detection time", *kinds[1:]], times),
-            "**Facts, late robots, partitions.** So many facts, most of them new at once, until "
+            "**Facts, late robots, partitions.** That many facts, most of them new at once, until "
             "all robots hold them; a robot that starts late, with an empty journal, until it has "
             "them and is in the plan, and what all send for it, kB; two halves that are cut off, "
-            "until each has buried the other, and from the healing until they are one team again. "
-            "Seconds; `cpu`: of the simulation.",
-            grid(
-                ["robots", "facts", "known", "late", "kB", "cut off", "healed", "cpu"],
-                rest,
-            ),
+            "until each has declared the other dead, and from the healing until they are one team "
+            "again. Seconds; `cpu`: of the simulation.",
+            grid(["robots", "facts", "known", "late", "kB", "cut off", "healed", "cpu"], rest),
         ]
     )
 
 
-def charts(sizes: Sequence[Size]) -> list[Chart]:
-    """What is worth a picture."""
+def draw(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
+    """Draw what a robot sends at rest, by the size of its team; `rows` as in the JSON."""
+    from matplotlib.figure import Figure
 
-    def events(kind: str, of: str) -> list[tuple[float, float]]:
-        found = [(size.robots, size.events.get(kind)) for size in sizes]
-        return [(n, max(1.0, max(getattr(each, of)))) for n, each in found if each is not None]
-
-    kinds = ("outcome", "new plan", "kill", "freeze")
-    return [
-        Chart(
-            "rest",
-            "What a robot sends at rest",
-            "robots",
-            "per second",
-            {
-                "messages": [(size.robots, size.rest_messages) for size in sizes],
-                "kB": [(size.robots, size.rest_bytes / 1_000) for size in sizes],
-            },
-        ),
-        Chart(
-            "event",
-            "Received of one event, by the robot that receives most",
-            "robots",
-            "messages beyond those at rest",
-            {kind: events(kind, "most") for kind in kinds},
-        ),
-        Chart(
-            "replacement",
-            "Until another robot has started",
-            "robots",
-            "s",
-            {
-                kind: [
-                    (size.robots, statistics.median(size.events[kind].replaced_s))
-                    for size in sizes
-                    if kind in size.events
-                ]
-                for kind in kinds[1:]
-            },
-        ),
-    ]
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.subplots()
+    robots = [row["robots"] for row in rows]
+    for label, name, unit in (("messages", "rest_messages", 1), ("kB", "rest_bytes", 1_000)):
+        sent = [row[name] / unit for row in rows]
+        axes.plot(robots, sent, marker="o", markersize=4, linewidth=1.2, label=label)
+    axes.set(xscale="log", yscale="log", xlabel="robots", ylabel="per second")
+    axes.set_title("What a robot sends at rest", fontsize="medium")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small")
+    figure.savefig(file, dpi=150)

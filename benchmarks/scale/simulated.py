@@ -2,7 +2,7 @@
 
 A patrol: up to 32 areas, in each of which one robot is at work; the others are free. One event
 after the other befalls the team. Robots come round every 10 ms and messages take 1 ms, so that what
-takes time is the protocol. Planning takes none: docs/explanation/performance.md has its times.
+takes time is the protocol. Planning takes none: docs/data/performance.md has its times.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from benchmarks.membership.team import SteppedTeam
+from benchmarks.missions import write_patrol
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.sim.world.network import Link, LinkKnobs, NetworkKnobs
 
-SIZES = (8, 16, 32, 64, 125, 250, 500, 1_000)
 # Of larger teams one event of each kind; of still larger ones no facts, joins and partitions.
 MOST_WITH_ALL_EVENTS, MOST_TOLD_WHOLE = 125, 250
 MOST_AREAS = 32
@@ -30,19 +30,6 @@ FACTS_PER_ROBOT = 10
 ROUND_US, DELAY_US = 10_000, 1_000
 SETTLE_US, REST_US, WINDOW_US = 4 * SECOND_US, 4 * SECOND_US, 4 * SECOND_US
 GIVE_UP_US = 60 * SECOND_US
-
-PATROL = """\
-mission: patrol
-program: robot.py
-parameters: {{areas: [{areas}], cells: [{cells}]}}
-conditions: {{seen: {{parameters: [cell]}}}}
-local_tasks: {{explore: {{parameters: [area], work: 1}}}}
-robot_types: {{R: {{capabilities: {{explore: 1}}}}}}
-robots: {{{robots}}}
-global_tasks: {{visit: {{parameters: [area], needs: {{explore($area): {{min: 1, max: 1}}}}}}}}
-tree:
-  Parallel: {{success: all, for_each: {{area: $areas}}, do: visit($area)}}
-"""
 
 
 @dataclass
@@ -78,24 +65,18 @@ class Size:
     cpu_s: float = 0.0
 
 
-def name(robot: int) -> str:
-    return f"R{robot:04}"
-
-
 @cache
 def patrol(robots: int) -> Mission:
-    """A team of so many robots, with a condition for each fact that is to be seen."""
+    """A team with a condition for each fact that is to be seen."""
     with tempfile.TemporaryDirectory(prefix="mrbt-bench-") as folder:
-        (Path(folder) / "robot.py").write_text("")
-        file = Path(folder) / "mission.yaml"
-        file.write_text(
-            PATROL.format(
-                areas=", ".join(f"a{area:02}" for area in range(min(robots // 2, MOST_AREAS))),
-                cells=", ".join(f"c{cell:05}" for cell in range(FACTS_PER_ROBOT * robots)),
-                robots=", ".join(f"{name(robot)}: R" for robot in range(robots)),
+        return load_mission(
+            write_patrol(
+                Path(folder),
+                [f"R{robot:04}" for robot in range(robots)],
+                [f"a{area:02}" for area in range(min(robots // 2, MOST_AREAS))],
+                cells=[f"c{cell:05}" for cell in range(FACTS_PER_ROBOT * robots)],
             )
         )
-        return load_mission(file)
 
 
 class Story:
@@ -116,7 +97,7 @@ class Story:
         for _ in range(events):
             for kind, befall, mend in (
                 ("outcome", self.team.end_action, None),
-                ("new plan", self._lose, self._regain),
+                ("new plan", self._lose, partial(self._lose, lost=False)),
                 ("kill", self.team.kill, self.team.launch),
                 ("freeze", self.team.freeze, self.team.thaw),
             ):
@@ -156,11 +137,8 @@ class Story:
 
     # -- events -------------------------------------------------------------------------------
 
-    def _lose(self, robot: str) -> None:
-        self.team.give(robot, CapabilityChanged("explore", lost=True))
-
-    def _regain(self, robot: str) -> None:
-        self.team.give(robot, CapabilityChanged("explore", lost=False))
+    def _lose(self, robot: str, lost: bool = True) -> None:
+        self.team.give(robot, CapabilityChanged("explore", lost=lost))
 
     def _event(self, kind: str, befall: Callable[[str], None]) -> str:
         """It befalls a robot at work, which is returned; what comes of it within some seconds."""
@@ -245,7 +223,7 @@ class Story:
         found.healed_s = self._until(lambda: self._is_one_team(len(living)))
 
 
-def measure(robots: int, events: int) -> Size:
-    """One team's story, of a large team a shorter one: the whole would take hours."""
+def measure_size(robots: int, events: int) -> Size:
+    """One team's story; a shorter one of a large team, which would take hours."""
     events = events if robots <= MOST_WITH_ALL_EVENTS else 1
     return Story(robots).tell(events, is_whole=robots <= MOST_TOLD_WHOLE)

@@ -19,7 +19,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.run import REPAIR, ROOT
+from benchmarks.report import ROOT
+from benchmarks.run import REPAIR
 from benchmarks.walk.team import Walk
 from benchmarks.walk.trace import Trace
 

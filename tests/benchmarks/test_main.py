@@ -6,31 +6,25 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from benchmarks import __main__ as entry
 from benchmarks import auction, registry, report
 from benchmarks.instances import Density, Spec, Values, draw
-from benchmarks.registry import (
-    MODULES,
-    SCRIPTS,
-    Benchmark,
-    Chart,
-    MissingPackageError,
-    Result,
-    Script,
-    Setting,
-    Table,
-    load,
+from benchmarks.registry import MODULES, Benchmark, Result, Setting, Table, load
+from benchmarks.report import ROOT
+
+PROGRAMS = (
+    *("estimate", "failover", "membership", "metrics", "recording", "resume", "robustness"),
+    *("scale", "scale.raw", "security", "tokens"),
 )
-from benchmarks.run import ROOT
 
 RESULT = Result(
     "nothing",
     [{"robots": 6, "time_ms": 1.5}],
     [Table("Times", ("robots", "ms"), [("6", "1.5"), ("50", "8")])],
-    [Chart("times", "Times", "robots", "ms", {"a": [(6, 1.5), (50, 8)], "b": [(6, 2)]})],
     ["A note."],
 )
 
@@ -56,28 +50,18 @@ def test_every_benchmark_has_its_module_and_place_in_the_document() -> None:
         assert all(document.count(mark) == 1 for mark in report.marks(name)), name
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_every_script_knows_the_options_it_is_run_with(name: str) -> None:
-    command = [sys.executable, "-m", f"benchmarks.{name}", "--help"]
-    text = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout
-    script = SCRIPTS[name]
-    for option in ("--json", *script.options, *script.quick_options):
-        assert not option.startswith("--") or option in text
-
-
 def test_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert entry.main(["--list"]) == 0
     text = capsys.readouterr().out
-    for name in (*MODULES, *SCRIPTS):
+    for name in MODULES:
         assert f"\n{name} " in f"\n{text}"
 
 
-def test_json_table_and_plot(
+def test_json_and_table(
     example: list[Setting], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file, folder = tmp_path / "found.json", tmp_path / "plots"
-    options = ["--quick", "--seed", "5", "--json", str(file), "--plot", str(folder)]
-    assert entry.main(options) == 0
+    file = tmp_path / "found.json"
+    assert entry.main(["--quick", "--seed", "5", "--json", str(file)]) == 0
     assert [(each.quick, each.seed) for each in example] == [(True, 5)]
     found = json.loads(file.read_text())
     assert (found["format"], found["seed"], found["quick"]) == (entry.FORMAT, 5, True)
@@ -88,7 +72,6 @@ def test_json_table_and_plot(
     shown = capsys.readouterr().out
     assert "robots" in shown
     assert "A note." in shown
-    assert (folder / "times.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_documents(example: list[Setting], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,14 +127,6 @@ def test_a_missing_package_ends_in_status_2_and_a_remedy(
     assert list(json.loads(file.read_text())["results"]) == ["whole"]
 
 
-def test_plot_without_matplotlib(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from benchmarks.plots import draw as draw_charts
-
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(MissingPackageError, match=r"pip install -e '\.\[plot\]'"):
-        draw_charts(RESULT.charts, tmp_path)
-
-
 def test_unknown_names_and_folders_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     for wrong, why in ((["--only", "nothing"], "nothing"), (["--json", "no/such/file"], "folder")):
         with pytest.raises(SystemExit) as ended:
@@ -160,13 +135,32 @@ def test_unknown_names_and_folders_are_refused(capsys: pytest.CaptureFixture[str
         assert why in capsys.readouterr().err
 
 
-def test_a_script_runs_as_a_process_and_its_json_is_kept(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_every_program_shows_its_options(name: str) -> None:
+    command = [sys.executable, "-m", f"benchmarks.{name}", "--help"]
+    assert "--json" in subprocess.run(command, cwd=ROOT, check=True, stdout=-1, text=True).stdout
+
+
+def test_a_program_prints_its_figures_and_updates_its_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(entry, "SCRIPTS", {"estimate": Script("", (), ("--runs", "1"))})
-    file = tmp_path / "found.json"
-    assert entry.main(["--only", "estimate", "--quick", "--json", str(file)]) == 0
-    assert json.loads(file.read_text())["results"]["estimate"]["runs"] == 1
+    page, file = tmp_path / "page.md", tmp_path / "found.json"
+    page.write_text("\n".join(report.marks("a")))
+
+    def measure(runs: int = 3, sizes: tuple[int, ...] = (1,), full: bool = False) -> dict[str, Any]:
+        return {"total": runs * sum(sizes) + full, "tables": {"a": "| x |"}}
+
+    options = ["--runs", "2", "--sizes", "4", "5", "--full", "--write-docs", "--json"]
+    monkeypatch.setattr(sys, "argv", ["bench", *options, str(file)])
+    found = report.run_program("", measure, page)
+    assert (found["total"], found["options"]["sizes"]) == (19, [4, 5])
+    assert json.loads(file.read_text()) == found
+    assert capsys.readouterr().out == "| x |\n"
+    assert "| x |" in page.read_text()
+    monkeypatch.setattr(sys, "argv", ["bench", "--runs", "0"])
+    with pytest.raises(SystemExit):
+        report.run_program("", measure)
+    assert "--runs: a number from 1 is expected, not 0" in capsys.readouterr().err
 
 
 def test_the_exact_way_is_the_measure_of_the_auctions() -> None:
@@ -184,7 +178,8 @@ def test_the_exact_way_is_the_measure_of_the_auctions() -> None:
     assert summary["missed_mean"] == sum(f.missed for f in found[auction.PLAIN]) / 5
     assert summary["score_min"] == min(f.score for f in found[auction.PLAIN])
     exact = auction.summary(found[auction.EXACT])
-    assert len(auction.cells(exact, exact, summary)) == len(auction.HEAD)
+    of_way = {auction.EXACT: exact, auction.WITH_BONUS: exact, auction.PLAIN: summary}
+    assert len(auction.cells(of_way)) == len(auction.HEAD)
 
 
 def test_a_broadcast_says_what_the_robot_can_do() -> None:

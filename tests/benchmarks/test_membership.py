@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks.membership.agreement import Drill, agreement, traffic
 from benchmarks.membership.declarations import declarations
-from benchmarks.membership.jobs import Job, jobs
+from benchmarks.membership.jobs import calls
 from benchmarks.membership.networks import BAD, SECOND_US, TIMING, Net, name
 from benchmarks.membership.results import markdown, summary
-from benchmarks.report import grid, marks, write_docs
+from benchmarks.report import marks
 from tests.support.paths import ROOT
 
 
@@ -44,34 +42,20 @@ def test_an_event_costs_messages() -> None:
 
 
 def test_all_that_is_run_has_its_place_in_the_tables() -> None:
-    todo = [*jobs(full=True)]
-    assert {job.kind for job in todo} == {"declarations", "agreement", "traffic"}
-    chosen = [
-        Job("declarations", 2, Net(), (12, 1, 1)),
-        Job("declarations", 3, Net(10), (12, 1, 1)),
-        Job("agreement", 3, Net(), (6, 1)),
-        Job("traffic", 3, Net(), (1,)),
-    ]
-    tables = summary({(job.kind, job.robots, job.net): [job.run()] for job in chosen})
-    assert [row["robots"] for row in tables["declarations"]] == [2, 3]
+    kinds = {kind for (kind, _, _), _ in calls(full=True)}
+    assert kinds == {"declarations", "agreement", "traffic"}
+    tables = summary(
+        {
+            ("declarations", 2, Net()): [declarations(2, Net(), 12, 1, 1)],
+            ("declarations", 3, Net(10)): [declarations(3, Net(10), 12, 1, 1)],
+            ("agreement", 3, Net()): [agreement(3, Net(), 6, 1)],
+            ("traffic", 3, Net()): [traffic(3, Net(), 1)],
+        }
+    )
     lines = markdown(tables).splitlines()
     assert sum(line.startswith("| 3 | 0 % loss |") for line in lines) == 2
     assert sum(line.startswith("| 3 | 10 % loss | 0.2 | 0 | 0 |") for line in lines) == 1
     assert sum(line.startswith("| 2 | 0 % loss | 0.2 | 0 | 0 |") for line in lines) == 1
-
-
-def test_tables_take_the_place_of_the_former_ones(tmp_path: Path) -> None:
-    page, (first, last) = tmp_path / "page.md", marks()
-    page.write_text(f"above\n{first}\nformer\n{last}\nbelow\n")
-    write_docs(page, grid(["a", "b"], [[1, 2]]))
-    table = "| a | b |\n| --- | --- |\n| 1 | 2 |"
-    assert page.read_text() == f"above\n{first}\n\n{table}\n\n{last}\nbelow\n"
-    write_docs(page, "again")
-    assert page.read_text() == f"above\n{first}\n\nagain\n\n{last}\nbelow\n"
-    page.write_text("no marks")
-    with pytest.raises(ValueError, match="has no place for what was measured"):
-        write_docs(page, "new")
-    assert page.read_text() == "no marks"
 
 
 @pytest.mark.parametrize("page", ["membership.md", "robustness.md"])

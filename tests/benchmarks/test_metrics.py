@@ -12,10 +12,10 @@ MISSION = load_mission(mission_file("explore"))
 def test_the_same_inputs_with_a_meter_and_without() -> None:
     plain, metered = Talk(MISSION, False), Talk(MISSION, True)
     for talk in (plain, metered):
-        talk.pass_time(3_000_000)
+        talk.input_us(6_000_000)
     assert plain.meter is None
     assert plain.taken == metered.taken > 50
-    views = [talk.agents[talk.first].view for talk in (plain, metered)]
+    views = [talk.team.agent(talk.first) for talk in (plain, metered)]
     assert all(view.agrees() and len(view.peers) == 1 for view in views)
     assert metered.meter is not None
     assert metered.meter.received.by_kind()["heartbeat"][0] > 10

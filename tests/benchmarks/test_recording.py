@@ -12,6 +12,6 @@ from benchmarks import recording
 @pytest.mark.processes
 @pytest.mark.timeout(300)
 def test_every_robot_is_measured(tmp_path: Path) -> None:
-    found = recording.measure(tmp_path, robots=2, seconds=8.0)
+    found = recording.measure_in(tmp_path, robots=2, seconds=8.0)
     assert found["plan_changes_per_s"] > 0
     assert 0 < found["recorder_share"] <= found["highest_share"] < 1

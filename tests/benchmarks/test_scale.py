@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import asdict
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -11,8 +11,8 @@ import pytest
 
 from benchmarks.report import marks
 from benchmarks.run import Run
+from benchmarks.scale import __main__ as scale
 from benchmarks.scale import processes, raw, results, simulated
-from benchmarks.scale.__main__ import sizes_of
 from mrbt_mesh.core.membership.envelope import parse_envelope
 from mrbt_mesh.core.membership.wire import Header, read_heartbeat
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
@@ -28,9 +28,7 @@ def seen(*starts: tuple[str, str]) -> Run:
 
 @pytest.mark.parametrize("robots", [2, 6, 64])
 def test_half_of_a_patrol_is_free(robots: int, tmp_path: Path) -> None:
-    file = tmp_path / "mission.yaml"
-    file.write_text(processes.patrol(robots))
-    mission = load_mission(file)
+    mission = load_mission(processes.write_mission(tmp_path, robots))
     assert len(mission.robots) == robots
     assert len([*mission.tree.actions()]) == robots // 2
     assert mission_warnings(mission) == []
@@ -42,9 +40,8 @@ def test_who_works_where() -> None:
 
 
 def test_a_team_of_one_is_refused() -> None:
-    with pytest.raises(argparse.ArgumentTypeError, match="at least 2"):
-        sizes_of("6,1")
-    assert sizes_of("6,12") == [6, 12]
+    with pytest.raises(SystemExit, match="at least 2"):
+        scale.measure(sizes=(6, 1))
 
 
 def test_the_table_of_processes_has_a_row_for_each_team() -> None:
@@ -57,7 +54,7 @@ def test_the_table_of_processes_has_a_row_for_each_team() -> None:
 @pytest.fixture(scope="module")
 def team() -> simulated.Size:
     """A simulated team in which not everybody is everybody's neighbour."""
-    return simulated.measure(12, 1)
+    return simulated.measure_size(12, 1)
 
 
 def test_a_simulated_team_gets_over_all_that_befalls_it(team: simulated.Size) -> None:
@@ -75,15 +72,16 @@ def test_a_simulated_team_gets_over_all_that_befalls_it(team: simulated.Size) ->
         assert event.mean[0] <= event.most[0]
 
 
-def test_what_is_simulated_is_in_the_tables_and_plots(team: simulated.Size) -> None:
+def test_simulated_teams_are_in_the_tables_and_the_picture(
+    team: simulated.Size, tmp_path: Path
+) -> None:
     late = simulated.Size(1_000, events={"kill": simulated.Event([9.0], [1.0], [1.0], [60.0])})
     text = results.of_simulated([team, late])
     assert len([line for line in text.splitlines() if line.startswith("| 12 |")]) == 3
     assert len([line for line in text.splitlines() if line.startswith("| 1000 |")]) == 2
     assert "| not in time / not in time |" in text
-    charts = {chart.name: chart for chart in results.charts([team, late])}
-    assert charts.keys() == {"rest", "event", "replacement"}
-    assert [n for n, _ in charts["event"].curves["kill"]] == [12, 1_000]
+    results.draw([asdict(team), asdict(late)], tmp_path / "rest.png")
+    assert (tmp_path / "rest.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("name", ["processes", "simulated"])

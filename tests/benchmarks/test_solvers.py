@@ -75,7 +75,7 @@ def test_peak_memory_grows_with_the_problem() -> None:
     assert large - small > pairs * 8 / 2**20
 
 
-def test_measured_cells_become_rows_tables_and_charts() -> None:
+def test_measured_cells_become_rows_and_tables() -> None:
     cells = [Cell(robots, Density.SPARSE, Values.WIDE) for robots in (6, 200, 500, 1000)]
     for cell in cells[:2]:
         measure(cell, range(2), [REFERENCE, OURS], 60.0)
@@ -94,7 +94,6 @@ def test_measured_cells_become_rows_tables_and_charts() -> None:
         assert {len(row) for row in table.rows} <= {len(table.head)}, table.title
     assert found.tables[0].rows[3][5:7] == ("5,000", "10,000 (2.0)")
     assert found.tables[0].rows[0][7] == "> 60 s"
-    assert {len(points) for chart in found.charts for points in chart.curves.values()} == {4}
 
 
 def test_who_would_take_too_long_is_not_begun() -> None:

@@ -34,7 +34,7 @@ def test_a_stranger_s_tokens_kill_nobody_and_keep_nobody_from_work(
 ) -> None:
     team.up(write_mission(team.folder))
     for robot in ROBOTS:
-        team.wait_for_event("step", robot=robot)
+        team.wait_for_event("explore", robot=robot)
     with stranger("token_stranger", team.run_dir, str(count), names):
         before = starts(team)
         team.wait_until(lambda: starts(team) >= before + STARTS, "the team works on")

@@ -25,7 +25,7 @@ from typing import Any
 import msgpack
 import zenoh
 
-from benchmarks.flooder import open_peer
+from benchmarks.flooder import input_ended, open_peer, spoilt
 from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.facts.store import BatchProof, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.authorship import Authorship
@@ -79,10 +79,9 @@ class Intruder:
 
     def run(self) -> int:
         """Go on until the input ends; how many messages were sent."""
-        enough = threading.Event()
-        threading.Thread(target=lambda: (sys.stdin.read(), enough.set()), daemon=True).start()
+        ended = input_ended()
         sent, begun_s = 0, time.monotonic()
-        while not enough.wait(PAUSE_S):
+        while not ended.wait(PAUSE_S):
             if not self._beats:
                 continue
             for how in self._wanted["how"]:
@@ -107,19 +106,13 @@ class Intruder:
     def changed(self) -> Said:
         """With some bytes changed."""
         for key, data in self.again():
-            yield key, self._spoilt(data)
-
-    def _spoilt(self, data: bytes) -> bytes:
-        spoilt = bytearray(data)
-        for _ in range(self._dice.randint(1, 4)):
-            spoilt[self._dice.randrange(len(data))] ^= self._dice.randint(1, 255)
-        return bytes(spoilt)
+            yield key, spoilt(data, self._dice)
 
     def _flood(self, count: int) -> int:
         for key, data in self.again():
-            spoilt = self._spoilt(data)
+            changed = spoilt(data, self._dice)
             for _ in range(count // 20):
-                self._put(key, spoilt)
+                self._put(key, changed)
         return max(0, count // 20) * 20
 
     # -- heartbeats that it makes anew ----------------------------------------------------------
