@@ -5,19 +5,19 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Container, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import Any, Literal, TextIO, TypeVar, cast
 
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.errors import InputError
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
-
+_T = TypeVar("_T")
 console = Console()
 errors = Console(stderr=True, highlight=False)
 
@@ -50,6 +50,24 @@ def lose_output_rather_than_end() -> None:
 def labelled(label: str, style: str, text: str) -> Text:
     """`label: text`, the label in a style; brackets in the text mean nothing."""
     return Text.assemble((f"{label}:", style), f" {text}")
+
+
+def table(*headings: str, right: Container[int] = ()) -> Table:
+    """A table without lines; the columns whose numbers are in `right` hold figures.
+
+    Without any headings it has no first row.
+    """
+    found = Table(
+        box=None,
+        header_style="dim",
+        show_header=any(headings),
+        padding=(0, 2, 0, 0),
+        pad_edge=False,
+    )
+    for number, heading in enumerate(headings):
+        justify: Literal["right", "left"] = "right" if number in right else "left"
+        found.add_column(heading, justify=justify, no_wrap=number == 0, overflow="fold")
+    return found
 
 
 def note(text: str) -> None:
@@ -117,40 +135,44 @@ def check_new_folder(option: str, path: Path | None) -> None:
 # -- progress ---------------------------------------------------------------------------------
 
 
-def bar_of_runs(*fields: str) -> Progress:
-    """A bar on stderr for many runs; it vanishes at the end.
+def with_bar(
+    title: str,
+    runs: Iterator[_T],
+    total: int | None,
+    failed: Callable[[_T], bool] = lambda _: False,
+) -> tuple[list[_T], bool]:
+    """(all results, whether Ctrl-C ended it before), with a bar on stderr that vanishes."""
+    from rich import progress
 
-    `fields`: texts beside the number of runs, such as `{task.fields[rate]}`.
-    """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
+    found: list[_T] = []
+    failures, started_s = 0, time.monotonic()
+    columns = (
+        progress.SpinnerColumn(),
+        progress.TextColumn("{task.description}"),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TextColumn("{task.fields[note]}"),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
     )
-
-    return Progress(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        *map(TextColumn, fields),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        console=errors,
-        transient=True,
-    )
+    bar = progress.Progress(*columns, console=errors, transient=True)
+    with bar, contextlib.closing(cast("Generator[_T, None, None]", runs)):
+        task = bar.add_task(title, total=total, note="")
+        try:
+            for each in runs:
+                found.append(each)
+                failures += failed(each)
+                rate = 60 * len(found) / max(0.001, time.monotonic() - started_s)
+                note = f"{rate:.0f} a minute" + (f", [red]{failures} failed[/]" if failures else "")
+                bar.update(task, advance=1, note=note)
+        except KeyboardInterrupt:
+            return found, True
+    return found, False
 
 
 @contextmanager
 def bar_of_steps(first: str) -> Iterator[Callable[[str, int, int | None], None]]:
-    """A bar on stderr; yields what updates it: (what is being done, how much is done, of how much).
-
-    It is not shown where stderr is no terminal.
-    """
+    """A bar on stderr, if that is a terminal; yields its update: (text, steps done, of all)."""
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
@@ -158,8 +180,6 @@ def bar_of_steps(first: str) -> Iterator[Callable[[str, int, int | None], None]]
         *columns, console=errors, transient=True, disable=not errors.is_terminal
     ) as progress:
         task = progress.add_task(first, total=None)
-
-        def update(what: str, done: int, of: int | None) -> None:
-            progress.update(task, description=what, completed=done, total=of)
-
-        yield update
+        yield lambda what, done, of: progress.update(
+            task, description=what, completed=done, total=of
+        )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -74,7 +76,6 @@ def chaos(
     """
     from mrbt_mesh.cli.options import checked_program
     from mrbt_mesh.cli.virtual.campaign import Campaign, run_campaign
-    from mrbt_mesh.cli.virtual.seeds import parse_seeds
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.sim.chaos.campaign import Source
 
@@ -92,3 +93,24 @@ def chaos(
     chosen = parse_seeds(seeds, is_endless=minutes is not None)
     campaign = Campaign(source, chosen, jobs or os.cpu_count() or 1, keep, minimise, minutes)
     run_campaign(campaign, as_json)
+
+
+def parse_seeds(text: str | None, is_endless: bool) -> Sequence[int]:
+    """`0:1000` (the last one left out), `7`, or `3,9,12`; None: 0 to 99.
+
+    With `is_endless` the seeds go on from the first, which is then all that may be given.
+    Raises InputError.
+    """
+    if text is None:
+        return range(100)
+    match = re.fullmatch(r"(\d+):(\d+)|\d+(?:,\d+)*", text, re.ASCII)
+    if match is None or (match[1] and int(match[1]) >= int(match[2])):
+        raise InputError(f"--seeds {text}: expected FIRST:END, e.g. 0:1000, or seeds, e.g. 3,9")
+    seeds: Sequence[int] = (
+        range(int(match[1]), int(match[2])) if match[1] else [*map(int, text.split(","))]
+    )
+    if not match[1] and len(set(seeds)) < len(seeds):
+        raise InputError(f"--seeds {text}: a seed is named twice")
+    if is_endless and (match[1] or len(seeds) > 1):
+        raise InputError(f"--seeds {text}: with --minutes only the first seed, e.g. {seeds[0]}")
+    return seeds

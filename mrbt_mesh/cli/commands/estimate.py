@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from mrbt_mesh.cli.command import FiniteNumber, MrbtCommand, refuse
+from mrbt_mesh.cli.command import FAILURE, NOT_FINISHED, FiniteNumber, MrbtCommand, fail, refuse
 from mrbt_mesh.cli.options import (
     jobs_option,
     json_option,
@@ -75,9 +76,11 @@ def estimate(
              mrbt sim estimate MISSION --fault-rate A:2/hour --repair-after 30
     """
     from mrbt_mesh.cli.options import checked_program
-    from mrbt_mesh.cli.virtual.estimating import run_and_print
+    from mrbt_mesh.cli.terminal import console, print_json, with_bar
+    from mrbt_mesh.cli.views.estimate_view import render_estimate
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.sim.estimate import Experiment
+    from mrbt_mesh.sim.estimate import Experiment, outcomes, summarise
+    from mrbt_mesh.sim.run import SimulationError
 
     loaded = load_mission(mission)
     experiment = Experiment(
@@ -89,7 +92,19 @@ def estimate(
         speed,
         round(timeout * 1e6),
     )
-    run_and_print(experiment, loaded, jobs or os.cpu_count() or 1, as_json)
+    jobs, started_s = jobs or os.cpu_count() or 1, time.monotonic()
+    try:
+        found, interrupted = with_bar("estimate", outcomes(experiment, jobs), runs)
+    except SimulationError as error:
+        fail(str(error), FAILURE)
+    if as_json:
+        head = {"mission": loaded.name, "runs": 0, "seed": seed, "interrupted": interrupted}
+        print_json(head | (summarise(found).to_json() if found else {}))
+    elif found:
+        took_s = time.monotonic() - started_s
+        console.print(render_estimate(loaded, summarise(found), took_s, jobs))
+    if interrupted:
+        fail("interrupted", NOT_FINISHED)
 
 
 def _failure_model(

@@ -1,1 +1,1 @@
-"""What people see: plans, trees, teams and analyses, drawn from data alone."""
+"""Plans, teams, runs and statistics as people read them in a terminal."""

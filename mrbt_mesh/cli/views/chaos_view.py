@@ -1,4 +1,4 @@
-"""What came of many random runs, for people."""
+"""The results of many random runs, for people."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.sim.chaos.campaign import CRASH
 
 INVARIANTS = {
@@ -28,7 +28,7 @@ INVARIANTS = {
 def render_campaign(
     totals: Mapping[str, Any], reports: Iterable[Mapping[str, Any]], failed: int
 ) -> RenderableType:
-    """What `mrbt sim chaos --json` prints; `failed` seeds, some of them reported."""
+    """The totals that `mrbt sim chaos --json` prints; reports of some of the `failed` seeds."""
     results = ", ".join(f"{number} {name}" for name, number in sorted(totals["results"].items()))
     rate = totals["seeds"] / max(0.001, totals["took_s"])
     line = f"{totals['seeds']} seeds in {totals['took_s']:.1f} s, {rate:.1f} a second: {results}"
@@ -39,29 +39,20 @@ def render_campaign(
         f"done more often than their max, in partitions and after crashes: {totals['done_twice']} "
         f"local tasks, {totals['exclusive_done_twice']} of exclusive ones"
     )
+    checks = table("", "", "checks", "in seeds", right=(2, 3))
+    for name, checked in totals["checks"].items():
+        seeds = totals["seeds_checked"][name]
+        checks.add_row(name, INVARIANTS.get(name, ""), f"{checked:,}", f"{seeds:,}")
     return Group(
         Text.assemble(mark, f"  {line}"),
-        _checks(totals),
+        checks,
         Text(twice, "dim"),
         *(line for report in reports for line in _failure(report)),
     )
 
 
-def _checks(totals: Mapping[str, Any]) -> Table:
-    """How often each invariant was checked."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    table.add_column()
-    table.add_column()
-    table.add_column("checks", justify="right")
-    table.add_column("in seeds", justify="right")
-    for name, checked in totals["checks"].items():
-        seeds = totals["seeds_checked"][name]
-        table.add_row(name, INVARIANTS.get(name, ""), f"{checked:,}", f"{seeds:,}")
-    return table
-
-
 def _failure(report: Mapping[str, Any]) -> Iterator[Text]:
-    """What broke, the faults that it takes, and how to see it again."""
+    """The broken invariants, the faults needed, and how to see it again."""
     yield Text(f"\nseed {report['seed']}", "bold red")
     for violation in report["violations"][:3]:
         name = violation.partition(" ")[0]

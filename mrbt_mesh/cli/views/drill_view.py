@@ -1,4 +1,4 @@
-"""Drills as people read them: which there are, what happens in one, and how it went."""
+"""Drills as people read them: a list, the events of one, its result."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.judge import DrillVerdict
 from mrbt_mesh.drills.report import report_data
@@ -16,22 +17,20 @@ from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
 
 def render_list(drills: Sequence[Drill]) -> Table:
     """One row per drill file."""
-    table = Table(box=None, header_style="dim")
-    for heading in ("drill", "runs", "needs", "", "what happens"):
-        table.add_column(heading, no_wrap=heading != "what happens")
+    listed = table("drill", "runs", "needs", "", "what happens")
     by_file: dict[Path, list[Drill]] = {}
     for found in drills:
         by_file.setdefault(found.path, []).append(found)
     for group in by_file.values():
         model = group[0].model
-        table.add_row(
+        listed.add_row(
             Text(model.name, "bold"),
             str(len(group) * len(model.profiles)),
             model.network if model.network != "loopback" else "",
             "quick" if model.quick else "",
             Text(" ".join(model.description.split()).partition(". ")[0].rstrip(".")),
         )
-    return table
+    return listed
 
 
 def line_text(line: TimelineEntry) -> Text:
@@ -58,7 +57,7 @@ def takeover_text(takeover: Mapping[str, object]) -> Text:
 
 
 def verdict_text(verdict: DrillVerdict) -> Text:
-    """What was expected and whether it held."""
+    """An expectation and whether it held."""
     sign, style = ("✔", "green") if verdict.holds else ("✘", "bold red")
     return Text.assemble(
         "  ", (f"{sign} ", style), (verdict.expected, "" if verdict.holds else "red"),

@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.sim.estimate import PERCENTILES, Summary
 
@@ -26,19 +27,18 @@ def render_estimate(mission: Mission, summary: Summary, took_s: float, jobs: int
 def _parts(summary: Summary) -> Iterator[RenderableType]:
     low, high = summary.interval
     results = ", ".join(f"{count} {name}" for name, count in summary.results.items())
-    table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
-    table.add_column(style="dim")
-    table.add_column()
+    rows = table("", "")
+    rows.columns[0].style = "dim"
     share = f"[bold]{summary.probability:.1%}[/]  ({low:.1%} to {high:.1%} with 95 % confidence)"
-    table.add_row("success", share)
-    table.add_row("results", results)
+    rows.add_row("success", share)
+    rows.add_row("results", results)
     faults = f"{summary.major_faults:.2f} major and {summary.minor_faults:.2f} minor faults a run"
-    table.add_row("faults", faults)
+    rows.add_row("faults", faults)
     if summary.durations_s:
         parts = [f"p{p} {_seconds(summary.percentile_s(p))}" for p in PERCENTILES]
         figures = ", ".join(parts)
-        table.add_row("duration", f"[bold]{_seconds(summary.mean_s)} s[/] mean; {figures}")
-    yield table
+        rows.add_row("duration", f"[bold]{_seconds(summary.mean_s)} s[/] mean; {figures}")
+    yield rows
     yield from _histogram(summary)
     if len(summary.by_faults) > 1:
         yield Text("\nby the faults that befell a run", "dim")
@@ -57,13 +57,11 @@ def _histogram(summary: Summary) -> Iterator[Text]:
 
 
 def _by_faults(summary: Summary) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    for name in ("major", "minor", "runs", "success", "mean s"):
-        table.add_column(name, justify="right")
+    rows = table("major", "minor", "runs", "success", "mean s", right=range(5))
     for (major, minor), (runs, successes, mean_s) in summary.by_faults.items():
         mean = _seconds(mean_s) if successes else "-"
-        table.add_row(str(major), str(minor), str(runs), f"{successes / runs:.1%}", mean)
-    return table
+        rows.add_row(str(major), str(minor), str(runs), f"{successes / runs:.1%}", mean)
+    return rows
 
 
 def _bar(share: float, width: int) -> str:

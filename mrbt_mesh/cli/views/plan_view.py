@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import (
@@ -48,39 +49,35 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Ren
 
 def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
     """a_j and b_j of what is requested (`DemandBounds.to_json`), its robots and performances."""
-    table = Table(
-        "local task", "for", "a_j", "b_j", "robots", box=None, header_style="dim", pad_edge=False
-    )
-    has_performances = any("performances" in row for row in bounds)
-    if has_performances:
-        table.add_column("p(i, l)")
+    performances = ["p(i, l)"] if any("performances" in row for row in bounds) else []
+    rows = table("local task", "for", "a_j", "b_j", "robots", *performances)
     for row in bounds:
         robots = ", ".join(row["robots"]) or Text("nobody", style="dim")
         numbers = str(row["lower"]), str(row["upper"])
         values = row.get("performances", {})
         able = ", ".join(f"{robot} {p:g}" for robot, p in values.items())
-        more = [Text(able, "dim")] if has_performances else []
-        table.add_row(row["local_task"], row["global_task"], *numbers, robots, *more)
-    return table
+        more = [Text(able, "dim")] if performances else []
+        rows.add_row(row["local_task"], row["global_task"], *numbers, robots, *more)
+    return rows
 
 
 def _lines(plan: Plan) -> Table:
     """Who does what and why."""
-    table = Table("robot", "does", "for", "why", box=None, header_style="dim", pad_edge=False)
+    rows = table("robot", "does", "for", "why")
     bids = plan_bids(plan)
     for robot in sorted({*plan.assignments, *plan.idle}):
         line = plan.assignments.get(robot)
         if line is None:
-            table.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
+            rows.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
             continue
         why = assignment_reason(line, bids)
-        table.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
-    return table
+        rows.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
+    return rows
 
 
 def _bids(plan: Plan) -> Table:
     """Who bid what, the best first and the chosen in bold, and who did not."""
-    table = Table("local task", "for", "bids", box=None, header_style="dim", pad_edge=False)
+    rows = table("local task", "for", "bids")
     for bidding in plan.biddings:
         made = {robot: bid for robot, bid in bidding.bids.items() if bid is not None}
         texts = [
@@ -93,8 +90,8 @@ def _bids(plan: Plan) -> Table:
         if bidding.silent:
             word = "waiting for" if bidding.is_open else "nothing from"
             texts.append(Text(f"{word} {', '.join(bidding.silent)}", "yellow"))
-        table.add_row(bidding.local_task, bidding.global_task, Text(", ").join(texts))
-    return table
+        rows.add_row(bidding.local_task, bidding.global_task, Text(", ").join(texts))
+    return rows
 
 
 def _style(line: RobotAssignment | None, bidding: Bidding) -> str:

@@ -1,14 +1,15 @@
-"""The end of a run for people: result, robots, global tasks, faults and what was blocked."""
+"""The end of a run for people: result, robots, global tasks, faults, blocked requests."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
+from mrbt_mesh.cli.terminal import table
+from mrbt_mesh.cli.views.marks import STATE_MARKS
 from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.observer.episodes import lost_text
@@ -20,34 +21,52 @@ RESULTS = {
     "blocked": ("■", "bold yellow", "mission blocked"),
     "not_started": ("…", "bold yellow", "mission not started: its team has not gathered"),
 }
-PLAIN = "not bold"
 MOST_BIDS = 20
 MOST_FAILURES = 20
-STATES = {"alive": "green", "suspect": "yellow", "dead": "red", "left": "dim"}
-STATUSES = {
-    "success": "green",
-    "failure": "red",
-    "running": "yellow",
-    "idle": "dim",
-    "cancelled": "dim",
-}
+STATUSES = {"success": "green", "failure": "red", "running": "yellow"}
 
 
 def render_summary(summary: Mapping[str, Any]) -> RenderableType:
-    """A rich renderable of the summary that `mrbt up --json` prints."""
-    parts: list[RenderableType] = [_headline(summary), Text(), _robots(summary), Text()]
+    """The summary that `mrbt up --json` prints, for a terminal."""
+    tasks = summary.get("global_tasks", {})
+    robots = table("robot", "type", "state", "lost or changed", "took part in")
+    for robot, known in summary.get("robots", {}).items():
+        state = known.get("state") or "?"
+        robots.add_row(
+            Text(robot, "bold"),
+            known.get("type") or "",
+            Text(state, STATE_MARKS.get(state, ("", ""))[1]),
+            capability_changes(known),
+            Text(", ".join(name for name, task in tasks.items() if robot in task["robots"])),
+        )
+    parts: list[RenderableType] = [_headline(summary), Text(), robots, Text()]
     if summary.get("rounds"):
-        parts += [_rounds(summary["rounds"]), Text()]
-    parts.append(_global_tasks(summary))
+        rounds = table("round", "from", "took", "result", "robots", right=range(3))
+        for number, each in enumerate(summary["rounds"], start=1):
+            result = each["result"] or "running"
+            times = _seconds(each["from_s"]), _seconds(each["duration_s"])
+            robots_then = Text(", ".join(each["robots"]))
+            rounds.add_row(str(number), *times, Text(result, STATUSES[result]), robots_then)
+        parts += [rounds, Text()]
+    listed, idle = table("global task", "status", "robots"), 0
+    for name, task in tasks.items():
+        status = str(task.get("status"))
+        if status == "idle" and not task["robots"]:
+            idle += 1
+            continue
+        status_text = Text(status, STATUSES.get(status, "dim"))
+        listed.add_row(Text(name), status_text, Text(", ".join(task["robots"])))
+    parts.append(listed)
+    if idle:
+        parts.append(Text(f"and {_count(idle, 'global task')} that never became due", "dim"))
     if summary.get("bids"):
         parts += [Text(), _bids(summary["bids"])]
-    story = _story(summary)
+    story = sorted(_story(summary), key=lambda item: item[0])
     if story:
-        table = _table("at", "what happened")
-        table.columns[0].justify = "right"
+        told = table("at", "what happened", right=(0,))
         for at_s, line in story:
-            table.add_row(_seconds(at_s), line)
-        parts += [Text(), table]
+            told.add_row(_seconds(at_s), line)
+        parts += [Text(), told]
     return Group(*parts)
 
 
@@ -56,15 +75,14 @@ def _headline(summary: Mapping[str, Any]) -> Text:
     mark, style, words = RESULTS.get(result, ("?", "bold", result))
     if summary.get("ends") == "never" and result in ("success", "failure"):
         words = _standing_by(summary["rounds"])
-    line = Text.assemble((f"{mark} {words}", style))
-    if summary.get("mission"):
-        line.append(f"  {summary['mission']}", "bold")
-    line.append(f"  {_seconds(summary.get('duration_s'))}")
-    robots = summary.get("robots", {})
-    line.append(f"  {_count(len(robots), 'robot')}", "dim")
     faults = len(summary.get("faults", ()))
-    line.append(f", {_count(faults, 'fault')}" if faults else ", no faults", "dim")
-    return line
+    return Text.assemble(
+        (f"{mark} {words}", style),
+        (f"  {summary['mission']}" if summary.get("mission") else "", "bold"),
+        f"  {_seconds(summary.get('duration_s'))}",
+        (f"  {_count(len(summary.get('robots', ())), 'robot')}", "dim"),
+        (f", {_count(faults, 'fault')}" if faults else ", no faults", "dim"),
+    )
 
 
 def _standing_by(rounds: Sequence[Mapping[str, Any]]) -> str:
@@ -76,32 +94,12 @@ def _standing_by(rounds: Sequence[Mapping[str, Any]]) -> str:
     return f"stood by: {_count(len(ended), 'round')}, the last one {words}{on_its_way}"
 
 
-def _robots(summary: Mapping[str, Any]) -> Table:
-    table = _table("robot", "type", "state", "lost or changed", "took part in")
-    for robot, known in summary.get("robots", {}).items():
-        state = known.get("state") or "?"
-        tasks = [
-            name
-            for name, task in summary.get("global_tasks", {}).items()
-            if robot in task.get("robots", ())
-        ]
-        table.add_row(
-            Text(robot, "bold"),
-            Text(known.get("type") or ""),
-            Text(state, STATES.get(state, "")),
-            capability_changes(known),
-            Text(", ".join(tasks)),
-        )
-    return table
-
-
 def capability_changes(known: Mapping[str, Any]) -> Text:
-    """What a robot has lost or cannot use yet, and why; what it does better or worse than the
-    mission says.
-    """
-    lost, lines = known.get("lost", {}), []
-    for reason, names in texts_by_reason(lost).items():
-        lines.append(Text(lost_text(names, reason), "red"))
+    """A robot's lost and pending capabilities with the reasons, and its changed performances."""
+    lost = known.get("lost", {})
+    lines = [
+        Text(lost_text(names, reason), "red") for reason, names in texts_by_reason(lost).items()
+    ]
     for reason, names in texts_by_reason(known.get("pending", {})).items():
         lines.append(Text(f"{', '.join(names)} not yet: {reason}", "yellow"))
     performances = known.get("performances", {}).items()
@@ -111,128 +109,85 @@ def capability_changes(known: Mapping[str, Any]) -> Text:
     return Text("\n").join(lines)
 
 
-def _rounds(rounds: Sequence[Mapping[str, Any]]) -> Table:
-    """When each round began, how long it took, how it ended, and who ran something."""
-    table = _table("round", "from", "took", "result", "robots")
-    for column in table.columns[:3]:
-        column.justify = "right"
-    for number, each in enumerate(rounds, start=1):
-        result = each["result"] or "running"
-        table.add_row(
-            str(number),
-            _seconds(each["from_s"]),
-            _seconds(each["duration_s"]),
-            Text(result, STATUSES[result]),
-            Text(", ".join(each["robots"])),
-        )
-    return table
-
-
-def _global_tasks(summary: Mapping[str, Any]) -> RenderableType:
-    """Global tasks that came up, and the number of those that did not."""
-    table = _table("global task", "status", "robots")
-    idle = 0
-    for name, task in summary.get("global_tasks", {}).items():
-        status = str(task.get("status"))
-        if status == "idle" and not task.get("robots"):
-            idle += 1
-            continue
-        table.add_row(
-            Text(name), Text(status, STATUSES.get(status, "")), Text(", ".join(task["robots"]))
-        )
-    if not idle:
-        return table
-    return Group(table, Text(f" and {_count(idle, 'global task')} that never came up", "dim"))
-
-
 def _bids(biddings: Sequence[Mapping[str, Any]]) -> RenderableType:
     """Who bid what, the best first, and in bold who did it."""
-    table = _table("local task", "bids")
+    rows = table("local task", "bids")
     for bidding in biddings[:MOST_BIDS]:
-        bids, line = bidding["bids"], Text()
-        made = {robot: bid for robot, bid in bids.items() if bid is not None}
-        for robot in [
-            *sorted(made, key=lambda r: (-made[r], r)),
-            *sorted(bids.keys() - made.keys()),
-        ]:
-            text = f"{robot} {made[robot]:g}" if robot in made else f"{robot} none"
-            line.append(", " if line else "", PLAIN)
-            line.append(text, "bold" if robot in bidding["robots"] else "dim")
-        table.add_row(Text(bidding["local_task"]), line)
+        bids = bidding["bids"]
+        order = sorted(bids, key=lambda r: (bids[r] is None, -(bids[r] or 0), r))
+        texts = [
+            Text(
+                f"{robot} none" if bids[robot] is None else f"{robot} {bids[robot]:g}",
+                "bold" if robot in bidding["robots"] else "dim",
+            )
+            for robot in order
+        ]
+        rows.add_row(Text(bidding["local_task"]), Text(", ").join(texts))
     more = len(biddings) - MOST_BIDS
     if more <= 0:
-        return table
-    return Group(table, Text(f" and bids for {_count(more, 'other')}", "dim"))
+        return rows
+    return Group(rows, Text(f"and bids for {_count(more, 'other')}", "dim"))
 
 
-def _story(summary: Mapping[str, Any]) -> list[tuple[float, Text]]:
-    """Faults, failures and blocked episodes as (seconds, text), in the order of time."""
+def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Text]]:
+    """(seconds, text) of faults, failures, problems and blocked episodes."""
     takeovers = {(t["robot"], t.get("at_s")): t for t in summary.get("takeovers", ())}
-    story = []
     for fault in summary.get("faults", ()):
-        line, until_s = Text(fault["robot"], "bold"), fault.get("until_s")
+        robot, at_s = (fault["robot"], "bold"), fault.get("at_s")
         if fault.get("kind") == "minor":
-            what = lost_text(fault["local_tasks"], fault["reason"])
-            line.append(f" {what}", "not bold yellow")
-            end = "had it again"
+            lost = lost_text(fault["local_tasks"], fault["reason"])
+            line, end = Text.assemble(robot, (f" {lost}", "yellow")), "had it again"
         else:
-            line.append(" died", "not bold red")
-            _takeover(line, takeovers.get((fault["robot"], fault.get("at_s"))))
-            end = "was back"
-        if until_s is not None:
-            line.append(f"; {end} at {_seconds(until_s)}", "not bold green")
-        story.append((fault.get("at_s") or 0.0, line))
+            takeover = _takeover(takeovers.get((fault["robot"], at_s), {}))
+            line, end = Text.assemble(robot, (" died", "red"), takeover), "was back"
+        if fault.get("until_s") is not None:
+            line.append(f"; {end} at {_seconds(fault['until_s'])}", "green")
+        yield at_s or 0.0, line
     failures = summary.get("failures", ())
-    for end in failures[:MOST_FAILURES]:
-        story.append((end.get("at_s") or 0.0, failure_line(end)))
+    for failure in failures[:MOST_FAILURES]:
+        yield failure.get("at_s") or 0.0, failure_line(failure)
     if len(failures) > MOST_FAILURES:
         left = _count(len(failures) - MOST_FAILURES, "other failure")
-        story.append((failures[MOST_FAILURES].get("at_s") or 0.0, Text(f"and {left}", "dim")))
+        yield failures[MOST_FAILURES].get("at_s") or 0.0, Text(f"and {left}", "dim")
     for each in summary.get("problems", ()):
-        story.append((each.get("at_s") or 0.0, problem_line(each)))
+        yield each.get("at_s") or 0.0, problem_line(each)
     for episode in summary.get("blocked", ()):
-        line = Text(episode["request"], "bold")
-        line.append(f" {episode['reason']}", "not bold yellow")
         to_s = episode.get("to")
-        line.append(", to the end" if to_s is None else f", until {_seconds(to_s)}", PLAIN)
-        story.append((episode.get("from") or 0.0, line))
-    return sorted(story, key=lambda item: item[0])
+        until = ", to the end" if to_s is None else f", until {_seconds(to_s)}"
+        reason = (f" {episode['reason']}", "yellow")
+        yield episode.get("from") or 0.0, Text.assemble((episode["request"], "bold"), reason, until)
 
 
 def problem_line(problem: Mapping[str, Any]) -> Text:
-    """What is or was wrong with a robot's program or journal."""
-    line = Text(problem["robot"], "bold")
-    line.append(f": {problem_text(problem['subject'], problem['problem'])}", "not bold red")
+    """A problem of a robot's program or journal, and its end if it has one."""
     until_s = problem.get("until_s")
-    return line.append("" if until_s is None else f"; until {_seconds(until_s)}", "not bold green")
+    return Text.assemble(
+        (problem["robot"], "bold"),
+        (f": {problem_text(problem['subject'], problem['problem'])}", "red"),
+        ("" if until_s is None else f"; until {_seconds(until_s)}", "green"),
+    )
 
 
 def failure_line(end: Mapping[str, Any]) -> Text:
-    """Who failed at what, and why, as far as its program said it."""
-    line = Text(end["robot"], "bold")
+    """Who failed at which task, and the reason if the program gave one."""
     whole = "" if end["local_task"] == end["global_task"] else f" for {end['global_task']}"
-    line.append(f" failed at {end['local_task']}{whole}", "not bold red")
-    line.append(f": {end['reason']}" if end["reason"] else "", PLAIN)
-    return line
+    return Text.assemble(
+        (end["robot"], "bold"),
+        (f" failed at {end['local_task']}{whole}", "red"),
+        f": {end['reason']}" if end["reason"] else "",
+    )
 
 
-def _takeover(line: Text, takeover: Mapping[str, Any] | None) -> None:
-    if takeover is None:
-        return
+def _takeover(takeover: Mapping[str, Any]) -> str:
+    text = ""
     if takeover.get("detected_s") is not None:
-        line.append(f", noticed after {_milliseconds(takeover['detected_s'])}", PLAIN)
+        text += f", noticed after {_milliseconds(takeover['detected_s'])}"
     if takeover.get("held"):
-        line.append(f", while on {takeover['held']}", PLAIN)
+        text += f", while on {takeover['held']}"
     if takeover.get("replacement"):
         after = _milliseconds(takeover.get("reassigned_s"))
-        line.append(f", replaced by {takeover['replacement']} after {after}", PLAIN)
-
-
-def _table(*headings: str) -> Table:
-    table = Table(box=None, pad_edge=True, header_style="dim")
-    for index, heading in enumerate(headings):
-        table.add_column(heading, no_wrap=index == 0, overflow="fold")
-    return table
+        text += f", replaced by {takeover['replacement']} after {after}"
+    return text
 
 
 def _count(number: int, what: str) -> str:

@@ -1,1 +1,1 @@
-"""What the commands in virtual time do: one run, many random ones, and figures of many."""
+"""Virtual time: one run with named faults, many with random ones."""

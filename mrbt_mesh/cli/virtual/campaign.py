@@ -1,4 +1,4 @@
-"""Many random runs, one for each seed, and what is done about those that fail."""
+"""Many random runs, one for each seed; those that fail are cut down and kept."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from itertools import count, takewhile
 from pathlib import Path
 from typing import Any, NoReturn
 
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
 from mrbt_mesh.cli.command import FAILURE, NOT_FINISHED, SUCCESS, fail
-from mrbt_mesh.cli.terminal import bar_of_runs, console, errors, print_json, reason
+from mrbt_mesh.cli.terminal import bar_of_steps, console, print_json, reason, with_bar
 from mrbt_mesh.cli.views.chaos_view import render_campaign
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
@@ -32,10 +30,10 @@ MAX_SHOWN = 20
 
 @dataclass(frozen=True)
 class Campaign:
-    """Which seeds are run, of which missions; `keep`: folder for what fails.
+    """The seeds to run, and of which missions; `keep`: folder for runs that failed.
 
     `budget_s`: time to cut down one failed run. With `minutes` it goes on with the seeds that
-    follow the first until so much time has passed.
+    follow the first for that long.
     """
 
     source: Source
@@ -55,9 +53,11 @@ class Campaign:
 
 
 def run_campaign(plan: Campaign, as_json: bool) -> NoReturn:
-    """Run all seeds, tell how they went, and end with exit status 1 if an invariant broke."""
+    """Run all seeds, print the results, and end with exit status 1 if an invariant broke."""
     started_s = time.monotonic()
-    verdicts, interrupted = _run_all(plan)
+    runs = campaign(plan.source, plan.all_seeds(), plan.jobs)
+    total = len(plan.seeds) if plan.minutes is None else None
+    verdicts, interrupted = with_bar("chaos", runs, total, lambda verdict: bool(verdict.violations))
     took_s = time.monotonic() - started_s
     failed = sorted((v for v in verdicts if v.violations), key=lambda verdict: verdict.seed)
     reports = [_report(plan, v, n < MAX_MINIMISED) for n, v in enumerate(failed[:MAX_SHOWN])]
@@ -69,28 +69,6 @@ def run_campaign(plan: Campaign, as_json: bool) -> NoReturn:
     if interrupted:
         fail("interrupted", NOT_FINISHED)
     raise SystemExit(FAILURE if failed else SUCCESS)
-
-
-def _run_all(plan: Campaign) -> tuple[list[Verdict], bool]:
-    verdicts: list[Verdict] = []
-    failures = 0
-    total = len(plan.seeds) if plan.minutes is None else None
-    with bar_of_runs("{task.fields[rate]:.1f} seeds/s", "{task.fields[failures]}") as bar:
-        task = bar.add_task("chaos", total=total, rate=0.0, failures="")
-        started_s = time.monotonic()
-        runs = campaign(plan.source, plan.all_seeds(), plan.jobs)
-        try:
-            for verdict in runs:
-                verdicts.append(verdict)
-                failures += bool(verdict.violations)
-                rate = len(verdicts) / max(0.001, time.monotonic() - started_s)
-                text = f"[red]{failures} failed[/]" if failures else "[green]none failed[/]"
-                bar.update(task, advance=1, rate=rate, failures=text)
-        except KeyboardInterrupt:
-            return verdicts, True
-        finally:
-            runs.close()  # type: ignore[attr-defined]
-    return verdicts, False
 
 
 def _totals(verdicts: Sequence[Verdict], took_s: float) -> dict[str, Any]:
@@ -110,11 +88,11 @@ def _totals(verdicts: Sequence[Verdict], took_s: float) -> dict[str, Any]:
     }
 
 
-# -- what failed ------------------------------------------------------------------------------
+# -- failed runs ------------------------------------------------------------------------------
 
 
 def _report(plan: Campaign, verdict: Verdict, minimised: bool) -> dict[str, Any]:
-    """What there is to say about a failed seed; writes its schedule, cut down if there is time.
+    """The report of a failed seed; writes its schedule, cut down if there is time.
 
     Raises InputError if files cannot be written to the folder for them.
     """
@@ -146,7 +124,7 @@ def _report(plan: Campaign, verdict: Verdict, minimised: bool) -> dict[str, Any]
 
 
 def _command(source: Source, seed: int, mission: Mission) -> str:
-    """What runs this seed again."""
+    """The command that runs this seed again."""
     words = ["mrbt", "sim", "chaos", source.mission or "--generated", "--seeds", str(seed)]
     if source.program is not None and source.program != mission.program:
         words += ["--program", source.program]
@@ -178,12 +156,10 @@ def _minimise(
     def fails(smaller: Scenario) -> bool:
         return bool(judge(mission, program, smaller).invariants & verdict.invariants)
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=errors, transient=True) as bar:
-        task = bar.add_task(f"cutting down seed {verdict.seed}")
+    text = f"cutting down seed {verdict.seed}"
+    with bar_of_steps(text) as update:
 
         def progress(runs: int, steps: int) -> None:
-            text = f"cutting down seed {verdict.seed}: {steps} faults left after {runs} runs"
-            bar.update(task, description=text)
+            update(f"{text}: {steps} faults left after {runs} runs", 0, None)
 
         return minimise(scenario, fails, budget_s, progress)

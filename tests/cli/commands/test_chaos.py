@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.cli.virtual.seeds import parse_seeds
+from mrbt_mesh.cli.commands.chaos import parse_seeds
 from mrbt_mesh.errors import InputError
 from tests.support.command import EXPLORE, mrbt
 from tests.support.mutations import MUTATIONS
