@@ -10,7 +10,7 @@ import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, get_type_hints
 
 from mrbt_mesh.core.facts.values import (
     read_boolean,
@@ -31,46 +31,91 @@ MAX_SUBJECT = 100
 # The subject of problems with the journal; all other subjects are parts of the robot's program.
 JOURNAL = "journal"
 
-_read_name = partial(read_text, limit=MAX_NAME)
-_read_positive = partial(read_integer, low=1)
-_read_lost = partial(read_reasons, most=MAX_CAPABILITIES, longest=MAX_REASON)
 
+class Plain(NamedTuple):
+    """How a field is plain data: `read` raises ValueError for anything else, `write` inverts it."""
 
-Reader: TypeAlias = Callable[[Any], Any]
-
-
-class Record:
-    """Base of all records: a frozen dataclass whose fields are a list on the wire.
-
-    A record of one field is that value alone. `readers`: one for each field. The newest entry of
-    an author wins, except where `write_once` or `rank` say otherwise.
-    """
-
-    readers: ClassVar[tuple[Reader, ...]]
-    write_once: ClassVar[bool] = False
-
-    def rank(self) -> int:
-        return 0
-
-    def to_value(self) -> Any:
-        """The record as plain data."""
-        fields: tuple[str, ...] = getattr(self, "__match_args__", ())
-        values = [getattr(self, name) for name in fields]
-        return values if len(values) > 1 else values[0]
-
-    @classmethod
-    def parse(cls, value: Any) -> Self:
-        """The other way round; raises ValueError for anything else."""
-        count = len(cls.readers)
-        make: Callable[..., Self] = cls
-        values = read_fields(value, count) if count > 1 else [value]
-        return make(*[read(each) for read, each in zip(cls.readers, values, strict=True)])
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any] = lambda value: value
 
 
 def _read_capabilities(value: Any) -> dict[str, int]:
     if not isinstance(value, dict) or len(value) > MAX_CAPABILITIES:
         raise ValueError("capabilities: a map expected")
     return {read_text(k): read_integer(v, 1, MAX_PERFORMANCE) for k, v in value.items()}
+
+
+def _read_members(value: Any) -> tuple[CoalitionMember, ...]:
+    if not isinstance(value, list) or not 0 < len(value) <= MAX_ROBOTS:
+        raise ValueError(f"a list of members expected, found {shown(value)}")
+    return tuple(map(CoalitionMember.parse, value))
+
+
+def _write_members(members: tuple[CoalitionMember, ...]) -> list[Any]:
+    return [member.to_value() for member in members]
+
+
+def _read_revisions(value: Any) -> tuple[int, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f"list of revisions expected, found {shown(value)}")
+    return tuple(map(read_integer, value))
+
+
+def _read_bid(value: Any) -> int | None:
+    return None if value is None else read_integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE)
+
+
+_PLAIN: Mapping[Any, Plain] = {
+    str: Plain(read_text),
+    int: Plain(read_integer),
+    bool: Plain(read_boolean),
+    Any: Plain(read_data),
+}
+_read_name = partial(read_text, limit=MAX_NAME)
+_read_lost = partial(read_reasons, most=MAX_CAPABILITIES, longest=MAX_REASON)
+_Name: TypeAlias = Annotated[str, Plain(_read_name)]
+_Reason: TypeAlias = Annotated[str, Plain(partial(read_text, limit=MAX_REASON))]
+_Reasons: TypeAlias = Annotated[Mapping[str, str], Plain(_read_lost, texts_by_reason)]
+_Positive: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1))]
+_Robots: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1, high=MAX_ROBOTS))]
+
+
+class Record:
+    """Base of all records: a frozen dataclass whose fields are a list on the wire.
+
+    A record of one field is that value alone. A field's type decides how it is read, or `Plain` in
+    its annotation. The newest entry of an author wins, except where `write_once` or `rank` say
+    otherwise.
+    """
+
+    fields: ClassVar[Mapping[str, Plain]]
+    write_once: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        hints = get_type_hints(cls, include_extras=True)
+        cls.fields = {
+            name: hints[name].__metadata__[0]
+            if hasattr(hints[name], "__metadata__")
+            else _PLAIN[hints[name]]
+            for name in cls.__annotations__
+            if name != "write_once"
+        }
+
+    def rank(self) -> int:
+        return 0
+
+    def to_value(self) -> Any:
+        """The record as plain data."""
+        values = [write(getattr(self, name)) for name, (_, write) in self.fields.items()]
+        return values if len(values) > 1 else values[0]
+
+    @classmethod
+    def parse(cls, value: Any) -> Self:
+        """The other way round; raises ValueError for anything else."""
+        make: Callable[..., Self] = cls
+        values = read_fields(value, len(cls.fields)) if len(cls.fields) > 1 else [value]
+        pairs = zip(cls.fields.values(), values, strict=True)
+        return make(*[plain.read(each) for plain, each in pairs])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,31 +128,14 @@ class Member(Record):
     """
 
     type: str
-    capabilities: Mapping[str, int]
-    lost: Mapping[str, str]
+    capabilities: Annotated[Mapping[str, int], Plain(_read_capabilities, dict)]
+    lost: _Reasons
     is_leaving: bool
     software: str
     host: str
     pid: int
     may_promise: bool = True
-    pending: Mapping[str, str] = field(default_factory=dict)
-
-    readers: ClassVar = (
-        read_text,
-        _read_capabilities,
-        _read_lost,
-        read_boolean,
-        read_text,
-        read_text,
-        read_integer,
-        read_boolean,
-        _read_lost,
-    )
-
-    def to_value(self) -> list[Any]:
-        about = [self.is_leaving, self.software, self.host, self.pid, self.may_promise]
-        lost, pending = texts_by_reason(self.lost), texts_by_reason(self.pending)
-        return [self.type, dict(self.capabilities), lost, *about, pending]
+    pending: _Reasons = field(default_factory=dict)
 
 
 class Phase(enum.IntEnum):
@@ -118,6 +146,9 @@ class Phase(enum.IntEnum):
     RUNNING = 3
 
 
+_Phase: TypeAlias = Annotated[Phase, Plain(lambda value: Phase(read_integer(value, 1, 3)), int)]
+
+
 @dataclass(frozen=True, slots=True)
 class Claim(Record):
     """The one activation that a robot works on; `since` is a Lamport stamp.
@@ -125,25 +156,12 @@ class Claim(Record):
     `coalition` is the id of the coalition with which it runs, if its task has any.
     """
 
-    activation: str
+    activation: _Name
     global_task: str
     local_task: str
-    phase: Phase
+    phase: _Phase
     since: int
     coalition: str = ""
-
-    readers: ClassVar = (
-        _read_name,
-        read_text,
-        read_text,
-        lambda value: Phase(read_integer(value, 1, 3)),
-        read_integer,
-        read_text,
-    )
-
-    def to_value(self) -> list[Any]:
-        task = [self.activation, self.global_task, self.local_task]
-        return [*task, int(self.phase), self.since, self.coalition]
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,25 +215,14 @@ class CoalitionMember(Record):
     sequence: int
     since: int
 
-    readers: ClassVar = (read_text, read_text, read_integer, read_text, read_integer, read_integer)
-
 
 @dataclass(frozen=True, slots=True)
 class Coalition(Record):
     """The robots that start one activation together, as their leader wrote them down."""
 
-    members: tuple[CoalitionMember, ...]
+    members: Annotated[tuple[CoalitionMember, ...], Plain(_read_members, _write_members)]
 
     write_once: ClassVar[bool] = True
-
-    def to_value(self) -> list[Any]:
-        return [member.to_value() for member in self.members]
-
-    @classmethod
-    def parse(cls, value: Any) -> Coalition:
-        if not isinstance(value, list) or not 0 < len(value) <= MAX_ROBOTS:
-            raise ValueError(f"a list of members expected, found {shown(value)}")
-        return cls(tuple(map(CoalitionMember.parse, value)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,16 +257,8 @@ class ConditionValue(Record):
     """A condition as its author last saw or set it; `revision` grows by one at each change."""
 
     value: bool
-    revision: int
+    revision: _Positive
     stamp: int
-
-    readers: ClassVar = (read_boolean, _read_positive, read_integer)
-
-
-def _read_revisions(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list):
-        raise ValueError(f"list of revisions expected, found {shown(value)}")
-    return tuple(map(read_integer, value))
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,13 +268,8 @@ class ExpressionRevision(Record):
     `read`: the revisions of these conditions, sorted by name, when the last change was seen.
     """
 
-    revision: int
-    read: tuple[int, ...]
-
-    readers: ClassVar = (_read_positive, _read_revisions)
-
-    def to_value(self) -> list[Any]:
-        return [self.revision, list(self.read)]
+    revision: _Positive
+    read: Annotated[tuple[int, ...], Plain(_read_revisions, list)]
 
 
 class OrderKind(enum.StrEnum):
@@ -286,20 +280,18 @@ class OrderKind(enum.StrEnum):
     ABORT = "abort"
 
 
+_OrderKind: TypeAlias = Annotated[OrderKind, Plain(lambda value: OrderKind(read_text(value)), str)]
+
+
 @dataclass(frozen=True, slots=True)
 class Order(Record):
     """The operator's last order, as the author heard it."""
 
-    kind: OrderKind
+    kind: _OrderKind
     stamp: int
-
-    readers: ClassVar = (lambda value: OrderKind(read_text(value)), read_integer)
 
     def rank(self) -> int:
         return int(self.kind is OrderKind.ABORT)
-
-    def to_value(self) -> list[Any]:
-        return [str(self.kind), self.stamp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +300,6 @@ class Attempt(Record):
 
     number: int
 
-    readers: ClassVar = (read_integer,)
     write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
@@ -321,7 +312,6 @@ class ChildResult(Record):
 
     success: bool
 
-    readers: ClassVar = (read_boolean,)
     write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
@@ -336,17 +326,12 @@ class MissionResult(Record):
     """
 
     success: bool
-    agreed: int
+    agreed: _Robots
 
-    readers: ClassVar = (read_boolean, partial(read_integer, low=1, high=MAX_ROBOTS))
     write_once: ClassVar[bool] = True
 
     def rank(self) -> int:
         return 2 * self.agreed + self.success
-
-
-def _read_bid(value: Any) -> int | None:
-    return None if value is None else read_integer(value, -MAX_PERFORMANCE, MAX_PERFORMANCE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,9 +341,8 @@ class Bid(Record):
     The first one counts: a robot that starts again does not outbid itself.
     """
 
-    performance: int | None
+    performance: Annotated[int | None, Plain(_read_bid)]
 
-    readers: ClassVar = (_read_bid,)
     write_once: ClassVar[bool] = True
 
 
@@ -368,9 +352,7 @@ class RobotProblem(Record):
     function, the loop. Empty: it is solved.
     """
 
-    text: str
-
-    readers: ClassVar = (partial(read_text, limit=MAX_REASON),)
+    text: _Reason
 
 
 def problem_text(subject: str, text: str) -> str:
@@ -404,6 +386,7 @@ LATCH, NO_CLAIM = Latch(), NoClaim()
 
 MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
+# FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
 FAILURE, EXPIRED = "verdict", "expired"
 # Of an expression of conditions that is a guard.
 EXPRESSION = "expression"
@@ -415,38 +398,31 @@ COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doub
 CHILD_RESULT = "passed"
 # The operator's decision that an activation in doubt was done.
 DONE = "done"
-# For one local task of an activation: the author's bid; nobody's bid is waited for any more.
+# For one local task of an activation: the author's bid; all bids that count are in.
 BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
-
-_PARSERS: Mapping[str, Callable[[Any], Record]] = {
-    MEMBER: Member.parse,
-    CLAIM: parse_claim,
-    ORDER: Order.parse,
-    RESULT: MissionResult.parse,
-    OUTCOME: Outcome.parse,
-    CONDITION: ConditionValue.parse,
-    EXPRESSION: ExpressionRevision.parse,
-    ATTEMPT: Attempt.parse,
-    CHILD_RESULT: ChildResult.parse,
-    COALITION: Coalition.parse,
-    BID: Bid.parse,
-    PROBLEM: RobotProblem.parse,
-    **dict.fromkeys((FAILURE, EXPIRED, BROKEN, GRANT, DOUBT, CLEARED, DONE, CLOSED), Latch.parse),
-}
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
 BID_KINDS = frozenset({BID, CLOSED})
+
+# Kind -> its parser, and how many parts a name has:
 # kind / condition, scope or activation / local task, coalition or position / coalition
-_PARTS: Mapping[str, tuple[int, ...]] = {
-    MEMBER: (1,),
-    CLAIM: (1,),
-    ORDER: (1,),
-    RESULT: (1,),
-    OUTCOME: (3, 4),
-    CHILD_RESULT: (3,),
-    **dict.fromkeys(sorted(COALITION_KINDS | BID_KINDS), (3,)),
+_KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
+    MEMBER: (Member.parse, (1,)),
+    CLAIM: (parse_claim, (1,)),
+    ORDER: (Order.parse, (1,)),
+    RESULT: (MissionResult.parse, (1,)),
+    OUTCOME: (Outcome.parse, (3, 4)),
+    CONDITION: (ConditionValue.parse, (2,)),
+    EXPRESSION: (ExpressionRevision.parse, (2,)),
+    ATTEMPT: (Attempt.parse, (2,)),
+    CHILD_RESULT: (ChildResult.parse, (3,)),
+    COALITION: (Coalition.parse, (3,)),
+    BID: (Bid.parse, (3,)),
+    PROBLEM: (RobotProblem.parse, (2,)),
+    **dict.fromkeys((FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
+    **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }
 
 
@@ -455,7 +431,7 @@ _PARTS: Mapping[str, tuple[int, ...]] = {
 def split_name(name: str) -> tuple[str, ...]:
     """The parts of an entry's name: kind first; raises ValueError if it is none."""
     parts = tuple(name.split("/"))
-    if parts[0] not in _PARSERS or len(parts) not in _PARTS.get(parts[0], (2,)):
+    if parts[0] not in _KINDS or len(parts) not in _KINDS[parts[0]][1]:
         raise ValueError(f"no kind of fact has the name {shown(name)}")
     return parts
 
@@ -463,4 +439,4 @@ def split_name(name: str) -> tuple[str, ...]:
 def parse_record(name: str, value: Any) -> tuple[tuple[str, ...], Record]:
     """The parts of an entry's name, and its record; raises ValueError if one is malformed."""
     parts = split_name(_read_name(name))
-    return parts, _PARSERS[parts[0]](value)
+    return parts, _KINDS[parts[0]][0](value)

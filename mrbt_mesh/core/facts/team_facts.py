@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
-from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.activation_facts import NO_BIDS, ActivationFacts, KnownBids, Outcomes
+from mrbt_mesh.core.facts.activation_facts import ActivationFacts, KnownBids, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
 from mrbt_mesh.core.facts.records import (
@@ -33,7 +33,8 @@ from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 
-_NO_OUTCOMES: Outcomes = {}
+# Of an activation of which nothing is known.
+_NOTHING = ActivationFacts(Activation("", -1, "", (), 0))
 
 
 class KnownMember(NamedTuple):
@@ -136,18 +137,15 @@ class TeamFacts:
 
     def attempts_used(self, activation: str) -> int:
         """The number of attempts that are used up, over all authors."""
-        said = self.activations.get(activation)
-        return said.attempts_used if said is not None else 0
+        return self._said(activation).attempts_used
 
     def has_expired(self, activation: str) -> bool:
         """Whether anybody has seen this Timeout's deadline pass."""
-        said = self.activations.get(activation)
-        return said is not None and said.has_expired
+        return self._said(activation).has_expired
 
     def child_result(self, activation: str, position: int) -> Status | None:
         """How that child of a node with memory ended; success, if anybody says so."""
-        said = self.activations.get(activation)
-        success = said.child_results.get(position) if said is not None else None
+        success = self._said(activation).child_results.get(position)
         if success is None:
             return None
         return Status.SUCCESS if success else Status.FAILURE
@@ -202,6 +200,10 @@ class TeamFacts:
 
     # -- activations of global tasks ----------------------------------------------------------
 
+    def _said(self, activation: str) -> ActivationFacts:
+        """What is known of an activation, to be read only."""
+        return self.activations.get(activation, _NOTHING)
+
     def task_of(self, activation: str) -> GlobalTask | None:
         """The global task of an activation, None if there is none of that name."""
         try:
@@ -211,25 +213,21 @@ class TeamFacts:
 
     def has_latched_failure(self, activation: str) -> bool:
         """Whether the failure of this activation has been latched."""
-        said = self.activations.get(activation)
-        return said is not None and said.has_latched_failure
+        return self._said(activation).has_latched_failure
 
     def outcomes(self, activation: str) -> Outcomes:
         """Local task -> robot -> success, of a task without coalitions.
 
         The same object until one of them changes.
         """
-        said = self.activations.get(activation)
-        return said.outcomes if said is not None else _NO_OUTCOMES
+        return self._said(activation).outcomes
 
     def results(self, activation: str, local_task: str) -> Mapping[str, bool]:
         """Robot -> success, for the outcomes that count now for one local task.
 
         Of coalitions, the failures of all and the successes of the first that has not ended.
         """
-        said = self.activations.get(activation)
-        if said is None:
-            return {}
+        said = self._said(activation)
         if said.coalitions is None:
             return said.outcomes.get(local_task, {})
         found = said.coalitions
@@ -241,13 +239,11 @@ class TeamFacts:
 
     def has_outcome(self, activation: str) -> bool:
         """Whether some robot has ended in this activation."""
-        said = self.activations.get(activation)
-        return said is not None and said.has_outcome
+        return self._said(activation).has_outcome
 
     def coalitions(self, activation: str) -> Coalitions:
         """What is known of the coalitions of one activation."""
-        said = self.activations.get(activation)
-        return (said.coalitions if said is not None else None) or Coalitions()
+        return self._said(activation).coalitions or Coalitions()
 
     def granted(self) -> list[tuple[str, Coalitions]]:
         """The activations for which somebody has granted a lease, sorted."""
@@ -256,8 +252,7 @@ class TeamFacts:
 
     def bids(self, activation: str) -> KnownBids:
         """What has been bid. The same object until something of it changes."""
-        said = self.activations.get(activation)
-        return said.bids if said is not None else NO_BIDS
+        return self._said(activation).bids
 
     # -- what may be dropped ------------------------------------------------------------------
 
