@@ -10,6 +10,7 @@ from unittest import mock
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.records import OrderKind
@@ -28,6 +29,14 @@ def planner(agent: Agent) -> Planner:
 def schedule(agent: Agent) -> HeartbeatSchedule:
     """When it beats."""
     return agent._schedule
+
+
+def pretend_to_work(agent: Agent, activation: str, *tasks: str, coalition: str = "") -> None:
+    """The robot takes itself to be at work on this global task and local task."""
+    global_task, local_task = tasks
+    life = agent.view.incarnation
+    start = StartAction(7, activation, global_task, local_task, (), 1, life, coalition)
+    context(agent).work.action = start
 
 
 def order(agent: Agent, kind: OrderKind, now_us: int) -> None:

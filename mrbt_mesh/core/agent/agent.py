@@ -77,7 +77,7 @@ class Agent:
         self._health = health = Health(context)
         self._bidder = bidder = Bidder(context, health)
         self._lifecycle = Lifecycle(context, planner, self._leased, duplicates, schedule)
-        self._heartbeats = Heartbeats(context, schedule, planner, tree, self._leased)
+        self._heartbeats = Heartbeats(context, schedule, tree, self._leased)
         self._commands = Commands(context, planner, reports, health)
         inbound = Inbound(context, planner, self._leased, duplicates, schedule, self._commands)
         self._deferred = DeferredInputs()
@@ -171,13 +171,13 @@ class Agent:
         if self._planner.awaited is not None:
             self._detect_failures(now_us)
             self._ask_who_is_due(now_us)
-            self._heartbeats.send_if_due(now_us)
+            self._heartbeats.send_if_due(self._planner.plan, now_us)
         elif not self._is_clean(events, now_us):
             self._reconcile(events, now_us)
             self._note_what_is_done(now_us)
         else:
             self._ask_who_is_due(now_us)
-            self._heartbeats.send_if_regular(now_us)
+            self._heartbeats.send_if_regular(self._planner.plan, now_us)
 
     def _reconcile(self, events: Sequence[Input], now_us: int) -> None:
         """Bring everything up to date: the alive set, this robot's place in the team, the plan,
@@ -198,18 +198,18 @@ class Agent:
         if context.joining is None:
             self._plan_and_perform(events, now_us)
         self._ask_who_is_due(now_us)
-        result = None
+        plan, result = self._planner.plan, None
         may_end = self._planner.is_over or self._lifecycle.done_us is not None
         if may_end and self._planner.awaited is None:
-            result = self._lifecycle.result_to_stop_with(self._planner.plan, now_us)
+            result = self._lifecycle.result_to_stop_with(plan, now_us)
         if result is not None:
-            self._heartbeats.send(now_us)
+            self._heartbeats.send(plan, now_us)
             context.stop(0 if result is Status.SUCCESS else 1, f"mission {result.name.lower()}")
         if context.is_leaving and context.work.action is None:
-            self._heartbeats.send(now_us)
+            self._heartbeats.send(plan, now_us)
             context.stop(0, "left")
         else:
-            self._heartbeats.send_if_due(now_us)
+            self._heartbeats.send_if_due(plan, now_us)
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
         mission, leased = self._context.mission, self._leased

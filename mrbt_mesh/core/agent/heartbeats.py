@@ -10,7 +10,6 @@ from functools import partial
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Publish
 from mrbt_mesh.core.agent.leased_start import LeasedStart
-from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
@@ -30,32 +29,30 @@ class Heartbeats:
         self,
         context: Context,
         schedule: HeartbeatSchedule,
-        planner: Planner,
         tree: RobotTree,
         leased: LeasedStart | None,
     ) -> None:
         self._context = context
         self._schedule = schedule
-        self._planner = planner
         self._tree = tree
         self._leased = leased
         self._last: Urgent | None = None
 
-    def send_if_due(self, now_us: int) -> None:
+    def send_if_due(self, plan: Plan | None, now_us: int) -> None:
         """Send one if it is time, or if others must hear something at once."""
-        urgent = self._urgent()
+        urgent = self._urgent(plan)
         if self._schedule.is_due(urgent, now_us):
-            self._send(urgent, now_us)
+            self._send(plan, urgent, now_us)
 
-    def send_if_regular(self, now_us: int) -> None:
+    def send_if_regular(self, plan: Plan | None, now_us: int) -> None:
         """The same, where only reports of others may have changed."""
         last, is_due = self._last, now_us >= self._schedule.next_due_us
         if is_due or (last and self._agrees(last.digest) != last.is_agreed):
-            self._send(self._urgent(), now_us)
+            self._send(plan, self._urgent(plan), now_us)
 
-    def send(self, now_us: int) -> None:
+    def send(self, plan: Plan | None, now_us: int) -> None:
         """Send the last one now."""
-        self._send(self._urgent(), now_us, is_last=True)
+        self._send(plan, self._urgent(plan), now_us, is_last=True)
 
     def hurry_if_probing(self, now_us: int) -> None:
         """Send faster while this robot asks for news of another one."""
@@ -68,8 +65,8 @@ class Heartbeats:
         reports = membership.report_changes + membership.member_changes
         return membership.around.agrees(digest, reports)
 
-    def _urgent(self) -> Urgent:
-        context, plan = self._context, self._planner.plan
+    def _urgent(self, plan: Plan | None) -> Urgent:
+        context = self._context
         requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (b"", Status.RUNNING)
         around = context.membership.around
@@ -94,8 +91,8 @@ class Heartbeats:
         leases = self._leased.leases
         return leases.holder.requested, leases.grantor.grants()
 
-    def _send(self, urgent: Urgent, now_us: int, is_last: bool = False) -> None:
-        context, plan = self._context, self._planner.plan
+    def _send(self, plan: Plan | None, urgent: Urgent, now_us: int, is_last: bool = False) -> None:
+        context = self._context
         membership, around = context.membership, context.membership.around
         self.hurry_if_probing(now_us)
         around.now_us = now_us

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.planner import PlanListener, Planner
-from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
@@ -119,6 +119,6 @@ class AgentView:
         return self._context.work.claim
 
     @property
-    def action(self) -> Ticket | None:
+    def action(self) -> StartAction | None:
         """The action that it has started and that has not ended."""
         return self._context.work.action

@@ -7,7 +7,7 @@ it finishes all the same, its outcome is recorded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from mrbt_mesh.core.agent.effects import CancelAction, Effect, StartAction
 from mrbt_mesh.core.bt.tree import Status
@@ -15,17 +15,6 @@ from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MAX_TREE_NODES
 from mrbt_mesh.core.planning.plan import RobotAssignment
-
-
-@dataclass(frozen=True, slots=True)
-class Ticket:
-    """An action that was started and has not ended; `coalition` is its coalition's token."""
-
-    number: int
-    activation: str
-    global_task: str
-    local_task: str
-    coalition: str = ""
 
 
 def _subject(line: RobotAssignment | None) -> tuple[str, str, str, int] | None:
@@ -36,15 +25,16 @@ def _subject(line: RobotAssignment | None) -> tuple[str, str, str, int] | None:
 class Work:
     """At most one claim, and at most one action (which may still be stopping).
 
-    `tree_statuses`: of the nodes of the tree that carries out the action, if one does. `ended`: the
-    local task that was assigned last and its outcome, until T_Li has been ticked with it.
+    `action`: as it was started, until it has ended. `tree_statuses`: of the nodes of the tree that
+    carries it out, if one does. `ended`: the local task that was assigned last and its outcome,
+    until T_Li has been ticked with it.
     """
 
     def __init__(self) -> None:
         self.line: RobotAssignment | None = None
         self.line_since_us = 0
         self.claim: Claim | None = None
-        self.action: Ticket | None = None
+        self.action: StartAction | None = None
         self.progress = 0
         self.tree_statuses = b""
         self.ended: tuple[str, Status] | None = None
@@ -90,24 +80,26 @@ class Work:
         self._stopping = False
         self._clear_progress()
         names = claim.activation, claim.global_task, claim.local_task
-        self.action = Ticket(self._tickets, *names, coalition)
         self.claim = replace(claim, phase=Phase.RUNNING, coalition=coalition)
-        return StartAction(self._tickets, *names, partners, performance, incarnation, coalition)
+        self.action = StartAction(
+            self._tickets, *names, partners, performance, incarnation, coalition
+        )
+        return self.action
 
     def progressed(self, number: int, percent: int) -> None:
         """How far the action is."""
-        if self.action is not None and self.action.number == number:
+        if self.action is not None and self.action.ticket == number:
             self.progress = max(0, min(100, percent))
 
     def tree_ticked(self, number: int, statuses: bytes) -> None:
         """The nodes of the action's tree have these statuses."""
-        if self.action is not None and self.action.number == number and not self._stopping:
+        if self.action is not None and self.action.ticket == number and not self._stopping:
             self.tree_statuses = statuses if len(statuses) <= MAX_TREE_NODES else b""
 
-    def finish(self, number: int, success: bool) -> Ticket | None:
+    def finish(self, number: int, success: bool) -> StartAction | None:
         """An action ended by itself; returns it, or None if it is not known."""
         action = self.action
-        if action is None or action.number != number:
+        if action is None or action.ticket != number:
             return None
         self.action = None
         self._clear_progress()
@@ -120,7 +112,7 @@ class Work:
 
     def stopped(self, number: int) -> None:
         """A cancelled action no longer runs."""
-        if self.action is not None and self.action.number == number:
+        if self.action is not None and self.action.ticket == number:
             self.action = None
             self._stopping = False
 
@@ -135,7 +127,7 @@ class Work:
             return []
         self._stopping = True
         self._clear_progress()
-        return [CancelAction(self.action.number)]
+        return [CancelAction(self.action.ticket)]
 
     def _clear_progress(self) -> None:
         self.progress, self.tree_statuses = 0, b""

@@ -401,18 +401,25 @@ class Mission:
     def to_json(self) -> dict[str, Any]:
         """The compiled mission as plain data; `mission_from_json` takes it back.
 
-        The usual assignment and end are left out, as are constraints where there are none: missions
-        without them keep their digests.
+        Entries that only some missions have are left out of others, which so keep their digests.
         """
-        usual = self.assignment is AssignmentPolicy.ANY
-        limited = [constraint_to_json(constraint) for constraint in self.constraints]
-        return {
-            **({"constraints": limited} if limited else {}),
-            **({} if usual else {"assignment": str(self.assignment)}),
-            **({} if self.solver is None else {"solver": self.solver}),
-            **({} if self.ends is MissionEnd.ONCE else {"ends": str(self.ends)}),
-            **self._local_to_json(),
-            "compiled": self._compiled_version(),
+        version = BIDS_VERSION if self.has_bids else COMPILED_VERSION
+        version = LOCAL_TREES_VERSION if self.local_trees else version
+        version = PROGRAM_TREES_VERSION if self.program_trees else version
+        is_usual = self.assignment is AssignmentPolicy.ANY
+        local_trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
+        program_trees = program_trees_to_json(self.program_trees) if self.program_trees else None
+        optional = {
+            "constraints": [constraint_to_json(constraint) for constraint in self.constraints],
+            "assignment": None if is_usual else str(self.assignment),
+            "solver": self.solver,
+            "ends": None if self.ends is MissionEnd.ONCE else str(self.ends),
+            "local_trees": local_trees,
+            "local_conditions": {c.name: c.to_json() for c in self.local_conditions.values()},
+            "program_trees": program_trees,
+        }
+        return {name: value for name, value in optional.items() if value} | {
+            "compiled": version,
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
             "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
@@ -425,26 +432,6 @@ class Mission:
             "parameters": dict(self.parameters),
             "program": self.program,
             "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
-        }
-
-    def _compiled_version(self) -> int:
-        if self.program_trees:
-            return PROGRAM_TREES_VERSION
-        usual = BIDS_VERSION if self.has_bids else COMPILED_VERSION
-        return LOCAL_TREES_VERSION if self.local_trees else usual
-
-    def _local_to_json(self) -> dict[str, Any]:
-        """Local tasks that are trees, and the conditions that these read; nothing without any."""
-        trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
-        own = {c.name: c.to_json() for c in self.local_conditions.values()}
-        return {
-            **({"local_trees": trees} if trees else {}),
-            **({"local_conditions": own} if own else {}),
-            **(
-                {"program_trees": program_trees_to_json(self.program_trees)}
-                if self.program_trees
-                else {}
-            ),
         }
 
 

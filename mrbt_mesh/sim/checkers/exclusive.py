@@ -64,7 +64,7 @@ class Exclusive:
         action = agent.action
         if not isinstance(event, ActionFinished | ActionStopped) or action is None:
             return
-        if action.global_task in self._tasks and action.number == event.ticket:
+        if action.global_task in self._tasks and action.ticket == event.ticket:
             success = event.success if isinstance(event, ActionFinished) else None
             known = self._coalitions[action.global_task, action.activation]
             known[action.coalition].ends[process] = success

@@ -239,7 +239,7 @@ class Progress:
     def finishing(self, agent: AgentView, event: Input) -> None:
         """Before a step: an action is about to end."""
         action = agent.action
-        if isinstance(event, ActionFinished) and action and action.number == event.ticket:
+        if isinstance(event, ActionFinished) and action and action.ticket == event.ticket:
             key = (action.global_task, action.local_task, action.activation)
             self._successes[key] += event.success
 

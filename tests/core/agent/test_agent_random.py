@@ -77,9 +77,9 @@ def heal(script: Script) -> None:
     script.block(lines)
     for process in script.team.processes.values():
         process.stops_at_once = True
-        ticket = process.agent.view.action
+        action = process.agent.view.action
         for number in list(process.tickets):
-            if ticket is None or ticket.number != number or process.agent.view.claim is None:
+            if action is None or action.ticket != number or process.agent.view.claim is None:
                 script.block([f"stopped {process.name}"])
     script.block(["pass 3000", "tell A order resume"])
     script.block([f"tell {robot} restore all" for robot in ROBOTS])

@@ -26,7 +26,7 @@ class Speaker:
         assert agent is not None
         self.agent: Agent = agent
         self.heartbeats = self.agent._heartbeats
-        self.urgent: Urgent = self.heartbeats._urgent()
+        self.urgent: Urgent = self.heartbeats._urgent(self.agent.view.plan)
         self.now_us = team.now_us + 10 * SECOND_US
         self.neighbours = set(Ring(team.mission.robots, TIMING.reach).neighbours(self.robot))
         self.agent._context.take_effects()
@@ -40,7 +40,7 @@ class Speaker:
         self.now_us += after_us
         self.urgent = self.urgent._replace(**changes)
         with mock.patch.object(self.heartbeats, "_urgent", return_value=self.urgent):
-            self.heartbeats.send_if_due(self.now_us)
+            self.heartbeats.send_if_due(self.agent.view.plan, self.now_us)
         sent = [each for each in self.agent._context.take_effects() if isinstance(each, Publish)]
         return sent[0].to if sent else "nothing"
 

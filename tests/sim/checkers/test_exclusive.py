@@ -9,7 +9,6 @@ import pytest
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped, Input
-from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.facts.records import CLAIM, GRANT, Claim, Phase
 from mrbt_mesh.core.facts.store import Entry, Version, parse_entry
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
@@ -50,7 +49,7 @@ class Dosing:
             7, "a:1", "dose(a)", "dose(a)", (), 1, process.agent.view.incarnation, token
         )
         self.team.checkers.i5.handled(process, [start])
-        inside.context(process.agent).work.action = Ticket(7, "a:1", "dose(a)", "dose(a)", token)
+        inside.pretend_to_work(process.agent, "a:1", "dose(a)", "dose(a)", coalition=token)
         return [text.partition("which ")[2] or text for text in self.team.checkers.violations]
 
     def end(self, robot: str, event: Input) -> None:

@@ -11,7 +11,6 @@ import pytest
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.agent.effects import CancelAction, Persist
 from mrbt_mesh.core.agent.inputs import TimerFired
-from mrbt_mesh.core.agent.work import Ticket
 from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, OrderKind, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import KnownMember
@@ -41,7 +40,7 @@ def test_i4_work_that_a_robot_cannot_do(team: Team) -> None:
 def test_i4_more_robots_at_once_than_are_allowed(team: Team) -> None:
     activation = f"{team.agents[0].view.facts.run}:4:remove_cover::0"
     for agent in team.agents[:3]:
-        inside.context(agent).work.action = Ticket(1, activation, "remove_cover", "move_frame")
+        inside.pretend_to_work(agent, activation, "remove_cover", "move_frame")
     assert start(team, "C2", "remove_cover", "move_frame") == ["I4"]
     assert "A1, A2, B1 are on move_frame" in team.checkers.violations[0]
     team.cut_off = True
@@ -106,7 +105,7 @@ def test_i6_a_team_that_could_finish_and_does_nothing(team: Team) -> None:
     )
     team.checkers.violations.clear()
     activation = f"{team.agents[0].view.facts.run}:4:remove_cover::0"
-    inside.context(team.agents[0]).work.action = Ticket(1, activation, "remove_cover", "move_frame")
+    inside.pretend_to_work(team.agents[0], activation, "remove_cover", "move_frame")
     team.checkers.i6.timed_out()
     assert team.checkers.violations == []
 
@@ -146,7 +145,7 @@ def test_i4_a_robot_that_is_taken_off_what_it_runs(run: Run) -> None:
     assert ticket is not None
     assert team.agents[0].view.plan is not None
     team.checkers.handling(process, TimerFired())  # type: ignore[arg-type]
-    cancel = [CancelAction(ticket.number)]
+    cancel = [CancelAction(ticket.ticket)]
     team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
     assert "R1 is taken off explore(A)" in team.checkers.violations[0]
     # Not so if the operator says that everybody rests.
