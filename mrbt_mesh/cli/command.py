@@ -75,32 +75,24 @@ class CommandGroup(click.Group):
         return list(self.commands)
 
 
-# Names of commands that share a row of the help, the module that has them, and what they are for.
-Row = tuple[str, str, str]
-
-
 class LateGroup(click.Group):
     """A group whose commands are imported when they are used.
 
-    The commands of a row are attributes of its module. `plugins`: commands of other packages; one
-    named `tree.lift` is added to the group `tree`.
+    `sections`: names that share a row of the help -> their purpose. A command is an attribute of
+    the module in `mrbt_mesh.cli.commands` that has its name, or that `modules` names. `plugins`:
+    commands of other packages; one named `tree.lift` is added to the group `tree`.
     """
 
     def __init__(
         self,
-        sections: Mapping[str, Sequence[Row]],
+        sections: Mapping[str, Mapping[str, str]],
+        modules: Mapping[str, str],
         plugins: plugins.Group[click.Command],
         **settings: Any,
     ) -> None:
-        self._sections = sections
-        self._modules = {
-            name: module
-            for rows in sections.values()
-            for names, module, _ in rows
-            for name in names.split()
-        }
-        self._plugins = plugins
-        super().__init__(commands=dict.fromkeys(self._modules, click.Command(None)), **settings)
+        self._sections, self._modules, self._plugins = sections, modules, plugins
+        self._own = [name for rows in sections.values() for row in rows for name in row.split()]
+        super().__init__(commands=dict.fromkeys(self._own, click.Command(None)), **settings)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         # Only now, since a robot's process does not need the plug-ins' names. Click looks for
@@ -111,9 +103,10 @@ class LateGroup(click.Group):
         return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name in self._modules:
-            module = importlib.import_module(self._modules[cmd_name])
-            found: click.Command = getattr(module, cmd_name)
+        if cmd_name in self._own:
+            module = self._modules.get(cmd_name, cmd_name)
+            found = getattr(importlib.import_module(f"mrbt_mesh.cli.commands.{module}"), cmd_name)
+            assert isinstance(found, click.Command)
             return found
         return self._plugin(cmd_name) if cmd_name in self.list_commands(ctx) else None
 
@@ -125,22 +118,18 @@ class LateGroup(click.Group):
         return command
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The sections without empty lines between them: the screen has 24 lines."""
-        sections = {
-            title: [(names, text) for names, _, text in rows]
-            for title, rows in self._sections.items()
-        }
-        sections["Tools"] = [
-            (name, self._plugin(name).get_short_help_str(60))
+        """The sections in place of one list of commands, and of options."""
+        tools = {
+            name: self._plugin(name).get_short_help_str(60)
             for name in self.list_commands(ctx)
-            if name not in self._modules
-        ]
-        width = max(len(names) for rows in sections.values() for names, _ in rows)
+            if name not in self._own
+        }
+        sections = {**self._sections, "Tools": tools}
+        width = max((len(names) for rows in sections.values() for names in rows), default=0)
         for title, rows in sections.items():
             if rows:
-                formatter.write_heading(title)
-                with formatter.indentation():
-                    formatter.write_dl([(f"{names:{width}}", text) for names, text in rows])
+                with formatter.section(title):
+                    formatter.write_dl([(f"{names:{width}}", text) for names, text in rows.items()])
 
     def main(self, *args: Any, **extra: Any) -> NoReturn:
         run(super().main, *args, **extra)

@@ -125,7 +125,7 @@ def test_a_group_adds_the_plugins_of_its_name(monkeypatch: pytest.MonkeyPatch) -
     loaded = {"wood": click.Group("wood", help="Trees."), "wood.cut": click.Command("cut")}
     monkeypatch.setattr(type(COMMANDS), "names", lambda self: sorted(loaded))
     monkeypatch.setattr(type(COMMANDS), "load", lambda self, name: loaded[name])
-    group = LateGroup({}, COMMANDS, name="mrbt")
+    group = LateGroup({}, {}, COMMANDS, name="mrbt")
     context = click.Context(group, info_name="mrbt")
     assert group.list_commands(context) == ["wood"]
     wood = group.get_command(context, "wood")

@@ -15,7 +15,6 @@ from mrbt_mesh.cli.options import robot_argument, run_dir_option
 from mrbt_mesh.errors import InputError, nearest
 
 if TYPE_CHECKING:
-    from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.watcher import Watcher
 
@@ -26,57 +25,46 @@ JOIN_TIMEOUT_S = 30.0
 # -- signals ----------------------------------------------------------------------------------
 
 
-@click.command(cls=MrbtCommand)
-@robot_argument
-@run_dir_option
-def kill(robot: str, run_dir: Path | None) -> None:
-    """Kill a robot's process with SIGKILL: a major fault.
+def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Command:
+    """A command that sends a signal to a robot's process on this machine."""
 
-    Example: mrbt kill A1
-    """
-    _send_signal(robot, run_dir, signal.SIGKILL, "killed")
+    @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name} A1")
+    @robot_argument
+    @run_dir_option
+    def send(robot: str, run_dir: Path | None) -> None:
+        import psutil
 
+        from mrbt_mesh.runtime.run_dir import RunDir
 
-@click.command(cls=MrbtCommand)
-@robot_argument
-@run_dir_option
-def freeze(robot: str, run_dir: Path | None) -> None:
-    """Freeze a robot's process with SIGSTOP: it falls silent, but its links stay up.
+        found = RunDir.find(run_dir)
+        process = found.process(robot)
+        if process is None:
+            known = {*found.info().robots, *found.robots()}
+            if robot not in known:
+                hint = nearest(robot, known)
+                raise InputError(f"the run in {found.path} has no robot {robot!r}{hint}")
+            raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
+        try:
+            process.send_signal(number)
+        except psutil.Error as error:
+            fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
+        click.echo(f"{robot} (pid {process.pid}) {done}")
 
-    Example: mrbt freeze A1
-    """
-    _send_signal(robot, run_dir, signal.SIGSTOP, "frozen")
-
-
-@click.command(cls=MrbtCommand)
-@robot_argument
-@run_dir_option
-def thaw(robot: str, run_dir: Path | None) -> None:
-    """Continue a frozen robot's process with SIGCONT.
-
-    Example: mrbt thaw A1
-    """
-    _send_signal(robot, run_dir, signal.SIGCONT, "continued")
+    return send
 
 
-def _send_signal(robot: str, run_dir: Path | None, number: signal.Signals, done: str) -> None:
-    import psutil
-
-    from mrbt_mesh.runtime.run_dir import RunDir
-
-    found = RunDir.find(run_dir)
-    process = found.process(robot)
-    if process is None:
-        known = {*found.info().robots, *found.robots()}
-        if robot not in known:
-            hint = nearest(robot, known)
-            raise InputError(f"the run in {found.path} has no robot {robot!r}{hint}")
-        raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
-    try:
-        process.send_signal(number)
-    except psutil.Error as error:
-        fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
-    click.echo(f"{robot} (pid {process.pid}) {done}")
+kill = _signal(
+    "kill", signal.SIGKILL, "killed", "Kill a robot's process with SIGKILL: a major fault."
+)
+freeze = _signal(
+    "freeze",
+    signal.SIGSTOP,
+    "frozen",
+    "Freeze a robot's process with SIGSTOP: it falls silent, but its links stay up.",
+)
+thaw = _signal(
+    "thaw", signal.SIGCONT, "continued", "Continue a frozen robot's process with SIGCONT."
+)
 
 
 # -- orders -----------------------------------------------------------------------------------
@@ -127,34 +115,20 @@ def fault(
     _order(team, robot, PERFORM, f"{capability}={performance}")
 
 
-@click.command(cls=MrbtCommand)
-@team_options
-def pause(team: TeamOptions) -> None:
-    """Stop all work of a team until `mrbt resume`.
+def _team_order(name: str, text: str) -> click.Command:
+    """A command that gives an order to the whole team."""
 
-    Example: mrbt pause
-    """
-    _order(team, None, "order", "pause")
+    @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name}")
+    @team_options
+    def give(team: TeamOptions) -> None:
+        _order(team, None, "order", name)
 
-
-@click.command(cls=MrbtCommand)
-@team_options
-def resume(team: TeamOptions) -> None:
-    """Resume the work of a paused team.
-
-    Example: mrbt resume
-    """
-    _order(team, None, "order", "resume")
+    return give
 
 
-@click.command(cls=MrbtCommand)
-@team_options
-def abort(team: TeamOptions) -> None:
-    """End the mission as failed. It cannot be undone.
-
-    Example: mrbt abort
-    """
-    _order(team, None, "order", "abort")
+pause = _team_order("pause", "Stop all work of a team until `mrbt resume`.")
+resume = _team_order("resume", "Resume the work of a paused team.")
+abort = _team_order("abort", "End the mission as failed. It cannot be undone.")
 
 
 @click.command(cls=MrbtCommand)
@@ -177,7 +151,7 @@ def decide(global_task: str, decision: str, team: TeamOptions) -> None:
 
 
 def _order(team: TeamOptions, robot: str | None, command: str, argument: str = "") -> NoReturn:
-    """Give a command to a robot (None: any living one), print its answer, and end the process."""
+    """Give a command to a robot (None: any live one), print its answer, and end the process."""
 
     async def act(watcher: Watcher) -> int:
         living = list(watcher.observer.membership.members())
@@ -212,7 +186,7 @@ def with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> No
 
 
 def nobody(watcher: Watcher) -> str:
-    """Why no robot is heard, as far as it is known."""
+    """A message for a team of which no robot is heard, with the reasons that are known."""
     team = watcher.address
     text = f"no robot of team {team.transport.team}, run {team.run}, answers"
     refused = watcher.observer.refused
@@ -237,6 +211,7 @@ def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | Non
     import anyio
 
     from mrbt_mesh.core.membership.timing import SECOND_US
+    from mrbt_mesh.core.mission.names import is_robot_id
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team import Team, address_of
@@ -244,7 +219,13 @@ def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | Non
 
     found = RunDir.find(run_dir)
     mission = load_mission(found.mission_path)
-    _check(mission, robot, robot_type)
+    if not is_robot_id(robot):
+        raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
+    types = ", ".join(sorted(mission.robot_types))
+    if robot_type is not None and robot_type not in mission.robot_types:
+        raise InputError(f"--type {robot_type}: the mission has no such robot type ({types})")
+    if robot_type is None and robot not in mission.robots:
+        raise InputError(f"the mission has no robot {robot}: give its --type ({types})")
     running = found.process(robot)
     if running is not None and not takeover:
         raise InputError(
@@ -273,15 +254,3 @@ def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | Non
         fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
     click.echo(f"{robot} joined")
     end_process(SUCCESS)
-
-
-def _check(mission: Mission, robot: str, robot_type: str | None) -> None:
-    from mrbt_mesh.core.mission.names import is_robot_id
-
-    if not is_robot_id(robot):
-        raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
-    types = ", ".join(sorted(mission.robot_types))
-    if robot_type is not None and robot_type not in mission.robot_types:
-        raise InputError(f"--type {robot_type}: the mission has no such robot type ({types})")
-    if robot_type is None and robot not in mission.robots:
-        raise InputError(f"the mission has no robot {robot}: give its --type ({types})")
