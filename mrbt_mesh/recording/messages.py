@@ -23,11 +23,12 @@ from mrbt_mesh.recording.channels import FORMAT
 from mrbt_mesh.recording.metadata import RunMetadata
 
 LETTERS = "-RSF"
-_NAMES = tuple(status.name.lower() for status in Status)
+# By status.
+STATUS_NAMES = tuple(status.name.lower() for status in Status)
 
 
 def readable(value: Any) -> Any:
-    """A fact's value as JSON can show it; what is exact is the fact's packed value."""
+    """A fact's value as JSON can show it; only the fact's packed value is exact."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, bytes):
@@ -61,7 +62,7 @@ def pack_fact(entry: Entry, number: int) -> dict[str, Any]:
 
 def unpack_fact(data: Mapping[str, Any]) -> Entry:
     """The fact of such a message, made of its packed value; raises ValueError for a malformed one,
-    or one whose other fields say something else.
+    or one whose other fields do not fit that value.
     """
     try:
         version = data["version"]
@@ -78,8 +79,8 @@ def unpack_fact(data: Mapping[str, Any]) -> Entry:
     except (KeyError, TypeError, AttributeError, ValueError, msgpack.UnpackException) as error:
         raise ValueError(f"the fact is malformed: {error}") from None
     wanted = pack_fact(entry, number)
-    for field, said in data.items():
-        if not same(wanted.get(field), said):
+    for field, value in data.items():
+        if not same(wanted.get(field), value):
             raise ValueError(f"the fact's {field} is not that of the rest of it")
     return entry
 
@@ -100,11 +101,6 @@ def pack_alive(alive: Mapping[str, Incarnation]) -> dict[str, str]:
     return {robot: str(alive[robot]) for robot in sorted(alive)}
 
 
-def unpack_alive(data: Mapping[str, str]) -> dict[str, Incarnation]:
-    """The inverse of `pack_alive`; raises ValueError."""
-    return {robot: read_incarnation(text) for robot, text in data.items()}
-
-
 def read_incarnation(text: str) -> Incarnation:
     """The inverse of `str(incarnation)`; raises ValueError."""
     counter, point, nonce = text.partition(".")
@@ -120,10 +116,10 @@ def pack_plan(
 
     `facts`: the number of the last change of facts that it was made from, `digest` that of the map.
     """
-    said = plan.to_json()
+    content = plan.to_json()
     # That is `plan.packed`, used only here.
-    whole = hashlib.blake2b(msgpack.packb(said), digest_size=16).hexdigest()
-    del said["statuses"]
+    whole = hashlib.blake2b(msgpack.packb(content), digest_size=16).hexdigest()
+    del content["statuses"]
     return {
         "number": number,
         "facts": facts,
@@ -131,13 +127,8 @@ def pack_plan(
         "alive": pack_alive(alive),
         "digest": plan.digest.hex(),
         "hash": whole,
-        **said,
+        **content,
     }
-
-
-def pack_nodes(plan: Plan) -> str:
-    """The statuses of T_G's nodes, a letter each, in the order of the tree's nodes."""
-    return pack_statuses(plan.evaluation.statuses)
 
 
 def pack_statuses(statuses: Iterable[int]) -> str:
@@ -148,11 +139,6 @@ def pack_statuses(statuses: Iterable[int]) -> str:
 def unpack_statuses(letters: str) -> bytes:
     """The inverse of `pack_statuses`; raises ValueError."""
     return bytes(map(LETTERS.index, letters))
-
-
-def status_name(status: int) -> str:
-    """A status as recordings have it."""
-    return _NAMES[status]
 
 
 def _text(data: bytes) -> str:
@@ -175,7 +161,7 @@ def pack_beat(source: str, data: bytes, sent: bool) -> dict[str, Any]:
 
 CHECK_BYTES = 8
 
-# Plain data as one line of JSON, in ASCII: what a program says may be no Unicode text.
+# Plain data as one line of JSON, in ASCII: texts of programs may not be valid Unicode.
 to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 
@@ -185,33 +171,28 @@ class MessageSink(Protocol):
     @property
     def epoch_ns(self) -> int:
         """The Unix time at which the clock of the recording's owner was 0."""
-        ...
 
     def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
         """Add a message; `data` is not empty and fits the channel's schema."""
-        ...
 
     def flush(self) -> None:
         """Hand over what was written."""
-        ...
 
     def abandon(self) -> None:
         """Leave it as it is: it could not be written."""
-        ...
 
     def close(self) -> None:
-        """Nothing more comes."""
-        ...
+        """No more messages come."""
 
 
 def first_check(metadata: Mapping[str, str]) -> bytes:
-    """What the check of the first message is over, besides itself."""
+    """The check before the first message: over the metadata."""
     text = json.dumps([FORMAT, dict(metadata)], sort_keys=True, ensure_ascii=False)
     return hashlib.blake2b(text.encode(), digest_size=CHECK_BYTES).digest()
 
 
 def next_check(before: bytes, number: int, topic: str, at_ns: int, body: bytes) -> bytes:
-    """The check of a message: over the one before, and all that it says itself."""
+    """The check of a message: over the check before and the whole message."""
     head = f"{number} {topic} {at_ns} ".encode()
     return hashlib.blake2b(before + head + body, digest_size=CHECK_BYTES).digest()
 
@@ -225,7 +206,7 @@ class MessageEncoder:
         self._check = first_check(metadata.to_values())
 
     def encode(self, topic: str, at_us: int, data: Mapping[str, Any]) -> tuple[int, bytes]:
-        """(its Unix time in nanoseconds, its text); `data` is not empty."""
+        """(Unix time in nanoseconds, text) of a message; `data` is not empty."""
         self.number += 1
         at_ns = self.epoch_ns + at_us * 1_000
         body = to_json(data).encode()

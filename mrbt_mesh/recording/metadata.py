@@ -26,8 +26,8 @@ class RunMetadata:
     """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.
 
     `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
-    are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: so many times
-    faster simulated robots work.
+    are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: by how much
+    simulated robots are faster.
     """
 
     robot: str
@@ -52,14 +52,13 @@ class RunMetadata:
 
     def to_values(self) -> dict[str, str]:
         """As MCAP has it: text alone."""
-        timing = {name: getattr(self.timing, name) for name in _TIMES}
         return {
             "format": FORMAT,
             "robot": self.robot,
             "run": self.run,
             "mission": self.mission,
             "mission_digest": self.mission_digest,
-            "timing": json.dumps(timing),
+            "timing": json.dumps({name: getattr(self.timing, name) for name in _TIMES}),
             "epoch_ns": str(self.epoch_ns),
             "version": self.version,
             "solver": self.solver,
@@ -94,7 +93,7 @@ class RunMetadata:
             raise ValueError(f"its metadata are damaged: {error!r}") from None
 
     def read_mission(self, file: str) -> Mission:
-        """The mission; raises FileError if its text was damaged, ValueError if it is another."""
+        """The mission; raises FileError for a damaged text, ValueError for another mission's."""
         mission = mission_from_compiled(self.mission, file)
         if mission.digest != self.mission_digest:
             raise ValueError("the mission in its metadata is not that of its digest")

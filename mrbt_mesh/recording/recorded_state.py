@@ -1,4 +1,4 @@
-"""What a robot knew at one place of its recording: facts, alive set, plan, and what it did."""
+"""The state of a robot at one place of its recording: facts, alive set, plan, action."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mrbt_mesh.recording.messages import (
     pack_alive,
     pack_fact,
     pack_statuses,
-    unpack_alive,
+    read_incarnation,
     unpack_fact,
     unpack_statuses,
 )
@@ -28,11 +28,11 @@ class NothingNewError(ValueError):
 
 
 class RecordedState:
-    """Apply the records of a recording in their order; then it holds what its owner did.
+    """Apply the records of a recording in their order; it is then the state of its owner.
 
     `plan`, `statuses`, `action` and `robots` are the last messages of their channels, `action` None
     once it has ended, `robots` by name. `changes`: how many changes of facts there were.
-    `positions`: of the robots that are there and say where.
+    `positions`: of the robots that are there and report them.
     """
 
     def __init__(self, facts: TeamFacts) -> None:
@@ -48,12 +48,12 @@ class RecordedState:
         self.trees: dict[str, bytes] = {}
         self.percent = 0
         self.positions: dict[str, Position] = {}
-        # Robot -> whether it says where it is heading.
+        # Robot -> whether it reports its heading.
         self._drawn: dict[str, bool] = {}
 
     def apply(self, record: RecordedMessage) -> Entry | None:
-        """Take in one record; returns the fact that it brought. Raises ValueError if it cannot
-        follow on those before.
+        """Take in one record; returns its fact, if any. Raises ValueError if it cannot follow the
+        records before it.
         """
         data = record.data
         match record.topic:
@@ -65,7 +65,8 @@ class RecordedState:
                     raise ValueError(f"{data['author']}'s {data['name']} is dropped, but not there")
                 self.facts.map.drop(data["author"], data["name"])
             case channels.ALIVE:
-                self.alive = unpack_alive(data["robots"])
+                alive = data["robots"].items()
+                self.alive = {robot: read_incarnation(text) for robot, text in alive}
             case channels.PLANS:
                 self.plan = data
             case channels.STATUSES:

@@ -1,13 +1,15 @@
-"""What the recordings of a robot and of an observer have in common: facts, plans, the scene."""
+"""The common part of the recordings of a robot and of an observer: facts, plans, the scene."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
-from mrbt_mesh.core.facts.store import Change, FactMap, Incarnation
+from mrbt_mesh.core.facts.store import Change, Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import MessageSink, pack_alive, pack_fact, pack_plan
 from mrbt_mesh.recording.scene import TeamScene
@@ -22,17 +24,20 @@ class Recorder:
     the proof of a batch is complete only at its end.
     """
 
-    def __init__(self, sink: MessageSink, mission: Mission, facts: FactMap) -> None:
+    def __init__(self, sink: MessageSink, mission: Mission, facts: TeamFacts) -> None:
         self._sink = sink
         self._facts = facts
+        # The places of the map that conditions describe, and what their states were made from.
+        self._places = told_places(mission)
+        self._places_from: tuple[object, ...] = ()
         self._scene = TeamScene(mission, sink.epoch_ns)
         self._plans = 0
         self._alive: dict[str, Incarnation] = {}
         self._changes = 0
         # (topic, number of the change or 0, the fact or the message).
         self._waiting: list[tuple[str, int, Any]] = []
-        self._facts_changed([(None, entry) for entry in facts])
-        facts.subscribe(self._facts_changed)
+        self._facts_changed([(None, entry) for entry in facts.map])
+        facts.map.subscribe(self._facts_changed)
 
     def _facts_changed(self, changes: Sequence[Change]) -> None:
         for old, new in changes:
@@ -54,7 +59,7 @@ class Recorder:
         """Note a plan, and the alive set that it was made for."""
         self._add_alive(alive)
         self._plans += 1
-        digest = self._facts.digest()
+        digest = self._facts.map.digest()
         self._add(channels.PLANS, pack_plan(plan, self._plans, self._changes, digest, alive))
 
     def _noted(self) -> Iterator[TopicMessage]:
@@ -71,6 +76,15 @@ class Recorder:
     def _write(self, messages: Iterable[TopicMessage], now_us: int) -> None:
         for topic, data in messages:
             self._sink.write(topic, now_us, data)
+
+    def _write_scene(
+        self, now_us: int, has_succeeded: Callable[[str], bool], *causes: object
+    ) -> None:
+        """Write where robots and places have changed; those of places, if other `causes` are."""
+        if self._places and causes != self._places_from:
+            self._places_from = causes
+            self._scene.see_places(place_states(self._places, self._facts, has_succeeded))
+        self._write(self._scene.take(now_us), now_us)
 
     def abandon(self) -> None:
         """Leave the recording as it is: it could not be written."""

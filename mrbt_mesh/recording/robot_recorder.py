@@ -1,4 +1,4 @@
-"""Records one agent: what it took in, what it planned, what it did, in the order of its steps."""
+"""Records one agent: its inputs, plans and actions, in the order of its steps."""
 
 from __future__ import annotations
 
@@ -22,14 +22,12 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import (
+    STATUS_NAMES,
     MessageSink,
     pack_beat,
-    pack_nodes,
     pack_statuses,
-    status_name,
 )
 from mrbt_mesh.recording.recorder import Recorder, TopicMessage
 
@@ -42,8 +40,8 @@ _STATES = tuple(f"robot_{state}" for state in State)
 
 
 class RobotRecorder(Recorder):
-    """Call `step` after each `Agent.handle`, before its effects are carried out: what a robot
-    sends, it has recorded before.
+    """Call `step` after each `Agent.handle`, before its effects are carried out: a robot records
+    before it sends.
 
     `beats`: heartbeats are recorded as well.
     """
@@ -51,7 +49,8 @@ class RobotRecorder(Recorder):
     def __init__(
         self, sink: MessageSink, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
-        super().__init__(sink, view.mission, view.facts.map)
+        self._tasks = TaskLog(view.mission)
+        super().__init__(sink, view.mission, view.facts)
         self._view = view
         self._beats = beats
         self._is_alive_known = False
@@ -64,14 +63,21 @@ class RobotRecorder(Recorder):
         self._action: StartAction | None = None
         self._percent = 0
         view.subscribe_to_plans(self._planned)
-        self._places = PlaceWatch(view)
         self._write(self._noted(), now_us)
         sink.flush()
 
     def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
         self._add_plan(plan, alive)
         self._is_alive_known = False  # a plan that was made elsewhere is for those of before
-        self._nodes = pack_nodes(plan)
+        self._nodes = pack_statuses(plan.evaluation.statuses)
+        if self._places:
+            self._tasks.plan(plan)
+
+    def _facts_changed(self, changes: Sequence[Change]) -> None:
+        super()._facts_changed(changes)
+        for _, new in changes if self._places else ():
+            if new is not None:
+                self._tasks.fact(new)
 
     def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
         """Write what has changed by an input, and what is to be done. Raises OSError."""
@@ -91,7 +97,7 @@ class RobotRecorder(Recorder):
         statuses = (self._nodes, *view.statuses)
         if self._plans and statuses != self._statuses:
             self._statuses = statuses
-            of_trees = dict(zip(_TREES, map(status_name, view.statuses), strict=True))
+            of_trees = {t: STATUS_NAMES[s] for t, s in zip(_TREES, view.statuses, strict=True)}
             said = {"plan": self._plans, "nodes": self._nodes, **of_trees}
             self._write([(channels.STATUSES, said)], now_us)
         if view.tree_statuses != self._tree:
@@ -100,12 +106,10 @@ class RobotRecorder(Recorder):
             self._write([(channels.ROBOT_TREES, said)], now_us)
         for effect in effects:
             self._write(self._effects(effect), now_us)
-        places = self._places.news()
-        if places is not None:
-            self._scene.see_places(places)
-        self._write(self._scene.take(now_us), now_us)
+        # A plan follows a change of facts, if anything does.
+        self._write_scene(now_us, self._tasks.has_succeeded, self._plans)
         if effects:
-            # What was only taken in can wait until something follows from it.
+            # Inputs without effects can wait.
             self._sink.flush()
 
     # -- what came in -------------------------------------------------------------------------
@@ -200,38 +204,6 @@ class RobotRecorder(Recorder):
             case Stop(code, reason):
                 said = {"event": "stopped", "incarnation": str(self._view.incarnation)}
                 yield channels.LIFE, {**said, "code": code, "reason": reason}
-
-
-class PlaceWatch:
-    """The states of a map's places as a robot knows them: by its own facts and plans."""
-
-    def __init__(self, view: AgentView) -> None:
-        self._view = view
-        self._tasks = TaskLog(view.mission)
-        self._places = told_places(view.mission)
-        self._has_changed = bool(self._places)
-        if self._places:
-            for entry in view.facts.map:
-                self._tasks.fact(entry)
-            view.facts.map.subscribe(self._facts)
-            view.subscribe_to_plans(self._planned)
-
-    def _facts(self, changes: Sequence[Change]) -> None:
-        """A plan follows, if anything does."""
-        for _, new in changes:
-            if new is not None:
-                self._tasks.fact(new)
-
-    def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
-        self._has_changed = True
-        self._tasks.plan(plan)
-
-    def news(self) -> dict[str, str] | None:
-        """Place -> state, or None where nothing can have changed since."""
-        if not self._has_changed:
-            return None
-        self._has_changed = False
-        return place_states(self._places, self._view.facts, self._tasks.has_succeeded)
 
 
 def _of(action: StartAction) -> dict[str, Any]:

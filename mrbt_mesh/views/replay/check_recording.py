@@ -13,7 +13,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.messages import pack_alive, pack_nodes, pack_plan, same
+from mrbt_mesh.recording.messages import pack_alive, pack_plan, pack_statuses, same
 from mrbt_mesh.recording.reader import RecordedMessage, Recording
 from mrbt_mesh.recording.recorded_state import NothingNewError
 from mrbt_mesh.views.replay.check_work import WorkCheck
@@ -137,5 +137,5 @@ class RecordingCheck(CheckedState):
         self.counts["statuses"] += 1
         if self.plan is None or data["plan"] != self._made:
             raise ValueError("statuses of a plan that was not made just before")
-        if data["nodes"] != pack_nodes(self.plan):
+        if data["nodes"] != pack_statuses(self.plan.evaluation.statuses):
             raise ValueError("the statuses of T_G's nodes do not follow from the facts")
