@@ -12,6 +12,7 @@ import click
 from mrbt_mesh.cli.terminal import print_json
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.recording.player import Player
 
 
@@ -50,21 +51,15 @@ async def serve(
 ) -> None:
     """Serve its page until SIGINT or SIGTERM, and print the address. Raises InputError."""
     from mrbt_mesh.views.replay.shown_recording import ShownRecording
-    from mrbt_mesh.views.web.projector import show_recording
-    from mrbt_mesh.views.web.server import PageOptions
+    from mrbt_mesh.views.web.projector import showing_recording
 
     shown = ShownRecording(player, time_of(player, at_s), speed)
-
-    def print_address(page: str) -> None:
+    async with showing_recording(shown, ViewerOptions(host, port)) as page:
         if as_json:
             print_json({"page": page})
         else:
             click.echo(f"page: {page}")
         sys.stdout.flush()
-
-    async with anyio.create_task_group() as group:
-        group.start_soon(show_recording, shown, PageOptions(host, port), print_address)
         with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
             async for _ in signals:
                 break
-        group.cancel_scope.cancel()

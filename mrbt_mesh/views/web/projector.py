@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 from typing import Any
 
 import anyio
 
+from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.feed import FRAME_US, Feed
-from mrbt_mesh.views.web.server import PageOptions, served
+from mrbt_mesh.views.web.server import served
 
 # Records that are played before other tasks run.
 STEP_RECORDS = 20
@@ -78,12 +80,12 @@ def _number(wish: Mapping[str, Any], name: str) -> float | None:
     return float(value)
 
 
-async def show_recording(
-    shown: ShownRecording, options: PageOptions, say: Callable[[str], None]
-) -> None:
-    """Serve a recording's page, and say where; never returns. Raises PageError."""
+@asynccontextmanager
+async def showing_recording(shown: ShownRecording, options: ViewerOptions) -> AsyncIterator[str]:
+    """The address of a recording's page, while it is served and played. Raises PageError."""
     projector = RecordingProjector(shown)
     page = lambda own: Page(projector.feed, own, projector=projector)  # noqa: E731
-    async with served(options, projector.feed, page) as address:
-        say(address)
-        await projector.run()
+    async with served(options, projector.feed, page) as address, anyio.create_task_group() as group:
+        group.start_soon(projector.run)
+        yield address
+        group.cancel_scope.cancel()

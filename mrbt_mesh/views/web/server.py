@@ -4,25 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 
 import anyio
 import psutil
 import uvicorn
 
-from mrbt_mesh.drills.control import Control
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.team import Team
-from mrbt_mesh.runtime.watcher import Watcher
-from mrbt_mesh.views.model.team_view import TeamView
+from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.connections import LimitedHttp
-from mrbt_mesh.views.web.feed import FRAME_US, Feed
-from mrbt_mesh.views.web.protection import hosts, new_token
+from mrbt_mesh.views.web.feed import Feed
+from mrbt_mesh.views.web.protection import hosts
 
 LOOPBACK = "127.0.0.1"
 ANYWHERE = ("0.0.0.0", "::")
@@ -31,15 +25,6 @@ CLOSE_TIMEOUT_S = 1
 
 class PageError(InputError):
     """The page cannot be served; the message has the reason."""
-
-
-@dataclass(frozen=True)
-class PageOptions:
-    """Where the page is served (port 0: any that is free), and whether it may steer the team."""
-
-    host: str = LOOPBACK
-    port: int = 0
-    has_control: bool = False
 
 
 class _Server(uvicorn.Server):
@@ -51,24 +36,8 @@ class _Server(uvicorn.Server):
 
 
 @asynccontextmanager
-async def serving(
-    watcher: Watcher, team: Team | None, options: PageOptions
-) -> AsyncIterator[tuple[str, Feed]]:
-    """(the page's address, the feed, which `follow` keeps up to date).
-
-    `team`: its processes, if they are of this machine. Raises PageError.
-    """
-    feed, token = Feed(TeamView(watcher.observer), boottime_us), new_token()
-    async with anyio.create_task_group() as group:
-        control = Control(watcher, team, group) if options.has_control else None
-        async with served(options, feed, lambda own: Page(feed, own, control, token)) as address:
-            yield address + (f"#{token}" if control is not None else ""), feed
-        group.cancel_scope.cancel()
-
-
-@asynccontextmanager
 async def served(
-    options: PageOptions, feed: Feed, make_page: Callable[[frozenset[str]], Page]
+    options: ViewerOptions, feed: Feed, make_page: Callable[[frozenset[str]], Page]
 ) -> AsyncIterator[str]:
     """The address of a page, which is made for the Host headers that name it. Raises PageError."""
     with bound(options) as opened:
@@ -105,32 +74,22 @@ def names_of(host: str) -> set[str]:
     if host not in ANYWHERE:
         return set()
     found = {address.address for each in psutil.net_if_addrs().values() for address in each}
-    # Addresses of one link are said with the link's name.
+    # Link-local addresses have the name of their link.
     return {name.partition("%")[0].lower() for name in found} | {socket.gethostname().lower()}
 
 
-def bound(options: PageOptions) -> socket.socket:
+def bound(options: ViewerOptions) -> socket.socket:
     """A socket at the page's address; raises PageError."""
     family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
     opened = socket.socket(family, socket.SOCK_STREAM)
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        opened.bind((options.host, options.port))
+        opened.bind((options.host, options.port or 0))
         opened.listen()
     except (OSError, OverflowError) as error:
         opened.close()
         why = getattr(error, "strerror", None) or error
         raise PageError(
-            f"the page cannot be served at {options.host} port {options.port}: {why}"
+            f"the page cannot be served at {options.host} port {options.port or 0}: {why}"
         ) from None
     return opened
-
-
-async def follow(watcher: Watcher, feed: Feed) -> None:
-    """Keep the feed up to date; never returns."""
-    while True:
-        begun_s = time.monotonic()
-        await watcher.wait_for_change(watcher.timing.heartbeat_us / 1e6)
-        feed.update()
-        # What comes in the meantime is taken together.
-        await anyio.sleep(max(0.0, FRAME_US / 1e6 - (time.monotonic() - begun_s)))

@@ -23,20 +23,30 @@ class WebViewer:
     def check(self, options: ViewerOptions) -> None:
         """Raises InputError without the extra, and for an address that cannot be used."""
         require("the page", "web", "starlette", "uvicorn")
-        from mrbt_mesh.views.web.server import PageOptions, bound
+        from mrbt_mesh.views.web.server import bound
 
-        bound(PageOptions(options.host, options.port or 0)).close()
+        bound(options).close()
 
     @asynccontextmanager
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
         """Serve the page; its address has the token for orders."""
-        from mrbt_mesh.views.web.server import PageOptions, serving
+        from mrbt_mesh.drills.control import Control
+        from mrbt_mesh.runtime.fencing import boottime_us
+        from mrbt_mesh.views.model.team_view import TeamView
+        from mrbt_mesh.views.web.app import Page
+        from mrbt_mesh.views.web.feed import Feed
+        from mrbt_mesh.views.web.protection import new_token
+        from mrbt_mesh.views.web.server import served
 
-        page = PageOptions(options.host, options.port or 0, options.has_control)
-        async with serving(watcher, team, page) as (address, feed):
-            yield OpenView(address, feed.update, anyio.Event())
+        feed, token = Feed(TeamView(watcher.observer), boottime_us), new_token()
+        async with anyio.create_task_group() as group:
+            control = Control(watcher, team, group) if options.has_control else None
+            async with served(options, feed, lambda own: Page(feed, own, control, token)) as page:
+                address = f"{page}#{token}" if control is not None else page
+                yield OpenView(address, feed.update, anyio.Event())
+            group.cancel_scope.cancel()
 
 
 viewer = WebViewer()

@@ -10,12 +10,13 @@ import anyio
 import anyio.abc
 import pytest
 
+from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web import connections
 from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.connections import MAX_CONNECTIONS, gives_way
 from mrbt_mesh.views.web.feed import MAX_PAGES, Feed
-from mrbt_mesh.views.web.server import PageOptions, served
+from mrbt_mesh.views.web.server import served
 from tests.support.watched import WELD, watched
 
 HALF = b"GET / HTTP/1.1\r\nHost: HOST\r\n"
@@ -46,7 +47,7 @@ class Browser:
 async def browser() -> AsyncIterator[Browser]:
     script, observer = watched(WELD)
     feed = Feed(TeamView(observer), lambda: script.team.now_us)
-    async with served(PageOptions(), feed, lambda hosts: Page(feed, hosts)) as address:
+    async with served(ViewerOptions(), feed, lambda hosts: Page(feed, hosts)) as address:
         found = Browser(int(address.rstrip("/").rpartition(":")[2]), feed)
         try:
             yield found

@@ -9,14 +9,14 @@ import anyio
 import pytest
 from starlette.testclient import TestClient
 
+from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.web.app import Page
-from mrbt_mesh.views.web.projector import RecordingProjector, show_recording
+from mrbt_mesh.views.web.projector import RecordingProjector, showing_recording
 from mrbt_mesh.views.web.protection import hosts
-from mrbt_mesh.views.web.server import PageOptions
 from tests.support.recorded import record_example
 
 HOST = "127.0.0.1:8000"
@@ -125,15 +125,9 @@ async def test_it_is_played_while_somebody_looks(shown: ShownRecording) -> None:
     assert result == "success"
 
 
-async def test_the_address_is_said(shown: ShownRecording) -> None:
-    address: list[str] = []
-    async with anyio.create_task_group() as group:
-        group.start_soon(show_recording, shown, PageOptions(), address.append)
-        with anyio.fail_after(60):
-            while not address:
-                await anyio.lowlevel.checkpoint()
-        group.cancel_scope.cancel()
-    assert address[0].startswith("http://127.0.0.1:")
+async def test_a_page_is_served_on_loopback(shown: ShownRecording) -> None:
+    async with showing_recording(shown, ViewerOptions()) as address:
+        assert address.startswith("http://127.0.0.1:")
 
 
 async def test_nobody_looks_and_no_time_passes(shown: ShownRecording) -> None:
