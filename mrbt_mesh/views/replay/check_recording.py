@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -15,9 +16,9 @@ from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import pack_alive, pack_plan, pack_statuses, same
 from mrbt_mesh.recording.reader import RecordedMessage, Recording
-from mrbt_mesh.recording.recorded_state import NothingNewError
+from mrbt_mesh.recording.recorded_state import NothingNewError, RecordedState
 from mrbt_mesh.views.replay.check_work import WorkCheck
-from mrbt_mesh.views.replay.findings import CheckedState
+from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding
 
 
 class PlanAgain:
@@ -36,19 +37,25 @@ class PlanAgain:
 
     def obsolete(self, facts: TeamFacts) -> list[tuple[str, str]]:
         """(author, name) of the facts that no node can read any more, sorted."""
-        names = self.mission.evaluator
-        said = facts.activations.values()
-        obsolete = [each for each in said if names.is_obsolete(each.activation, facts)]
+        is_obsolete, known = self.mission.evaluator.is_obsolete, facts.activations.values()
+        obsolete = [each for each in known if is_obsolete(each.activation, facts)]
         return sorted(key for each in obsolete for key in each.keys)
 
 
-class RecordingCheck(CheckedState):
-    """Call `run` once. `facts`: those in the recording, each with its message."""
+class RecordingCheck:
+    """Call `run` once. `facts`: those in the recording, each with its message; `state` and `plan`
+    are those at the record that is checked, the plan as it was made again.
+    """
 
     def __init__(
         self, recording: Recording, plans: PlanAgain, authorship: AuthorshipCheck | None
     ) -> None:
-        super().__init__(recording, plans.mission)
+        self.recording = recording
+        self.state = RecordedState(TeamFacts(plans.mission, recording.metadata.run))
+        self.plan: Plan | None = None
+        self.findings: list[RecordingFinding] = []
+        self.takeovers: list[ProvedTakeover] = []
+        self.counts: Counter[str] = Counter()
         self.facts: list[tuple[RecordedMessage, Entry]] = []
         self._plans = plans
         self._authorship = authorship
@@ -61,14 +68,23 @@ class RecordingCheck(CheckedState):
     def run(self) -> None:
         """Check every record, in order."""
         for damage in self.recording.damage:
-            self.say(RecordedMessage(damage.number, "", 0, {}), damage.text)
+            self.add(RecordedMessage(damage.number, "", 0, {}), damage.text)
         for record in self.recording.records:
             try:
                 self._check(record)
             except ValueError as error:
-                self.say(record, str(error))
+                self.add(record, str(error))
                 if isinstance(error, NothingNewError):
-                    self._doubt_earlier_record(record)
+                    # Perhaps an earlier record has a version that came later.
+                    before = self._latest[record.data["author"], record.data["name"]]
+                    text = f"it does not fit record {record.number}: one of them is false"
+                    self.add(before, text)
+
+    def add(self, record: RecordedMessage, text: str, against: Iterable[str] = ()) -> None:
+        """Add a finding about a record, which the recordings `against` contradict."""
+        at_us = max(0, record.at_us - self.recording.begin_us)
+        where = (self.recording.name, record.number, at_us)
+        self.findings.append(RecordingFinding(*where, text, tuple(sorted(against))))
 
     def _check(self, record: RecordedMessage) -> None:
         topic, data = record.topic, record.data
@@ -91,11 +107,6 @@ class RecordingCheck(CheckedState):
             self._fact(record, entry)
         if self._work is not None:
             self._work.after(record, entry)
-
-    def _doubt_earlier_record(self, record: RecordedMessage) -> None:
-        """A fact that changes nothing: an earlier record has a version that came later."""
-        before = self._latest[record.data["author"], record.data["name"]]
-        self.say(before, f"it does not fit record {record.number}: one of them is false")
 
     def _fact(self, record: RecordedMessage, entry: Entry) -> None:
         self.facts.append((record, entry))

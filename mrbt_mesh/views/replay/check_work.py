@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
@@ -12,7 +12,10 @@ from mrbt_mesh.core.planning.plan import RobotAssignment
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage
-from mrbt_mesh.views.replay.findings import CheckedState, ProvedTakeover
+from mrbt_mesh.views.replay.findings import ProvedTakeover
+
+if TYPE_CHECKING:
+    from mrbt_mesh.views.replay.check_recording import RecordingCheck
 
 Place = tuple[str, str]
 
@@ -20,12 +23,12 @@ Place = tuple[str, str]
 class WorkCheck:
     """Follows one robot's recording: its claims and actions against its line of each plan.
 
-    `_at_work`: for a local task of an activation, the robots that were seen to run it, with the
-    incarnation. `_planned`: the plan of the facts as they are.
-    `_is_out`: the robot joins again, catches up, leaves or has stopped.
+    `_at_work`: for a local task of an activation, the robots that ran it, with the incarnation.
+    `_planned`: the plan for the present facts. `_is_out`: the robot joins again, catches up, leaves
+    or has stopped.
     """
 
-    def __init__(self, check: CheckedState) -> None:
+    def __init__(self, check: RecordingCheck) -> None:
         self._check = check
         self._me = check.recording.metadata.robot
         self._at_work: dict[Place, dict[str, Incarnation]] = {}
@@ -91,7 +94,7 @@ class WorkCheck:
         has_ended = wanted is not None and self._outcome(self._me, wanted) is not None
         if wanted != found and not self._is_out and not has_ended:
             text = f"{self._me} holds {_text(found)}, and its plan has {_text(wanted)}"
-            check.say(planned, text)
+            check.add(planned, text)
 
     def _started(self, record: RecordedMessage, data: Mapping[str, Any]) -> None:
         place, line = (data["activation"], data["local_task"]), self._line

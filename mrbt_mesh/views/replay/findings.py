@@ -1,17 +1,10 @@
-"""What the checks of recordings find: what is wrong, and why robots took over work."""
+"""The findings of the checks of recordings, and the causes of takeovers."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
-
-from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.recording.reader import RecordedMessage, Recording
-from mrbt_mesh.recording.recorded_state import RecordedState
 
 
 @dataclass(frozen=True)
@@ -34,7 +27,7 @@ class RecordingFinding:
 
 @dataclass(frozen=True)
 class ProvedTakeover:
-    """A robot began the work of another one; `cause`: why that one no longer does it.
+    """A robot began the work of another one, which stopped it for this `cause`.
 
     `at_us` counts from the begin of its recording.
     """
@@ -51,7 +44,7 @@ class ProvedTakeover:
 class Verification:
     """The result: numbers of what was checked by kind, findings, takeovers.
 
-    `notes` say what could not be checked: e.g. a recording that is cut off.
+    `notes`: what could not be checked, e.g. a recording that is cut off.
     """
 
     files: tuple[str, ...]
@@ -75,24 +68,3 @@ class Verification:
             "takeovers": [asdict(each) for each in self.takeovers],
             "notes": list(self.notes),
         }
-
-
-class CheckedState:
-    """The check of one recording so far: what its robot knew, and what was found.
-
-    `plan`: the newest one, as the check has made it again.
-    """
-
-    def __init__(self, recording: Recording, mission: Mission) -> None:
-        self.recording = recording
-        self.state = RecordedState(TeamFacts(mission, recording.metadata.run))
-        self.plan: Plan | None = None
-        self.findings: list[RecordingFinding] = []
-        self.takeovers: list[ProvedTakeover] = []
-        self.counts: Counter[str] = Counter()
-
-    def say(self, record: RecordedMessage, text: str) -> None:
-        """Add a finding about a record."""
-        at_us = max(0, record.at_us - self.recording.begin_us)
-        name = self.recording.name
-        self.findings.append(RecordingFinding(name, record.number, at_us, text))

@@ -1,4 +1,4 @@
-"""Whether the recordings of one run prove what the team did: each by itself, and against the rest.
+"""Whether the recordings of one run prove the team's work: each by itself, and against the rest.
 
 Verified: the same facts led to the same plan, by the plain definitions; each robot followed its
 plans; every takeover had a cause; and no recording contradicts another one.
@@ -7,7 +7,7 @@ plans; every takeover had a cause; and no recording contradicts another one.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
@@ -15,7 +15,7 @@ from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
-from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding, Verification
+from mrbt_mesh.views.replay.findings import Verification
 
 _Key = tuple[str, str, Version]
 
@@ -36,20 +36,17 @@ def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None)
     plans = PlanAgain(mission)
     authorship = AuthorshipCheck(was_signed, first.metadata.run) if was_signed else None
     checks = [RecordingCheck(each, plans, authorship) for each in recordings]
+    counts: Counter[str] = Counter()
     for check in checks:
         check.run()
-    counts: Counter[str] = Counter()
-    findings: list[RecordingFinding] = []
-    takeovers: list[ProvedTakeover] = []
-    for check in checks:
         counts.update(check.counts)
-        findings += check.findings
-        takeovers += check.takeovers
-    findings += _contradictions(checks) + _unsaid(checks)
+    _contradictions(checks)
+    _missing(checks)
+    takeovers = [each for check in checks for each in check.takeovers]
     return Verification(
         tuple(each.name for each in recordings),
         dict(sorted(counts.items())),
-        tuple(findings),
+        tuple(each for check in checks for each in check.findings),
         tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
         tuple(_notes(recordings, was_signed is not None)),
     )
@@ -71,16 +68,15 @@ def _notes(recordings: Sequence[Recording], has_keys: bool) -> list[str]:
     return notes
 
 
-def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
+def _contradictions(checks: Sequence[RecordingCheck]) -> None:
     """A fact of one author, name and version is the same in all recordings, with one proof."""
     holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedMessage]]]] = {}
     for check in checks:
         for record, entry in check.facts:
             key = (entry.author, entry.name, entry.version)
             proof = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
-            said = holders.setdefault(key, {}).setdefault((entry.hash, proof), [])
-            said.append((check, record))
-    findings = []
+            same = holders.setdefault(key, {}).setdefault((entry.hash, proof), [])
+            same.append((check, record))
     for (author, name, _), by_hash in holders.items():
         if len(by_hash) == 1:
             continue
@@ -89,9 +85,7 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
             if rows is not believed:
                 check, record = rows[0]
                 against = {other.recording.name for other, _ in believed}
-                text = f"{author}'s {name} differs from the other recordings"
-                findings.append(_finding(check, record, text, against))
-    return findings
+                check.add(record, f"{author}'s {name} differs from the other recordings", against)
 
 
 def _weight(
@@ -102,8 +96,8 @@ def _weight(
     return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
 
 
-def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
-    """Facts that others have of a robot and its own recording lacks: it records before it sends.
+def _missing(checks: Sequence[RecordingCheck]) -> None:
+    """Facts of a robot that others have and its own recording lacks: it records before it sends.
 
     In such a place a fact that only its own recording has is a finding too.
     """
@@ -116,35 +110,24 @@ def _unsaid(checks: Sequence[RecordingCheck]) -> list[RecordingFinding]:
             lives.setdefault((me, incarnation), []).append(check.recording.name)
         for _, entry in check.facts:
             (own if entry.author == me else heard).add(_whole(entry))
-    findings: list[RecordingFinding] = []
     missing: dict[tuple[str, str, Incarnation], set[str]] = {}
     for check, record, entry in _all_facts(checks):
         authors = lives.get((entry.author, entry.version.incarnation), [])
         if authors and _whole(entry) not in own and not check.recording.damage:
-            text = f"{entry.author} has not recorded its {entry.name}"
-            findings.append(_finding(check, record, text, authors))
+            check.add(record, f"{entry.author} has not recorded its {entry.name}", authors)
             missing.setdefault(_place(entry), set()).add(check.recording.name)
     for check, record, entry in _all_facts(checks):
         others = missing.get(_place(entry))
         is_own = entry.author == check.recording.metadata.robot
         if others is not None and is_own and _whole(entry) not in heard:
             text = f"no other recording has this {entry.name}, and others have a different one"
-            findings.append(_finding(check, record, text, others))
-    return findings
+            check.add(record, text, others)
 
 
 def _all_facts(
     checks: Sequence[RecordingCheck],
 ) -> Iterator[tuple[RecordingCheck, RecordedMessage, Entry]]:
     return ((check, record, entry) for check in checks for record, entry in check.facts)
-
-
-def _finding(
-    check: RecordingCheck, record: RecordedMessage, text: str, against: Iterable[str]
-) -> RecordingFinding:
-    at_us = record.at_us - check.recording.begin_us
-    name = check.recording.name
-    return RecordingFinding(name, record.number, at_us, text, tuple(sorted(against)))
 
 
 def _place(entry: Entry) -> tuple[str, str, Incarnation]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from mrbt_mesh.recording.channels import ACTIONS, FACTS, LIFE, PLANS
+from mrbt_mesh.recording.channels import ACTIONS, ALIVE, DROPPED, FACTS, LIFE, PLANS, STATUSES
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError, parse_recording
 from mrbt_mesh.sim import Freeze, Kill, Leave, Lose, Schedule, Thaw
 from mrbt_mesh.sim.run import run_scenario
@@ -110,38 +112,103 @@ def test_random_falsifications_are_all_found_and_named(
 # -- one falsification of each kind, with all checks made anew ------------------------------------
 
 
-def changed(
-    recording: Recording, folder: Path, change: Callable[[RecordedMessage], RecordedMessage]
-) -> Recording:
-    """The recording with other records, as an able forger would write it."""
-    path = folder / recording.name
-    write_again(replace(recording, records=tuple(map(change, recording.records))), path)
-    return parse_recording(path.read_bytes(), path)
+Records = list[RecordedMessage]
 
 
-def only(
-    recording: Recording, topic: str, fits: Callable[[RecordedMessage], bool]
-) -> RecordedMessage:
-    return next(each for each in recording.records if each.topic == topic and fits(each))
+def other(records: Records, topic: str, change: dict[str, Any], **having: Any) -> Records:
+    """With a change in the first message on the topic that has these values."""
+    found = next(r for r in records if r.topic == topic and having.items() <= dict(r.data).items())
+    changed = replace(found, data={**found.data, **change})
+    return [changed if each is found else each for each in records]
+
+
+def repeated(records: Records) -> Records:
+    at = next(i for i, each in enumerate(records) if each.topic == ALIVE)
+    return [*records[: at + 1], *records[at:]]
+
+
+def dropped(records: Records) -> Records:
+    """With the first fact dropped just after it was recorded."""
+    at = next(i for i, each in enumerate(records) if each.topic == FACTS)
+    data = {name: records[at].data[name] for name in ("number", "author", "name")}
+    return [*records[: at + 1], replace(records[at], topic=DROPPED, data=data), *records[at + 1 :]]
+
+
+def idle(records: Records) -> Records:
+    plan = next(r for r in records if r.topic == PLANS and "B1" in r.data["lines"])
+    lines = {robot: line for robot, line in plan.data["lines"].items() if robot != "B1"}
+    return other(records, PLANS, {"lines": lines}, number=plan.data["number"])
+
+
+def without_claim(records: Records) -> Records:
+    own = {"author": "B1", "name": "claim"}
+    at = next(i for i, r in enumerate(records) if own.items() <= dict(r.data).items())
+    return [*records[:at], *records[at + 1 :]]
+
+
+STARTED = {"event": "started"}
+FORGERIES: dict[str, Callable[[Records], Records]] = {
+    "B1 starts do_diagnosis.1. of .*, which its plan does not give it": lambda records: other(
+        records, ACTIONS, {"local_task": "do_diagnosis(1)"}, **STARTED
+    ),
+    "B1 starts .*, and claims something else": lambda records: other(
+        records, ACTIONS, {"coalition": "77"}, **STARTED
+    ),
+    "B1 claims .*; its plan gives it": without_claim,
+    "the plan does not follow from its facts: other lines": idle,
+    "the plan's alive set is not the one recorded before it": lambda records: other(
+        records, PLANS, {"alive": {}}
+    ),
+    "statuses of a plan that was not made just before": lambda records: other(
+        records, STATUSES, {"plan": 77}
+    ),
+    "the statuses of T_G's nodes do not follow from the facts": lambda records: other(
+        records, STATUSES, {"nodes": "S"}
+    ),
+    "the alive set is recorded again, but has not changed": repeated,
+    "is dropped, and still needed": dropped,
+}
+
+
+@pytest.mark.parametrize("finding", FORGERIES)
+def test_what_an_able_forger_changes_is_found(
+    repaired: list[Recording], tmp_path: Path, finding: str
+) -> None:
+    """Once for each check, with all checks of the file made anew."""
+    b1 = next(each for each in repaired if each.metadata.robot == "B1")
+    path = tmp_path / b1.name
+    write_again(replace(b1, records=tuple(FORGERIES[finding](list(b1.records)))), path)
+    verdict = verify(
+        [parse_recording(path.read_bytes(), path), *[r for r in repaired if r is not b1]]
+    )
+    found = [each for each in verdict.findings if re.search(finding, each.text)]
+    assert found, texts(verdict)
+    assert found[0].file == "B1.mcap"
+
+
+@pytest.mark.parametrize(
+    ("kept", "finding"),
+    [
+        (0, "the plan was made with facts that should have been dropped"),
+        (1, "should have been dropped before, with others"),
+    ],
+)
+def test_facts_that_no_node_reads_any_more_must_be_dropped(
+    tmp_path: Path, kept: int, finding: str
+) -> None:
+    mission, program = source(None).load(11)
+    run_scenario(mission, program, source(None).scenario(11, mission), record=tmp_path)
+    first = read_all(tmp_path)[0]
+    drops = [each for each in first.records if each.topic == DROPPED]
+    assert len(drops) == 2, "the run is another one: find a seed anew"
+    records = tuple(each for each in first.records if each not in drops[kept:])
+    write_again(replace(first, records=records), tmp_path / "forged.mcap")
+    forged = tmp_path / "forged.mcap"
+    assert finding in texts(verify([parse_recording(forged.read_bytes(), forged)]))
 
 
 def texts(verdict: Verification) -> str:
     return "\n".join(map(str, verdict.findings))
-
-
-def test_a_robot_that_starts_what_its_plan_gives_to_another(
-    repaired: list[Recording], tmp_path: Path
-) -> None:
-    b1 = next(each for each in repaired if each.metadata.robot == "B1")
-    start = only(b1, ACTIONS, lambda each: each.data["event"] == "started")
-
-    def other(record: RecordedMessage) -> RecordedMessage:
-        data = {**record.data, "local_task": "do_diagnosis(1)"}
-        return replace(record, data=data) if record is start else record
-
-    verdict = verify([changed(b1, tmp_path, other), *[r for r in repaired if r is not b1]])
-    assert "B1 starts do_diagnosis(1)" in texts(verdict)
-    assert {each.record for each in verdict.findings} == {start.number}
 
 
 def test_a_fact_that_was_told_before_its_author_said_it(
@@ -162,21 +229,6 @@ def test_a_fact_that_was_told_before_its_author_said_it(
     told = texts(verify([falsified.recording, *repaired[:5], *repaired[6:]]))
     text = f"it does not fit record {later[0].number}: one of them is false"
     assert f"C2.mcap: record {false.number}: {text}" in told
-
-
-def test_a_plan_that_leaves_a_robot_idle(repaired: list[Recording], tmp_path: Path) -> None:
-    b1 = next(each for each in repaired if each.metadata.robot == "B1")
-    plan = only(b1, PLANS, lambda each: "B1" in each.data["lines"])
-
-    def without(record: RecordedMessage) -> RecordedMessage:
-        lines = {k: v for k, v in record.data.get("lines", {}).items() if k != "B1"}
-        return replace(record, data={**record.data, "lines": lines}) if record is plan else record
-
-    verdict = verify([changed(b1, tmp_path, without), *[r for r in repaired if r is not b1]])
-    assert (
-        f"B1.mcap: record {plan.number}: the plan does not follow from its facts: other lines"
-        in (texts(verdict))
-    )
 
 
 def test_a_fact_that_its_author_never_said_is_contradicted(
