@@ -113,29 +113,33 @@ class DrillInjector:
             "join": self._restart,
         }
         for name, fault in step.faults():
-            if name in faults:
-                await faults[name](name, chosen(fault, snapshot, self.injected.fault_log))
-            elif name == "kill_team":
-                await self._kill(name, list(self._team.living()))
-            elif name == "resume_team":
-                dead = set(self._team.run_dir.robots()) - set(self._team.living())
-                await self._restart(name, sorted(dead))
-            elif isinstance(fault, CapabilityModel):
-                command = FAULT if name == "lose_capability" else RESTORE
-                robots = chosen(fault.robots, snapshot, self.injected.fault_log)
-                await self._order(name, robots, command, fault.local_task)
-            elif isinstance(fault, PerformanceModel):
-                robots = chosen(fault.robots, snapshot, self.injected.fault_log)
-                argument = f"{fault.local_task}={fault.performance}"
-                await self._order(name, robots, PERFORM, argument)
-            elif isinstance(fault, DecisionModel):
-                living = sorted(self._watcher.observer.membership.members())
-                argument = f"{fault.global_task} {fault.decision}"
-                await self._order(name, living[:1], DECIDE, argument)
-            elif name in ROUTER_FAULTS:
-                await anyio.to_thread.run_sync(self._act_on_router, name, fault)
-            else:
-                await self._disturb(name, fault, snapshot)
+            match fault:
+                case _ if name in faults:
+                    await faults[name](name, self._chosen(fault, snapshot))
+                case _ if name == "kill_team":
+                    await self._kill(name, list(self._team.living()))
+                case _ if name == "resume_team":
+                    dead = set(self._team.run_dir.robots()) - set(self._team.living())
+                    await self._restart(name, sorted(dead))
+                case CapabilityModel(robots=robots, local_task=task):
+                    command = FAULT if name == "lose_capability" else RESTORE
+                    await self._order(name, self._chosen(robots, snapshot), command, task)
+                case PerformanceModel(robots=robots, local_task=task, performance=performance):
+                    argument = f"{task}={performance}"
+                    await self._order(name, self._chosen(robots, snapshot), PERFORM, argument)
+                case DecisionModel(global_task=task, decision=decision):
+                    living = sorted(self._watcher.observer.membership.members())
+                    await self._order(name, living[:1], DECIDE, f"{task} {decision}")
+                case _ if name in ROUTER_FAULTS:
+                    await anyio.to_thread.run_sync(self._act_on_router, name, fault)
+                case _:
+                    await self._disturb(name, fault, snapshot)
+
+    def _chosen(self, robots: Robots | None, snapshot: Snapshot) -> list[str]:
+        """The robots that a step means now; None: all."""
+        if robots is None:
+            return sorted(self._team.info.endpoints)
+        return chosen(robots, snapshot, self.injected.fault_log)
 
     def _note(self, fault: str, robots: Iterable[str], text: str, at_us: int | None = None) -> None:
         now_us, now_s = boottime_us(), time.time()
@@ -228,17 +232,14 @@ class DrillInjector:
     def _act_on_router(self, name: str, number: int) -> None:
         routers = self._routers
         assert routers is not None, "checked when the drill was read"
-        if name == "kill_router":
-            if not routers.kill(number):
-                self.injected.problems.append(f"{name}: router {number} did not run any more")
-            self._note(name, (), f"router {number} killed (SIGKILL)")
-        elif name == "stop_router":
+        text = {"kill_router": "killed (SIGKILL)", "stop_router": "frozen (SIGSTOP)"}.get(name)
+        if name == "stop_router":
             routers.signal(number, signal.SIGSTOP)
-            self._note(name, (), f"router {number} frozen (SIGSTOP)")
-        else:
-            routers.kill(number)
+        elif not routers.kill(number) and name == "kill_router":
+            self.injected.problems.append(f"{name}: router {number} did not run any more")
+        if name == "restart_router":
             routers.start(number)
-            self._note(name, (), f"router {number} started again")
+        self._note(name, (), f"router {number} {text or 'started again'}")
 
     # -- links ----------------------------------------------------------------------------
 
@@ -261,40 +262,35 @@ class DrillInjector:
             text = " | ".join(" ".join(group) for group in groups)
             self._note(name, (), f"partition: {text}")
             return
-        sources, targets = self._ends(fault.source, snapshot), self._ends(fault.target, snapshot)
+        sources, targets = (
+            self._chosen(fault.source, snapshot),
+            self._chosen(fault.target, snapshot),
+        )
         pairs = [(s, t) for s in sources for t in targets if s != t]
         if name != "unblock":
             self.injected.disturbed |= {frozenset(pair) for pair in pairs}
+        act: Callable[..., None] = network.unblock
+        more: tuple[int, ...] = ()
+        text = "open again"
         match fault:
             case LossModel(permille=permille):
-                await self._on_links(lambda s, t: network.lose(s, t, permille), pairs)
+                act, more = network.lose, (permille,)
                 text = f"{permille / 10:g} % loss ({network.loss_tool})"
             case DelayModel(ms=delay_ms):
-                await self._on_links(lambda s, t: network.delay(s, t, delay_ms), pairs)
-                text = f"{delay_ms} ms delay"
-            case _:
-                act = network.block if name == "block" else network.unblock
-                await self._on_links(act, pairs)
-                text = "blocked" if name == "block" else "open again"
+                act, more, text = network.delay, (delay_ms,), f"{delay_ms} ms delay"
+            case _ if name == "block":
+                act, text = network.block, "blocked"
+
+        def disturb_all() -> None:
+            for pair in pairs:
+                act(*pair, *more)
+
+        await anyio.to_thread.run_sync(disturb_all)
         self._note(name, (), f"{' '.join(sources)} → {' '.join(targets)}: {text}")
 
     def _groups(self, fault: list[Robots], snapshot: Snapshot) -> list[list[str]]:
         """The groups of a partition; robots that none names are one more."""
-        groups = [chosen(group, snapshot, self.injected.fault_log) for group in fault]
+        groups = [self._chosen(group, snapshot) for group in fault]
         named = {robot for group in groups for robot in group}
         rest = [robot for robot in sorted(self._team.info.endpoints) if robot not in named]
         return [*groups, rest] if rest else groups
-
-    def _ends(self, robots: Robots | None, snapshot: Snapshot) -> list[str]:
-        if robots is None:
-            return sorted(self._team.info.endpoints)
-        return chosen(robots, snapshot, self.injected.fault_log)
-
-    async def _on_links(
-        self, act: Callable[[str, str], None], pairs: Iterable[tuple[str, str]]
-    ) -> None:
-        def all_pairs() -> None:
-            for source, target in pairs:
-                act(source, target)
-
-        await anyio.to_thread.run_sync(all_pairs)

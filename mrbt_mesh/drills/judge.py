@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,7 +22,7 @@ LIVING = (State.ALIVE, State.SUSPECT)
 
 
 @dataclass(frozen=True)
-class DrillVerdict:
+class DrillResult:
     """One expectation: whether it held, and what was found."""
 
     expected: str
@@ -32,12 +32,12 @@ class DrillVerdict:
 
 @dataclass
 class Evidence:
-    """What is known of a run. `journals` as at the end, when `is_obsolete` says of an activation
-    that no evaluation can reach it any more.
+    """What is known of a run. `journals` as at the end; `is_obsolete`: whether no evaluation can
+    reach an activation any more by then.
 
     `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot,
-    and `ended`: whether its process had really ended. `beside_ended`: what should have run until
-    the end. `checks`: what the commands to be asked said.
+    and `ended`: whether its process had really ended. `beside_ended`: processes that should have
+    run until the end. `checks`: the answers of the drill's commands.
     """
 
     result: str
@@ -56,9 +56,13 @@ class Evidence:
     checks: list[Check] = field(default_factory=list)
 
 
-def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[DrillVerdict]:
-    """A verdict for each expectation, in the order of the file's keys."""
-    return _Judge(expect, mission, evidence).verdicts()
+def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[DrillResult]:
+    """A result for each expectation, in the order of the file's keys."""
+    return list(_Judge(expect, mission, evidence).results())
+
+
+def _at_most(expected: str, found: Sequence[str], most: int = 0) -> DrillResult:
+    return DrillResult(expected, len(found) <= most, ", ".join(found) or "none")
 
 
 class _Judge:
@@ -69,83 +73,59 @@ class _Judge:
         self.injected = evidence.injected
         self.spans = spans(evidence.events, self.injected.deaths)
 
-    def verdicts(self) -> list[DrillVerdict]:
-        expect = self.expect
-        found = [self.result(), self.steps(), self.crashes()]
-        found += [verdict for done in expect.done for verdict in self.done(done)]
-        found += [verdict for never in expect.never for verdict in self.never(never)]
-        for word, robots, states in (
-            ("dead", expect.dead, (State.DEAD,)),
-            ("alive", expect.alive, LIVING),
-            ("left", expect.left, (State.LEFT,)),
-        ):
-            if robots is not None:
-                found.append(self.states(word, robots, states))
-        if expect.yields is not None:
-            found += [self.yields(robot) for robot in self.robots(expect.yields)]
-        found += [
-            DrillVerdict(
-                f"{task} was blocked", task in self.evidence.blocked, self.listed_blocked()
-            )
-            for task in expect.was_blocked
-        ]
-        if expect.detected_within_s is not None:
-            found.append(self.within("detected", "detected_s", expect.detected_within_s))
-        if expect.takeover_within_s is not None:
-            found.append(self.within("taken over", "reassigned_s", expect.takeover_within_s))
-        if expect.repeated is not None:
-            found += [self.repeated(expect.repeated), self.lost()]
-        if expect.false_deaths is not None:
-            found.append(self.false_deaths(expect.false_deaths))
-        if expect.links_back_within_s is not None:
-            found.append(self.links_back(expect.links_back_within_s))
-        if expect.stalls is not None:
-            found.append(self.stalls(expect.stalls))
-        found += [
-            DrillVerdict("beside the team until its end", False, ended)
-            for ended in self.evidence.beside_ended
-        ]
-        found += [
-            DrillVerdict(check.command, check.status == 0, check.said)
-            for check in self.evidence.checks
-        ]
-        return found
-
-    # -- the run --------------------------------------------------------------------------
-
-    def result(self) -> DrillVerdict:
-        evidence = self.evidence
-        text = evidence.result
-        if evidence.ended_because is not None:
-            text += f" ({evidence.ended_because})"
-        return DrillVerdict(
-            f"result {self.expect.result}", evidence.result == self.expect.result, text
-        )
-
-    def steps(self) -> DrillVerdict:
-        wrong = [f"{step}: its moment never came" for step in self.evidence.steps_left]
+    def results(self) -> Iterator[DrillResult]:
+        expect, evidence = self.expect, self.evidence
+        because = f" ({evidence.ended_because})" if evidence.ended_because is not None else ""
+        is_expected = evidence.result == expect.result
+        yield DrillResult(f"result {expect.result}", is_expected, evidence.result + because)
+        wrong = [f"{step}: its moment never came" for step in evidence.steps_left]
         wrong += self.injected.problems
-        return DrillVerdict("all faults carried out", not wrong, "; ".join(wrong) or "yes")
-
-    def crashes(self) -> DrillVerdict:
-        crashes = self.evidence.crashes
-        return DrillVerdict("no robot ended by an error", not crashes, "; ".join(crashes) or "none")
-
-    def states(self, word: str, robots: Robots, good: Iterable[State]) -> DrillVerdict:
-        listed = self.robots(robots)
-        states = {robot: self.evidence.states.get(robot) for robot in listed}
-        text = ", ".join(f"{robot} {state or 'unknown'}" for robot, state in states.items())
-        holds = bool(listed) and all(state in tuple(good) for state in states.values())
-        return DrillVerdict(
-            f"{word} at the end: {' '.join(listed)}", holds, text or "no such robot"
+        yield DrillResult("all faults carried out", not wrong, "; ".join(wrong) or "yes")
+        crashes = "; ".join(evidence.crashes) or "none"
+        yield DrillResult("no robot ended by an error", not evidence.crashes, crashes)
+        for done in expect.done:
+            yield from self.done(done)
+        for never in expect.never:
+            yield from self.never(never)
+        yield from self.states("dead", expect.dead, (State.DEAD,))
+        yield from self.states("alive", expect.alive, LIVING)
+        yield from self.states("left", expect.left, (State.LEFT,))
+        for robot in self.robots(expect.yields) if expect.yields is not None else ():
+            yield self.yields(robot)
+        blocked = ", ".join(sorted(evidence.blocked)) or "nothing"
+        for task in expect.was_blocked:
+            is_blocked = task in evidence.blocked
+            yield DrillResult(f"{task} was blocked", is_blocked, f"blocked: {blocked}")
+        limits: tuple[tuple[Any, Callable[[Any], DrillResult]], ...] = (
+            (expect.detected_within_s, self.detected),
+            (expect.takeover_within_s, self.taken_over),
+            (expect.repeated, self.repeated),
+            (expect.repeated, self.lost),
+            (expect.false_deaths, self.false_deaths),
+            (expect.links_back_within_s, self.links_back),
+            (expect.stalls, self.stalls),
         )
+        for limit, judged in limits:
+            if limit is not None:
+                yield judged(limit)
+        for ended in evidence.beside_ended:
+            yield DrillResult("beside the team until its end", False, ended)
+        for check in evidence.checks:
+            yield DrillResult(check.command, check.status == 0, check.said)
 
     def robots(self, robots: Robots) -> list[str]:
         """The robots that are meant, with the roles that they had at the end."""
         return chosen(robots, Snapshot(0), self.injected.fault_log)
 
-    def listed_blocked(self) -> str:
-        return "blocked: " + (", ".join(sorted(self.evidence.blocked)) or "nothing")
+    def states(
+        self, word: str, meant: Robots | None, good: Collection[State]
+    ) -> Iterator[DrillResult]:
+        if meant is None:
+            return
+        states = {robot: self.evidence.states.get(robot) for robot in self.robots(meant)}
+        text = ", ".join(f"{robot} {state or 'unknown'}" for robot, state in states.items())
+        holds = bool(states) and all(state in good for state in states.values())
+        yield DrillResult(f"{word} at the end: {' '.join(states)}", holds, text or "no such robot")
 
     # -- what was done in the world ---------------------------------------------------------
 
@@ -154,46 +134,33 @@ class _Judge:
         started = sorted({s.ground for s in self.spans if task in (s.ground, type_name(s.ground))})
         return started or [task]
 
-    def done(self, done: DoneModel) -> list[DrillVerdict]:
+    def done(self, done: DoneModel) -> Iterator[DrillResult]:
         least, most = done.bounds
         bounds = f"{least}" if least == most else f"{least} to {'any' if most is None else most}"
-        verdicts = []
+        where = f" for {done.global_task}" if done.global_task else ""
         for ground in self.grounds(done.local_task):
-            ends = [
-                span
+            robots = [
+                span.robot
                 for span in self.spans
                 if span.ground == ground
                 and span.end == "success"
                 and done.global_task in (None, span.global_task)
             ]
-            holds = least <= len(ends) and (most is None or len(ends) <= most)
-            where = f" for {done.global_task}" if done.global_task else ""
-            by = ", ".join(span.robot for span in ends)
-            text = f"{len(ends)}" + (f" ({by})" if by else "")
-            verdicts.append(DrillVerdict(f"{ground}{where} done {bounds}×", holds, text))
-        return verdicts
+            holds = least <= len(robots) and (most is None or len(robots) <= most)
+            text = f"{len(robots)} ({', '.join(robots)})" if robots else "0"
+            yield DrillResult(f"{ground}{where} done {bounds}×", holds, text)
 
-    def never(self, never: NeverModel) -> list[DrillVerdict]:
-        verdicts = []
+    def never(self, never: NeverModel) -> Iterator[DrillResult]:
         for ground in self.grounds(never.local_task):
-            parts = [
-                part
-                for span in self.spans
-                if span.ground == ground
-                for part in moving(span, self.injected.freezes)
-            ]
-            most = most_at_once(parts)
-            verdicts.append(
-                DrillVerdict(
-                    f"never more than {never.more_than} at {ground}",
-                    most <= never.more_than,
-                    f"at most {most}",
-                )
+            works = [span for span in self.spans if span.ground == ground]
+            most = most_at_once(
+                part for span in works for part in moving(span, self.injected.freezes)
             )
-        return verdicts
+            expected = f"never more than {never.more_than} at {ground}"
+            yield DrillResult(expected, most <= never.more_than, f"at most {most}")
 
-    def yields(self, robot: str) -> DrillVerdict:
-        """What a robot was doing when it was frozen, it must cancel when it wakes."""
+    def yields(self, robot: str) -> DrillResult:
+        """When it wakes, a robot must cancel the work in which it was frozen."""
         frozen = [
             span
             for freeze in self.injected.freezes
@@ -204,37 +171,46 @@ class _Judge:
         ]
         text = ", ".join(f"{s.ground}: {s.end or 'no end'}" for s in frozen) or "it did nothing"
         holds = bool(frozen) and all(span.end == "cancel" for span in frozen)
-        return DrillVerdict(f"{robot} yields when it wakes", holds, text)
+        return DrillResult(f"{robot} yields when it wakes", holds, text)
 
     # -- faults and what followed -------------------------------------------------------------
 
-    def within(self, word: str, key: str, limit_s: float) -> DrillVerdict:
-        answers = [takeover for takeover in self.evidence.takeovers if takeover["inflicted"]]
-        if key == "reassigned_s":
-            answers = [takeover for takeover in answers if takeover["held"]]
-        times = {f"{t['robot']} at {t['at_s']:.2f} s": t[key] for t in answers}
+    def detected(self, limit_s: float) -> DrillResult:
+        return self.within("detected", "detected_s", limit_s)
+
+    def taken_over(self, limit_s: float) -> DrillResult:
+        return self.within("taken over", "reassigned_s", limit_s)
+
+    def within(self, word: str, key: str, limit_s: float) -> DrillResult:
+        times = {
+            f"{each['robot']} at {each['at_s']:.2f} s": each[key]
+            for each in self.evidence.takeovers
+            if each["inflicted"] and (each["held"] or key != "reassigned_s")
+        }
         holds = bool(times) and all(t is not None and t <= limit_s for t in times.values())
         text = ", ".join(
-            f"{who}: {'never' if t is None else f'{t * 1e3:.0f} ms'}" for who, t in times.items()
+            f"{fault}: {'never' if t is None else f'{t * 1e3:.0f} ms'}"
+            for fault, t in times.items()
         )
-        return DrillVerdict(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
+        return DrillResult(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
 
-    def false_deaths(self, most: int) -> DrillVerdict:
+    def false_deaths(self, most: int) -> DrillResult:
         # At the end of a mission those who are done first are gone before the others are.
-        false = [t for t in self.evidence.takeovers if not t["inflicted"] and not t["ended"]]
-        text = ", ".join(f"{t['robot']} at {t['at_s']:.2f} s" for t in false)
+        found = [
+            f"{each['robot']} at {each['at_s']:.2f} s"
+            for each in self.evidence.takeovers
+            if not each["inflicted"] and not each["ended"]
+        ]
         expected = f"at most {most} robots falsely held dead" if most else "no false death"
-        return DrillVerdict(expected, len(false) <= most, text or "none")
+        return _at_most(expected, found, most)
 
     # -- links ----------------------------------------------------------------------------------
 
-    def links_back(self, limit_s: float) -> DrillVerdict:
+    def links_back(self, limit_s: float) -> DrillResult:
         """Links of robots whose processes were stopped are left out."""
         hit = self.injected.hit()
         lines = [line for line in self.evidence.links if not line.pair & hit]
-        heals_s = [
-            fault.unix_s for fault in self.injected.done if fault.fault in ("heal", "unblock")
-        ]
+        heals_s = [each.unix_s for each in self.injected.done if each.fault in ("heal", "unblock")]
         wrong = [f"{line.robot} hears {line.peer} no more" for line in silent_at_the_end(lines)]
         wrong += [
             f"{line.robot} heard {line.peer} after {took_s:.1f} s"
@@ -242,11 +218,10 @@ class _Judge:
         ]
         back = sum(line.back for line in lines)
         text = "; ".join(wrong) or (f"{back} links came back" if back else "no link was lost")
-        return DrillVerdict(
-            f"links heard again within {limit_s:g} s", bool(back) and not wrong, text
-        )
+        expected = f"links heard again within {limit_s:g} s"
+        return DrillResult(expected, bool(back) and not wrong, text)
 
-    def stalls(self, most: int) -> DrillVerdict:
+    def stalls(self, most: int) -> DrillResult:
         hit = self.injected.hit()
         found = [
             f"{line.robot} did not hear {line.peer}"
@@ -254,31 +229,22 @@ class _Judge:
             if not line.back and not line.pair & hit and line.pair not in self.injected.disturbed
         ]
         expected = f"at most {most} healthy links stall" if most else "no healthy link stalls"
-        return DrillVerdict(expected, len(found) <= most, "; ".join(found) or "none")
+        return DrillResult(expected, len(found) <= most, "; ".join(found) or "none")
 
     # -- journals -----------------------------------------------------------------------------
 
-    def repeated(self, most: int) -> DrillVerdict:
+    def repeated(self, most: int) -> DrillResult:
         found = repeats(self.mission, self.spans, self.injected)
-        text = ", ".join(f"{span.ground} by {span.robot}" for span in found)
         expected = f"at most {most} journaled local tasks repeated" if most else "nothing repeated"
-        return DrillVerdict(expected, len(found) <= most, text or "none")
+        return _at_most(expected, [f"{span.ground} by {span.robot}" for span in found], most)
 
-    def lost(self) -> DrillVerdict:
-        gone = losses(self.injected, self.evidence.journals)
-        found = [done for done in gone if not self.evidence.is_obsolete(done.activation)]
-        text = ", ".join(f"{done.local_task} by {done.robot}" for done in found)
-        return DrillVerdict("nothing journaled is lost", not found, text or "none")
-
-
-def needed(mission: Mission) -> Callable[[str, str], int]:
-    """(global task, local task) -> how many successes end that local task (nu)."""
-    bounds = {
-        (task.id, need.local_task): need.min_robots
-        for task in mission.global_tasks.values()
-        for need in task.needs
-    }
-    return lambda global_task, local_task: bounds.get((global_task, local_task), 1)
+    def lost(self, _: int) -> DrillResult:
+        found = [
+            f"{done.local_task} by {done.robot}"
+            for done in losses(self.injected, self.evidence.journals)
+            if not self.evidence.is_obsolete(done.activation)
+        ]
+        return _at_most("nothing journaled is lost", found)
 
 
 def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -> list[Span]:
@@ -287,7 +253,12 @@ def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -
     That is: as many successes as the local task needs, of one coalition where it asks for that,
     or else a success of the same robot.
     """
-    least = needed(mission)
+    # (global task, local task) -> the number of successes that end that local task.
+    least = {
+        (task.id, need.local_task): need.min_robots
+        for task in mission.global_tasks.values()
+        for need in task.needs
+    }
     result = []
     for span in found:
         known = {
@@ -301,7 +272,8 @@ def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -
         own = any(done.robot == span.robot and not done.coalition for done in known)
         together = Counter(done.coalition for done in known)
         # Where nobody has to help, nobody who does is one too many.
-        enough = 0 < least(span.global_task, span.ground) <= max(together.values(), default=0)
+        needed = least.get((span.global_task, span.ground), 1)
+        enough = 0 < needed <= max(together.values(), default=0)
         if own or enough:
             result.append(span)
     return result

@@ -135,12 +135,12 @@ class RoleModel(FileModel):
     done to, and not undone. thawed: those that were stopped and go on.
     """
 
-    performing: AnyTask | None = None
-    replacement: None = None
-    killed: None = None
-    stopped: None = None
-    thawed: None = None
-    left: None = None
+    performing: Annotated[AnyTask | None, Field(title="the robots that perform {}")] = None
+    replacement: Annotated[None, Field(title="the replacement")] = None
+    killed: Annotated[None, Field(title="the killed robots")] = None
+    stopped: Annotated[None, Field(title="the frozen robots")] = None
+    thawed: Annotated[None, Field(title="the thawed robots")] = None
+    left: Annotated[None, Field(title="the robots that have left")] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -150,20 +150,13 @@ class RoleModel(FileModel):
 
     @property
     def role(self) -> str:
-        """The key that stands in the file."""
+        """Its key in the file."""
         (name,) = self.model_fields_set
         return name
 
     def __str__(self) -> str:
-        words = {
-            "performing": f"the robots that perform {self.performing}",
-            "replacement": "the replacement",
-            "killed": "the killed robots",
-            "stopped": "the frozen robots",
-            "thawed": "the thawed robots",
-            "left": "the robots that have left",
-        }
-        return words[self.role]
+        title = type(self).model_fields[self.role].title
+        return str(title).format(self.performing)
 
 
 Robots: TypeAlias = Annotated[
@@ -302,6 +295,11 @@ class DelayModel(LinksModel):
     ms: Annotated[int, Field(ge=1, le=60_000)]
 
 
+def _fault(sentence: str, key: str | None = None) -> Any:
+    """A fault of a step: its sentence, and its key in the file if that is a word of Python."""
+    return Field(None, description=sentence, alias=key)
+
+
 class StepModel(FileModel):
     """Faults, and the moment: `at` (s from the start of the run), `when`, `after` (s).
 
@@ -314,27 +312,31 @@ class StepModel(FileModel):
     at: Seconds | None = None
     when: When | None = None
     after: Seconds | None = None
-    kill: Robots | None = None
-    stop: Robots | None = None
-    continue_: Annotated[Robots | None, Field(alias="continue")] = None
-    leave: Robots | None = None
-    restart: Robots | None = None
-    join: Robots | None = None
-    kill_team: Yes | None = None
-    resume_team: Yes | None = None
-    lose_capability: CapabilityModel | None = None
-    restore_capability: CapabilityModel | None = None
-    change_performance: PerformanceModel | None = None
-    decide: DecisionModel | None = None
-    partition: Annotated[list[Robots], Field(min_length=1)] | None = None
-    block: LinksModel | None = None
-    unblock: LinksModel | None = None
-    lose: LossModel | None = None
-    delay: DelayModel | None = None
-    heal: Yes | None = None
-    kill_router: RouterNumber | None = None
-    stop_router: RouterNumber | None = None
-    restart_router: RouterNumber | None = None
+    kill: Robots | None = _fault("kill {0}")
+    stop: Robots | None = _fault("freeze {0}")
+    continue_: Robots | None = _fault("thaw {0}", "continue")
+    leave: Robots | None = _fault("have {0} leave")
+    restart: Robots | None = _fault("start {0} again")
+    join: Robots | None = _fault("start {0}")
+    kill_team: Yes | None = _fault("kill all robots")
+    resume_team: Yes | None = _fault("start all robots again")
+    lose_capability: CapabilityModel | None = _fault("have {0.robots} lose {0.local_task}")
+    restore_capability: CapabilityModel | None = _fault("give {0.local_task} back to {0.robots}")
+    change_performance: PerformanceModel | None = _fault(
+        "have {0.robots} do {0.local_task} at {0.performance:g}"
+    )
+    decide: DecisionModel | None = _fault("decide that {0.global_task} counts as {0.decision}")
+    partition: Annotated[list[Robots], Field(min_length=1)] | None = _fault("cut the team into {0}")
+    block: LinksModel | None = _fault("block the links from {0.source} to {0.target}")
+    unblock: LinksModel | None = _fault("unblock the links from {0.source} to {0.target}")
+    lose: LossModel | None = _fault(
+        "lose {0.percent:g} % of the messages from {0.source} to {0.target}"
+    )
+    delay: DelayModel | None = _fault("delay messages from {0.source} to {0.target} by {0.ms} ms")
+    heal: Yes | None = _fault("heal the network")
+    kill_router: RouterNumber | None = _fault("kill router {0}")
+    stop_router: RouterNumber | None = _fault("freeze router {0}")
+    restart_router: RouterNumber | None = _fault("start router {0} again")
 
     @model_validator(mode="after")
     def _has_moment_and_fault(self) -> StepModel:
@@ -343,30 +345,32 @@ class StepModel(FileModel):
             text = "a step needs at, or when (with or without after), or after"
             raise PydanticCustomError("node", "{text}", {"text": text})
         if not self.faults():
-            known = [n for n in self.known_keys() if n not in ("at", "when", "after")]
+            known = [key for key in self.known_keys() if key not in ("at", "when", "after")]
             text = f"a step needs at least one of {', '.join(known)}"
             raise PydanticCustomError("node", "{text}", {"text": text})
         return self
 
     def faults(self) -> list[tuple[str, Any]]:
         """(key in the file, its value), in the order of this model."""
-        moments = ("at", "when", "after")
         return [
             (field.alias or name, getattr(self, name))
             for name, field in type(self).model_fields.items()
-            if name not in moments and getattr(self, name) is not None
+            if field.description is not None and getattr(self, name) is not None
         ]
 
     def robots(self) -> list[Robots]:
         """The robots that the faults are about, unless it is all of them."""
-        processes = (self.kill, self.stop, self.continue_, self.leave, self.restart, self.join)
-        tasks = (self.lose_capability, self.restore_capability, self.change_performance)
-        links = (self.block, self.unblock, self.lose, self.delay)
-        found = [*processes, *(self.partition or ())]
-        found += [fault.robots for fault in tasks if fault is not None]
-        found += [
-            end for fault in links if fault is not None for end in (fault.source, fault.target)
-        ]
+        found: list[Robots | None] = []
+        for name, fault in self.faults():
+            match fault:
+                case LinksModel():
+                    found += [fault.source, fault.target]
+                case CapabilityModel() | PerformanceModel():
+                    found.append(fault.robots)
+                case list() if name == "partition":
+                    found += fault
+                case str() | list() | RoleModel():
+                    found.append(fault)
         return [robots for robots in found if robots is not None]
 
     def text(self) -> str:
@@ -378,33 +382,14 @@ class StepModel(FileModel):
             moments.append("when " + words.format(self.when.SENTENCE, self.when))
         if self.after is not None:
             moments.append(f"after {self.after:g} s")
-        faults = (words.format(_SENTENCES[name], fault) for name, fault in self.faults())
+        faults = (
+            words.format(field.description or "", getattr(self, name))
+            for name, field in type(self).model_fields.items()
+            if field.description is not None and getattr(self, name) is not None
+        )
         return f"{', '.join(moments)}: {' and '.join(faults)}"
 
 
-_SENTENCES = {
-    "kill": "kill {0}",
-    "stop": "freeze {0}",
-    "continue": "thaw {0}",
-    "leave": "have {0} leave",
-    "restart": "start {0} again",
-    "join": "start {0}",
-    "kill_team": "kill all robots",
-    "resume_team": "start all robots again",
-    "lose_capability": "have {0.robots} lose {0.local_task}",
-    "restore_capability": "give {0.local_task} back to {0.robots}",
-    "change_performance": "have {0.robots} do {0.local_task} at {0.performance:g}",
-    "decide": "decide that {0.global_task} counts as {0.decision}",
-    "partition": "cut the team into {0}",
-    "block": "block the links from {0.source} to {0.target}",
-    "unblock": "unblock the links from {0.source} to {0.target}",
-    "lose": "lose {0.percent:g} % of the messages from {0.source} to {0.target}",
-    "delay": "delay messages from {0.source} to {0.target} by {0.ms} ms",
-    "heal": "heal the network",
-    "kill_router": "kill router {0}",
-    "stop_router": "freeze router {0}",
-    "restart_router": "start router {0} again",
-}
 ROUTER_FAULTS = frozenset({"kill_router", "stop_router", "restart_router"})
 NETWORK_FAULTS = frozenset({"partition", "block", "unblock", "lose", "delay", "heal"})
 

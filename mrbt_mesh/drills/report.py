@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 from xml.etree import ElementTree
@@ -15,10 +16,10 @@ def run_data(run: DrillRun) -> dict[str, Any]:
     return {
         "drill": run.label,
         "transport": run.profile,
-        "verdict": verdict_word(run),
+        "color": run.color,
         "result": run.result or None,
         "duration_s": round(run.duration_s, 3),
-        "expectations": [asdict(verdict) for verdict in run.verdicts],
+        "expectations": [asdict(result) for result in run.results],
         "takeovers": run.takeovers,
         "timeline": [asdict(line) for line in run.timeline],
         "skipped": run.skipped,
@@ -26,35 +27,28 @@ def run_data(run: DrillRun) -> dict[str, Any]:
     }
 
 
-def verdict_word(run: DrillRun) -> str:
-    """green, red or skipped."""
-    if run.skipped is not None:
-        return "skipped"
-    return "green" if run.is_green else "red"
-
-
-def report_data(runs: Iterable[DrillRun]) -> dict[str, Any]:
+def report_data(runs: Sequence[DrillRun]) -> dict[str, Any]:
     """All runs as plain data, with their counts."""
-    listed = list(runs)
-    words = [verdict_word(run) for run in listed]
-    counts = {word: words.count(word) for word in ("green", "red", "skipped")}
-    return counts | {"runs": [run_data(run) for run in listed]}
+    colors = Counter(run.color for run in runs)
+    counts = {color: colors[color] for color in ("green", "red", "skipped")}
+    return counts | {"runs": [run_data(run) for run in runs]}
 
 
-def junit_text(runs: Iterable[DrillRun]) -> str:
-    """JUnit XML: one test case per run; what did not hold is a failure with all that was found."""
-    listed = list(runs)
-    words = [verdict_word(run) for run in listed]
-    suite = ElementTree.Element(
+def junit_text(runs: Sequence[DrillRun]) -> str:
+    """JUnit XML: a test case for each run; its failure lists the expectations that did not hold."""
+    colors = Counter(run.color for run in runs)
+    suites = ElementTree.Element("testsuites")
+    suite = ElementTree.SubElement(
+        suites,
         "testsuite",
         name="drills",
-        tests=str(len(listed)),
-        failures=str(words.count("red")),
+        tests=str(len(runs)),
+        failures=str(colors["red"]),
         errors="0",
-        skipped=str(words.count("skipped")),
-        time=f"{sum(run.duration_s for run in listed):.3f}",
+        skipped=str(colors["skipped"]),
+        time=f"{sum(run.duration_s for run in runs):.3f}",
     )
-    for run, word in zip(listed, words, strict=True):
+    for run in runs:
         case = ElementTree.SubElement(
             suite,
             "testcase",
@@ -62,12 +56,12 @@ def junit_text(runs: Iterable[DrillRun]) -> str:
             name=run.label,
             time=f"{run.duration_s:.3f}",
         )
-        if word == "skipped":
-            ElementTree.SubElement(case, "skipped", message=run.skipped or "")
+        if run.skipped is not None:
+            ElementTree.SubElement(case, "skipped", message=run.skipped)
             continue
-        wrong = [verdict for verdict in run.verdicts if not verdict.holds]
-        if wrong:
-            message = "; ".join(f"{verdict.expected}: {verdict.found}" for verdict in wrong)
+        if not run.is_green:
+            wrong = [result for result in run.results if not result.holds]
+            message = "; ".join(f"{result.expected}: {result.found}" for result in wrong)
             failure = ElementTree.SubElement(case, "failure", message=message)
             failure.text = f"run directory: {run.run_dir}"
         output = ElementTree.SubElement(case, "system-out")
@@ -75,8 +69,6 @@ def junit_text(runs: Iterable[DrillRun]) -> str:
             f"{line.at_s:8.3f} {'! ' if line.is_fault else '  '}{line.robot:6} {line.text}"
             for line in run.timeline
         )
-    suites = ElementTree.Element("testsuites")
-    suites.append(suite)
     ElementTree.indent(suites)
     text = ElementTree.tostring(suites, encoding="unicode", xml_declaration=True)
     return text + "\n"

@@ -1,4 +1,4 @@
-"""Carries one drill out on a team of real processes, from the launch to the verdicts."""
+"""Carries one drill out on a team of real processes, from the launch to the results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mrbt_mesh.drills.beside import beside
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
 from mrbt_mesh.drills.journals import read
-from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge
+from mrbt_mesh.drills.judge import DrillResult, Evidence, judge
 from mrbt_mesh.drills.links import read_links
 from mrbt_mesh.drills.model import Profile
 from mrbt_mesh.drills.network import LinkFaults, places
@@ -57,7 +57,7 @@ class DrillRun:
     profile: Profile
     result: str = ""
     duration_s: float = 0.0
-    verdicts: list[DrillVerdict] = field(default_factory=list)
+    results: list[DrillResult] = field(default_factory=list)
     timeline: list[TimelineEntry] = field(default_factory=list)
     takeovers: list[dict[str, Any]] = field(default_factory=list)
     run_dir: Path | None = None
@@ -66,7 +66,14 @@ class DrillRun:
     @property
     def is_green(self) -> bool:
         """Whether all that was expected held; a skipped run proves nothing, and breaks nothing."""
-        return all(verdict.holds for verdict in self.verdicts)
+        return all(result.holds for result in self.results)
+
+    @property
+    def color(self) -> str:
+        """green, red or skipped."""
+        if self.skipped is not None:
+            return "skipped"
+        return "green" if self.is_green else "red"
 
 
 async def run_drill(

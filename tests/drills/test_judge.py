@@ -14,7 +14,7 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.drills.beside import Check
 from mrbt_mesh.drills.inject import InjectedFault, InjectedFaults, JournalsAtDeath
 from mrbt_mesh.drills.journals import Done, read
-from mrbt_mesh.drills.judge import DrillVerdict, Evidence, judge, unjournaled
+from mrbt_mesh.drills.judge import DrillResult, Evidence, judge, unjournaled
 from mrbt_mesh.drills.links import LinkLine, read_links
 from mrbt_mesh.drills.model import ExpectModel
 from mrbt_mesh.drills.physical import FreezeSpan, moving, read_events, spans
@@ -51,15 +51,15 @@ KILLED_AT_WORK = [
 ]
 
 
-def verdicts(evidence: Evidence, **expect: Any) -> list[DrillVerdict]:
+def results(evidence: Evidence, **expect: Any) -> list[DrillResult]:
     """Those on what a test expects; the three that are always there come first and must hold."""
     found = judge(ExpectModel.model_validate(expect), MISSION, evidence)
-    assert all(verdict.holds for verdict in found[:3])
+    assert all(each.holds for each in found[:3])
     return found[3:]
 
 
-def one(evidence: Evidence, **expect: Any) -> DrillVerdict:
-    (found,) = verdicts(evidence, **expect)
+def one(evidence: Evidence, **expect: Any) -> DrillResult:
+    (found,) = results(evidence, **expect)
     return found
 
 
@@ -68,10 +68,10 @@ def test_the_result_and_the_steps_are_always_judged() -> None:
     evidence.injected.problems.append("kill: A1 had no process any more")
     evidence.crashes.append("C1 ended with status 1: KeyError: 3")
     result, steps, crashes = judge(ExpectModel(), MISSION, evidence)
-    assert crashes == DrillVerdict(
+    assert crashes == DrillResult(
         "no robot ended by an error", False, "C1 ended with status 1: KeyError: 3"
     )
-    assert result == DrillVerdict("result success", False, "timeout (not over after 60 s)")
+    assert result == DrillResult("result success", False, "timeout (not over after 60 s)")
     assert not steps.holds
     assert "step 2 of 2: its moment never came; kill: A1 had no process" in steps.found
 
@@ -89,13 +89,13 @@ def test_the_result_and_the_steps_are_always_judged() -> None:
 def test_only_successes_count_as_done(bounds: dict[str, int], holds: bool) -> None:
     for name in ("replace_hw(2)", "replace_hw"):
         evidence = Evidence("success", events=KILLED_AT_WORK)
-        verdict = one(evidence, done=[{"local_task": name, **bounds}])
-        assert (verdict.holds, verdict.found) == (holds, "1 (B1)")
+        found = one(evidence, done=[{"local_task": name, **bounds}])
+        assert (found.holds, found.found) == (holds, "1 (B1)")
 
 
 def test_a_task_that_nobody_started_was_not_done_once() -> None:
-    verdict = one(Evidence("success"), done=[{"local_task": "replace_hw", "times": 1}])
-    assert (verdict.holds, verdict.found) == (False, "0")
+    found = one(Evidence("success"), done=[{"local_task": "replace_hw", "times": 1}])
+    assert (found.holds, found.found) == (False, "0")
 
 
 def test_done_may_be_asked_for_one_global_task() -> None:
@@ -107,7 +107,7 @@ def test_done_may_be_asked_for_one_global_task() -> None:
 def test_a_dead_robot_works_no_longer_than_its_process_lived() -> None:
     never = [{"local_task": "replace_hw(2)"}]
     without = Evidence("success", events=KILLED_AT_WORK)
-    assert one(without, never=never) == DrillVerdict(
+    assert one(without, never=never) == DrillResult(
         "never more than 1 at replace_hw(2)", False, "at most 2"
     )
     injected = InjectedFaults(deaths={PIDS["A1"]: 1.9})
@@ -130,17 +130,17 @@ def frozen(end: str) -> Evidence:
 
 def test_a_thawed_robot_must_cancel_what_it_was_doing() -> None:
     expect: dict[str, Any] = {"yields": {"thawed": None}, "never": [{"local_task": "replace_hw"}]}
-    never, yields = verdicts(frozen("cancel"), **expect)
+    never, yields = results(frozen("cancel"), **expect)
     assert never.holds
-    assert yields == DrillVerdict("A1 yields when it wakes", True, "replace_hw(2): cancel")
-    never, yields = verdicts(frozen("success"), **expect)
+    assert yields == DrillResult("A1 yields when it wakes", True, "replace_hw(2): cancel")
+    never, yields = results(frozen("success"), **expect)
     assert not never.holds
-    assert yields == DrillVerdict("A1 yields when it wakes", False, "replace_hw(2): success")
+    assert yields == DrillResult("A1 yields when it wakes", False, "replace_hw(2): success")
 
 
 def test_a_robot_that_did_nothing_has_nothing_to_yield() -> None:
     evidence = Evidence("success", InjectedFaults(freezes=[FreezeSpan(PIDS["A1"], 1.5, 3.0)]))
-    assert one(evidence, yields="A1") == DrillVerdict(
+    assert one(evidence, yields="A1") == DrillResult(
         "A1 yields when it wakes", False, "it did nothing"
     )
 
@@ -160,9 +160,9 @@ def test_a_frozen_execution_has_a_gap() -> None:
 def test_states_at_the_end() -> None:
     states = {"A1": State.DEAD, "B1": State.SUSPECT, "C1": State.LEFT}
     evidence = Evidence("success", states=states)
-    found = verdicts(evidence, dead="A1", alive=["B1"], left="C1")
+    found = results(evidence, dead="A1", alive=["B1"], left="C1")
     assert [v.holds for v in found] == [True, True, True]
-    found = verdicts(evidence, dead=["A1", "B1"], alive=["A2"], left={"killed": None})
+    found = results(evidence, dead=["A1", "B1"], alive=["A2"], left={"killed": None})
     assert [v.holds for v in found] == [False, False, False]
 
 
@@ -175,15 +175,15 @@ def takeover(robot: str, inflicted: bool, **more: Any) -> dict[str, Any]:
 def test_times_of_what_the_drill_did_and_deaths_that_it_did_not_cause() -> None:
     expect = {"detected_within_s": 1, "takeover_within_s": 1, "false_deaths": 0}
     good = Evidence("success", takeovers=[takeover("A1", True)])
-    assert [v.holds for v in verdicts(good, **expect)] == [True, True, True]
+    assert [v.holds for v in results(good, **expect)] == [True, True, True]
     slow = Evidence("success", takeovers=[takeover("A1", True, detected_s=2.0, reassigned_s=None)])
-    assert [v.holds for v in verdicts(slow, **expect)] == [False, False, True]
+    assert [v.holds for v in results(slow, **expect)] == [False, False, True]
     idle = Evidence("success", takeovers=[takeover("A1", True, held=None, reassigned_s=None)])
-    assert [v.holds for v in verdicts(idle, **expect)] == [True, False, True]
+    assert [v.holds for v in results(idle, **expect)] == [True, False, True]
     false = Evidence("success", takeovers=[takeover("A1", True), takeover("C1", False)])
-    assert [v.holds for v in verdicts(false, **expect)] == [True, True, False]
+    assert [v.holds for v in results(false, **expect)] == [True, True, False]
     gone = Evidence("success", takeovers=[takeover("A1", True), takeover("C1", False, ended=True)])
-    assert [v.holds for v in verdicts(gone, **expect)] == [True, True, True]
+    assert [v.holds for v in results(gone, **expect)] == [True, True, True]
 
 
 def test_robots_that_were_hit_are_those_whose_processes_suffered() -> None:
@@ -210,30 +210,30 @@ def cut_until(healed_s: float, *links: LinkLine, disturbed: str = "A1 B1") -> Ev
 def test_links_come_back_in_time_or_not() -> None:
     lost = (link(3, "A1", "B1", back=False), link(3, "B1", "A1", back=False))
     both = (link(6, "A1", "B1", back=True), link(6.5, "B1", "A1", back=True))
-    (good,) = verdicts(cut_until(5, *lost, *both), links_back_within_s=2)
+    (good,) = results(cut_until(5, *lost, *both), links_back_within_s=2)
     assert (good.holds, good.found) == (True, "2 links came back")
-    (late,) = verdicts(cut_until(5, *lost, *both), links_back_within_s=1.2)
+    (late,) = results(cut_until(5, *lost, *both), links_back_within_s=1.2)
     assert (late.holds, late.found) == (False, "B1 heard A1 after 1.5 s")
-    (never,) = verdicts(cut_until(5, *lost, both[0]), links_back_within_s=2)
+    (never,) = results(cut_until(5, *lost, both[0]), links_back_within_s=2)
     assert (never.holds, never.found) == (False, "B1 hears A1 no more")
-    (idle,) = verdicts(cut_until(5), links_back_within_s=2)
+    (idle,) = results(cut_until(5), links_back_within_s=2)
     assert (idle.holds, idle.found) == (False, "no link was lost")
 
 
 def test_links_of_robots_that_were_stopped_are_nobodys_fault() -> None:
     evidence = cut_until(5, link(3, "A1", "C1", back=False), link(6, "A1", "B1", back=True))
-    assert [v.holds for v in verdicts(evidence, links_back_within_s=2, stalls=0)] == [False, False]
+    assert [v.holds for v in results(evidence, links_back_within_s=2, stalls=0)] == [False, False]
     evidence.injected.done.append(InjectedFault(0, 2.0, "kill", ("C1",), ""))
-    assert [v.holds for v in verdicts(evidence, links_back_within_s=2, stalls=0)] == [True, True]
+    assert [v.holds for v in results(evidence, links_back_within_s=2, stalls=0)] == [True, True]
 
 
 def test_only_links_that_nobody_disturbed_can_stall() -> None:
     silent = (link(3, "A1", "B1", back=False), link(3, "B1", "C1", back=False))
-    (stalled,) = verdicts(cut_until(5, *silent), stalls=0)
+    (stalled,) = results(cut_until(5, *silent), stalls=0)
     assert (stalled.holds, stalled.found) == (False, "B1 did not hear C1")
-    assert [v.holds for v in verdicts(cut_until(5, *silent), stalls=1)] == [True]
+    assert [v.holds for v in results(cut_until(5, *silent), stalls=1)] == [True]
     cut = cut_until(5, *silent[1:], disturbed="B1 C1")
-    assert [v.holds for v in verdicts(cut, stalls=0)] == [True]
+    assert [v.holds for v in results(cut, stalls=0)] == [True]
 
 
 def test_link_lines_are_read_from_logs(tmp_path: Path) -> None:
@@ -274,28 +274,28 @@ def killed(held: set[Done], kept: set[Done], *after: dict[str, Any]) -> Evidence
 def test_what_a_partner_still_has_to_do_is_no_repetition() -> None:
     """move_frame needs two: one success does not end it."""
     restarted = event(4.0, "C2", "start", "move_frame", pid=99)
-    repeated, lost = verdicts(killed({C1_DONE}, {C1_DONE}, restarted), repeated=0)
+    repeated, lost = results(killed({C1_DONE}, {C1_DONE}, restarted), repeated=0)
     assert repeated.holds
     assert lost.holds
 
 
 def test_a_robot_that_does_again_what_it_had_journaled_repeats() -> None:
     again = event(4.0, "C1", "start", "move_frame", pid=99)
-    repeated, _ = verdicts(killed({C1_DONE}, {C1_DONE}, again), repeated=0)
-    assert repeated == DrillVerdict("nothing repeated", False, "move_frame by C1")
-    repeated, _ = verdicts(killed({C1_DONE}, {C1_DONE}, again), repeated=1)
+    repeated, _ = results(killed({C1_DONE}, {C1_DONE}, again), repeated=0)
+    assert repeated == DrillResult("nothing repeated", False, "move_frame by C1")
+    repeated, _ = results(killed({C1_DONE}, {C1_DONE}, again), repeated=1)
     assert repeated.holds
-    repeated, _ = verdicts(killed(set(), set(), again), repeated=0)
+    repeated, _ = results(killed(set(), set(), again), repeated=0)
     assert repeated.holds, "it was not journaled"
 
 
 def test_anybody_who_does_again_what_as_many_as_needed_had_done_repeats() -> None:
     again = event(4.0, "A1", "start", "move_frame", pid=99)
     both = {C1_DONE, C2_DONE}
-    repeated, _ = verdicts(killed(both, both, again), repeated=0)
+    repeated, _ = results(killed(both, both, again), repeated=0)
     assert not repeated.holds
     other = event(4.0, "A1", "start", "move_frame", pid=99, act="another")
-    repeated, _ = verdicts(killed(both, both, other), repeated=0)
+    repeated, _ = results(killed(both, both, other), repeated=0)
     assert repeated.holds
 
 
@@ -303,19 +303,19 @@ def test_successes_of_different_coalitions_do_not_add_up() -> None:
     """Who was in a coalition that broke does it again with the next one."""
     again = event(4.0, "C1", "start", "move_frame", pid=99)
     apart = {Done("C1", "x", "move_frame", "t1"), Done("C2", "x", "move_frame", "t2")}
-    repeated, _ = verdicts(killed(apart, apart, again), repeated=0)
+    repeated, _ = results(killed(apart, apart, again), repeated=0)
     assert repeated.holds
     together = {Done("C1", "x", "move_frame", "t1"), Done("C2", "x", "move_frame", "t1")}
-    repeated, _ = verdicts(killed(together, together, again), repeated=0)
+    repeated, _ = results(killed(together, together, again), repeated=0)
     assert not repeated.holds
 
 
 def test_a_journaled_success_that_is_gone_is_lost() -> None:
-    _, lost = verdicts(killed({C1_DONE, C2_DONE}, {C1_DONE}), repeated=0)
-    assert lost == DrillVerdict("nothing journaled is lost", False, "move_frame by C2")
+    _, lost = results(killed({C1_DONE, C2_DONE}, {C1_DONE}), repeated=0)
+    assert lost == DrillResult("nothing journaled is lost", False, "move_frame by C2")
     forgotten = killed({C1_DONE, C2_DONE}, {C1_DONE})
     forgotten.is_obsolete = lambda activation: activation == "x"
-    _, lost = verdicts(forgotten, repeated=0)
+    _, lost = results(forgotten, repeated=0)
     assert lost.holds
 
 
@@ -383,7 +383,7 @@ def test_a_simulated_run_with_a_kill_is_judged_like_a_real_one() -> None:
     evidence.events = seen.events
     done = [{"local_task": "do_diagnosis", "times": 1}, {"local_task": "replace_hw", "times": 1}]
     never = [{"local_task": "replace_hw"}]
-    found = verdicts(evidence, done=done, never=never, takeover_within_s=2)
+    found = results(evidence, done=done, never=never, takeover_within_s=2)
     assert [v for v in found if not v.holds] == []
     assert len(found) == 5 + 2 + 2 + 1
 
@@ -391,9 +391,9 @@ def test_a_simulated_run_with_a_kill_is_judged_like_a_real_one() -> None:
 def test_what_was_asked_beside_the_team_decides_as_well() -> None:
     asked = [Check("python world.py --judge", 0, "mended"), Check("true", None, "no answer")]
     ended = ["python world.py has ended with status 1: no model"]
-    found = verdicts(Evidence("success", checks=asked, beside_ended=ended))
+    found = results(Evidence("success", checks=asked, beside_ended=ended))
     assert found == [
-        DrillVerdict("beside the team until its end", False, ended[0]),
-        DrillVerdict("python world.py --judge", True, "mended"),
-        DrillVerdict("true", False, "no answer"),
+        DrillResult("beside the team until its end", False, ended[0]),
+        DrillResult("python world.py --judge", True, "mended"),
+        DrillResult("true", False, "no answer"),
     ]

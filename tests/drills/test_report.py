@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree
 
-from mrbt_mesh.drills.judge import DrillVerdict
+from mrbt_mesh.drills.judge import DrillResult
 from mrbt_mesh.drills.report import junit_text, report_data
 from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
 
@@ -15,7 +15,7 @@ GREEN = DrillRun(
     "wired",
     "success",
     2.5,
-    [DrillVerdict("result success", True, "success")],
+    [DrillResult("result success", True, "success")],
     [
         TimelineEntry(0.25, "A1", "killed (SIGKILL)", is_fault=True),
         TimelineEntry(0.5, "A1", "is dead"),
@@ -28,9 +28,9 @@ RED = DrillRun(
     "timeout",
     60.0,
     [
-        DrillVerdict("result success", False, "timeout"),
-        DrillVerdict("all faults carried out", True, "yes"),
-        DrillVerdict("nothing repeated", False, "lift by A1 & B1"),
+        DrillResult("result success", False, "timeout"),
+        DrillResult("all faults carried out", True, "yes"),
+        DrillResult("nothing repeated", False, "lift by A1 & B1"),
     ],
     run_dir=Path("/runs/7"),
 )
@@ -41,7 +41,7 @@ def test_json_counts_and_tells_all() -> None:
     data = json.loads(json.dumps(report_data([GREEN, RED, SKIPPED])))
     assert (data["green"], data["red"], data["skipped"]) == (1, 1, 1)
     green, red, skipped = data["runs"]
-    assert [run["verdict"] for run in data["runs"]] == ["green", "red", "skipped"]
+    assert [run["color"] for run in data["runs"]] == ["green", "red", "skipped"]
     assert green["takeovers"] == [{"robot": "A1", "detected_s": 0.25}]
     assert green["timeline"][0] == {
         "at_s": 0.25,

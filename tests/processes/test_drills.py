@@ -63,7 +63,7 @@ def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
     code, data = report(team, path, "--junit", str(junit))
     assert code == 1
     (run,) = data["runs"]
-    assert run["verdict"] == "red"
+    assert run["color"] == "red"
     wrong = [e for e in run["expectations"] if not e["holds"]]
     assert len(wrong) == 1, "one of the two cannot hold"
     assert (Path(run["run_dir"]) / "events.jsonl").exists()

@@ -141,7 +141,7 @@ class _Session:
 
         from rich.text import Text
 
-        from mrbt_mesh.cli.views.drill_view import headline, line_text, takeover_text, verdict_text
+        from mrbt_mesh.cli.views.drill_view import headline, line_text, result_text, takeover_text
         from mrbt_mesh.runtime.run_dir import state_dir
 
         def show(line: str | Text) -> None:
@@ -163,8 +163,8 @@ class _Session:
         if not self._brief or not run.is_green:
             for takeover in run.takeovers:
                 show(takeover_text(takeover))
-            for verdict in run.verdicts:
-                show(verdict_text(verdict))
+            for result in run.results:
+                show(result_text(result))
             show(Text.assemble("  ", headline(run)))
         if run.is_green and not self._keep:
             shutil.rmtree(folder, ignore_errors=True)
@@ -178,7 +178,7 @@ async def _run_or_skip(
     found: Drill, profile: Profile, folder: Path, tell: Callable[[TimelineEntry], None]
 ) -> DrillRun:
     from mrbt_mesh.drills.beside import BesideError
-    from mrbt_mesh.drills.judge import DrillVerdict
+    from mrbt_mesh.drills.judge import DrillResult
     from mrbt_mesh.drills.namespaces import NamespaceError
     from mrbt_mesh.drills.network import why_not
     from mrbt_mesh.drills.routers import RoutersError
@@ -192,5 +192,5 @@ async def _run_or_skip(
     try:
         return await run_drill(found, profile, folder, tell)
     except (TransportError, RunDirError, NamespaceError, RoutersError, BesideError) as error:
-        failed = DrillVerdict("the team could be run", False, str(error))
-        return DrillRun(found.label, profile, verdicts=[failed])
+        failed = DrillResult("the team could be run", False, str(error))
+        return DrillRun(found.label, profile, results=[failed])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -10,7 +10,7 @@ from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.drills.drill_file import Drill
-from mrbt_mesh.drills.judge import DrillVerdict
+from mrbt_mesh.drills.judge import DrillResult
 from mrbt_mesh.drills.report import report_data
 from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
 
@@ -56,12 +56,12 @@ def takeover_text(takeover: Mapping[str, object]) -> Text:
     return line
 
 
-def verdict_text(verdict: DrillVerdict) -> Text:
+def result_text(result: DrillResult) -> Text:
     """An expectation and whether it held."""
-    sign, style = ("✔", "green") if verdict.holds else ("✘", "bold red")
+    sign, style = ("✔", "green") if result.holds else ("✘", "bold red")
     return Text.assemble(
-        "  ", (f"{sign} ", style), (verdict.expected, "" if verdict.holds else "red"),
-        (f": {verdict.found}", "dim" if verdict.holds else "red"),
+        "  ", (f"{sign} ", style), (result.expected, "" if result.holds else "red"),
+        (f": {result.found}", "dim" if result.holds else "red"),
     )  # fmt: skip
 
 
@@ -71,13 +71,13 @@ def headline(run: DrillRun) -> Text:
         return Text(f"skipped: {run.skipped}", "yellow")
     text = Text("green", "bold green") if run.is_green else Text("red", "bold red")
     text.append(f" in {run.duration_s:.1f} s", "not bold dim")
-    wrong = [verdict for verdict in run.verdicts if not verdict.holds]
-    for verdict in wrong:
-        text.append(f"; {verdict.expected}: {verdict.found}", "not bold red")
+    wrong = [result for result in run.results if not result.holds]
+    for result in wrong:
+        text.append(f"; {result.expected}: {result.found}", "not bold red")
     return text
 
 
-def render_total(runs: Iterable[DrillRun]) -> Text:
+def render_total(runs: Sequence[DrillRun]) -> Text:
     """How all runs went, in one line."""
     data = report_data(runs)
     seconds = sum(run.duration_s for run in runs)
