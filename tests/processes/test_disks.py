@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import sqlite3
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,60 +52,6 @@ def test_a_full_disk_stops_exclusive_work_alone_until_there_is_room(team: Team, 
     assert summary["takeovers"] == []
     assert set(doses_begun(team).values()) == {1}
     assert len(doses_begun(team)) == 2
-
-
-def test_a_locked_journal_is_no_damage_and_nothing_is_dosed_twice(team: Team) -> None:
-    """The team is killed in the middle of a dose, and resumed while its journals are locked."""
-    team.hold("dose")
-    team.up(DISPENSE)
-    team.wait_for_events(2, "dose")
-    team.kill_all()
-    team.end()
-    locks = [sqlite3.connect(path, isolation_level=None) for path in journals(team)]
-    for lock in locks:
-        lock.execute("PRAGMA locking_mode=EXCLUSIVE")
-        lock.execute("BEGIN EXCLUSIVE")
-    before = doses_begun(team)
-    team.release()
-    team.up(DISPENSE, "--continue")
-    team.wait_for_line("journal cannot be written: it is locked by another process")
-    for lock in locks:
-        lock.close()
-    team.wait_for_line("in doubt")
-    team.mrbt("decide", "dose(a)", "done")
-    team.mrbt("decide", "dose(b)", "done")
-    code, summary = team.end()
-    assert (code, summary["result"]) == (0, "success"), team.logs()
-    assert doses_begun(team) == before
-    assert list(team.run_dir.glob("*.aside-*")) == []
-    again = [e for e in team.events() if e["local_task"] == "fetch" and e["event"] == "start"]
-    assert len(again) == 2, "what the journals held was not done again"
-
-
-def journals(team: Team) -> list[Path]:
-    return sorted(team.run_dir.glob("*.journal"))
-
-
-def test_a_journal_that_is_deleted_is_written_anew(team: Team) -> None:
-    team.hold("dose")
-    team.up(DISPENSE)
-    team.wait_for_events(2, "dose")
-    robot = team.wait_for_event("dose")["robot"]
-    for path in team.run_dir.glob(f"{robot}.journal*"):
-        path.unlink()
-    team.wait_for_line(f"{robot}: journal was deleted while the robot ran")
-    team.wait_for_line(f"{robot}: journal works again")
-    copy = team.folder / "copy"
-    copy.mkdir()
-    for path in team.run_dir.glob(f"{robot}.journal*"):
-        if not path.name.endswith("-shm"):
-            shutil.copyfile(path, copy / path.name)
-    rows = sqlite3.connect(copy / f"{robot}.journal").execute("SELECT name FROM entries").fetchall()
-    assert any(name.startswith("grant/") for (name,) in rows)
-    team.release()
-    code, _ = team.end()
-    assert code == 0, team.logs()
-    assert set(doses_begun(team).values()) == {1}
 
 
 @pytest.mark.parametrize("sync_s", ["0.3", pytest.param("1.0", marks=pytest.mark.slow)])

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.drills.physical import spans
-from mrbt_mesh.runtime.launcher import free_endpoints
 from tests.support.intruder_process import intruder
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
@@ -133,80 +131,3 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     assert "abort is the team's order" in team.mrbt("abort")
     code, _ = team.end()
     assert code == 1, team.logs()
-
-
-class Explorers:
-    """Both robots of a mission, started by hand with keys of their own."""
-
-    def __init__(
-        self, team: Team, name: str, run: str, keys: Path, at: list[str], others: list[str]
-    ) -> None:
-        self.team = team
-        self.folder = team.folder / name
-        first, second = self.endpoints = at
-        # Where commands find them.
-        self.there = team.at(
-            mission=EXPLORE, team="same", run=run, keys=keys, connect=",".join(self.endpoints)
-        )
-        dials = [word for other in others for word in ("--connect", other)]
-        more = ["--team", "same", "--run", run, "--keys", str(keys), *dials]
-        more += ["--speed", "10", "--exit-when-done"]
-        listen = {"R1": ["--listen", first], "R2": ["--listen", second, "--connect", first]}
-        self.processes = [
-            team.agent(EXPLORE, robot, "--run-dir", str(self.folder / robot), *words, *more)
-            for robot, words in listen.items()
-        ]
-
-    def told(self, event: str) -> list[str]:
-        """Robots whose logs have this event."""
-        logs = {path.stem: path for path in self.folder.glob("*/*.log")}
-        return [robot for robot, path in sorted(logs.items()) if f'"{event}"' in path.read_text()]
-
-    def work(self) -> Explorers:
-        """Wait until both are at work."""
-        both = ["R1", "R2"]
-        self.team.wait_until(lambda: self.told("local_task_started") == both, "both work")
-        return self
-
-    def end(self) -> list[int]:
-        """Wait for both; returns their exit statuses. Nobody was held for dead."""
-        found = [process.wait() for process in self.processes]
-        assert self.told("robot_dead") == []
-        return found
-
-
-@pytest.mark.slow
-def test_messages_of_another_run_are_refused(team: Team) -> None:
-    keys = team.folder / "keys"
-    team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
-    endpoints = free_endpoints(2, "tcp")
-
-    def run_until_told(run: str, reason: str) -> list[int]:
-        team.hold("explore")
-        robots = Explorers(team, run, run, keys, endpoints, []).work()
-        team.wait_until(lambda: reason in refusals(robots.there), f"status shows {reason}")
-        team.release()
-        return robots.end()
-
-    with intruder(how=["again"], team="same", endpoints=endpoints):
-        assert run_until_told("first", "said before") == [0, 0]
-        assert run_until_told("second", "run 'first' (ours is 'second')") == [0, 0]
-
-
-@pytest.mark.slow
-def test_two_teams_of_one_name_on_one_network_do_not_hear_each_other(team: Team) -> None:
-    """Same team, run, mission and robots, and links between all of them; only keys differ."""
-    team.hold("explore")
-    found: list[Explorers] = []
-    for name in ("ours", "theirs"):
-        keys = team.folder / f"{name}-keys"
-        team.mrbt("keys", "init", str(keys), "--robots", "R1,R2")
-        others = [endpoint for each in found for endpoint in each.endpoints]
-        found.append(Explorers(team, name, "same", keys, free_endpoints(2, "tcp"), others))
-    ours, theirs = found
-    for each in (ours.work(), theirs.work()):
-        team.wait_until(lambda there=each.there: refusals(there).keys() >= WRONG, "status shows it")
-    assert "abort is the team's order" in theirs.there.mrbt("abort")
-    assert theirs.end() == [1, 1]
-    team.release()
-    assert ours.end() == [0, 0]

@@ -8,12 +8,10 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from tests.support.paths import ROOT
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, WAIT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
-STANDING_BY = ROOT / "examples" / "vehicle_repair" / "standing_by.yaml"
 IN_ORDER = ["launcher_gone", "leaving", "stopped"]
 
 
@@ -51,20 +49,6 @@ def test_robots_leave_in_order_when_their_launcher_is_gone(
     assert [end_of(team, robot) for robot in ("R1", "R2", "R3")] == [IN_ORDER] * 3, team.logs()
     cancelled = {line["robot"] for line in team.events() if line["event"] == "cancel"}
     assert cancelled >= {"R1", "R2"}
-
-
-def test_a_team_that_stands_by_leaves_too(team: Team) -> None:
-    team.up(STANDING_BY)
-    team.wait_until(lambda: _stands_by(team), "the team stands by")
-    found = team.running()
-    assert len(found) == 6
-    team.signal_launcher(signal.SIGKILL)
-    wait_for_exits(team, found)
-    assert [end_of(team, robot) for robot in team.robots()] == [IN_ORDER] * 6, team.logs()
-
-
-def _stands_by(team: Team) -> bool:
-    return any(line["event"] == "stands_by" for line in team.log("C1"))
 
 
 def test_a_robot_whose_program_blocks_it_ends_too(team: Team) -> None:

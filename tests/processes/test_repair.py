@@ -8,7 +8,6 @@ import pytest
 
 from mrbt_mesh.drills.physical import of, spans
 from tests.support.paper_run import (
-    check_order,
     check_paper,
     go_on_as_in_the_paper,
     hold_for_the_paper,
@@ -34,78 +33,12 @@ def test_without_a_fault_the_run_is_the_papers(team: Team) -> None:
     check_paper(spans(team.events()))
 
 
-def test_an_a_killed_at_the_hardware_is_replaced_by_a_b(team: Team) -> None:
-    team.hold("replace_hw")
-    team.up()
-    victim = team.wait_for_work(team.wait_for_event("replace_hw"))
-    team.signal(victim["robot"], signal.SIGKILL)
-    replacement = team.wait_for_work(team.wait_for_replacement(victim))
-    team.release()
-    code, summary = team.end()
-    assert code == 0, team.logs()
-    work = spans(team.events())
-    check_order(work)
-    took_over = [s for s in of(work, "replace_hw", victim["args"][0]) if s.end == "success"]
-    assert [s.robot for s in took_over] == [replacement["robot"]]
-    assert replacement["robot"][0] == "B"
-    (takeover,) = summary["takeovers"]
-    assert takeover["robot"] == victim["robot"]
-    assert takeover["replacement"] == replacement["robot"]
-    assert 0 <= takeover["detected_s"] <= takeover["reassigned_s"]
-    assert [fault["robot"] for fault in summary["faults"]] == [victim["robot"]]
-
-
-@pytest.mark.slow
-def test_both_a_and_one_b_killed_one_after_another(team: Team) -> None:
-    team.hold("do_diagnosis")
-    team.up()
-    for robot, local_task, following in (
-        ("A1", "do_diagnosis", "replace_hw"),
-        ("A2", "replace_hw", "replace_wires"),
-        ("B1", "replace_wires", "place_cover"),
-    ):
-        team.wait_for_work(team.wait_for_event(local_task, robot=robot))
-        team.signal(robot, signal.SIGKILL)
-        team.wait_for_line(f"{robot} is dead")
-        team.hold(following)
-        team.release(local_task)
-    team.release()
-    code, summary = team.end()
-    assert code == 0, team.logs()
-    assert {t["robot"] for t in summary["takeovers"]} == {"A1", "A2", "B1"}
-    check_order(spans(team.events()))
-
-
-def test_without_a_second_c_the_cover_is_blocked_until_it_joins(team: Team) -> None:
-    team.hold("use_screwdriver")
-    team.up()
-    team.wait_for_events(2, "use_screwdriver")
-    team.mrbt("kill", "C1")
-    team.wait_for_line("C1 is dead")
-    team.release()
-    reason = "blocked: move_frame needs 2, 1 alive"
-    team.wait_for_line(f"remove_cover {reason}")
-    expected = [{"request": "remove_cover", "reason": reason}]
-    status = team.wait_until(
-        lambda: next((s for s in [team.status()] if s["blocked"] == expected), None), expected
-    )
-    assert status["robots"]["C1"] == status["robots"]["C1"] | {"state": "dead", "pid": None}
-    assert status["agreement"] is True
-    team.mrbt("join", "C1")
-    code, summary = team.end()
-    assert code == 0, team.logs()
-    (episode,) = summary["blocked"]
-    assert (episode["request"], episode["reason"]) == ("remove_cover", reason)
-    assert 0 <= episode["from"] < episode["to"] <= summary["duration_s"]
-    assert {event["robot"] for event in team.events()} == ROBOTS
-
-
 def test_a_frozen_robot_is_replaced_and_yields_when_it_thaws(team: Team) -> None:
     team.hold("replace_hw")
     team.up()
     victim = team.wait_for_event("replace_hw")
     robot, part = victim["robot"], victim["args"][0]
-    team.signal(robot, signal.SIGSTOP)
+    team.mrbt("freeze", robot)
     replacement = team.wait_for_replacement(victim)
     team.hold("replace_wires")
     team.release("replace_hw")

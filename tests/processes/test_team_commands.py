@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 import socket
 
 import pytest
@@ -124,15 +123,6 @@ def _stopped(team: Team, robot: str) -> list[dict[str, str]]:
     return [line for line in team.log(robot) if line["event"] == "stopped"]
 
 
-def test_one_robot_explores_in_turn_and_two_at_once(team: Team) -> None:
-    team.up(EXPLORE, "--robots", "R1")
-    code, summary = team.end()
-    assert code == 0, team.logs()
-    events = [(e["event"], e["args"]) for e in team.events()]
-    assert events == [("start", ["A"]), ("end", ["A"]), ("start", ["B"]), ("end", ["B"])]
-    assert list(summary["robots"]) == ["R1"]
-
-
 def test_pause_resume_abort(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE)
@@ -144,38 +134,6 @@ def test_pause_resume_abort(team: Team) -> None:
     team.mrbt("abort")
     code, summary = team.end()
     assert (code, summary["result"]) == (1, "failure")
-
-
-def test_a_mission_of_ones_own_runs_at_once(team: Team) -> None:
-    folder = team.folder / "my_team"
-    team.mrbt("new", str(folder))
-    team.up(folder / "mission.yaml")
-    code, summary = team.end()
-    assert (code, summary["result"]) == (0, "success"), team.logs()
-    assert team.events()
-
-
-def test_a_program_that_raises_fails_its_task_and_not_the_robot(team: Team) -> None:
-    folder = team.folder / "broken"
-    folder.mkdir()
-    (folder / "robot.py").write_text(
-        "from mrbt_mesh import RobotProgram\n"
-        "robot = RobotProgram()\n\n"
-        '@robot.local_task("lift")\n'
-        "async def lift():\n"
-        '    raise RuntimeError("the gripper is stuck")\n'
-    )
-    (folder / "mission.yaml").write_text(
-        "mission: stuck\nprogram: robot.py\nlocal_tasks: {lift: {}}\n"
-        "robot_types: {R: {capabilities: {lift: 1}}}\nrobots: {R1: R}\n"
-        "global_tasks: {raise_it: {needs: {lift: {min: 1}}}}\ntree: {Action: raise_it}\n"
-    )
-    team.up(folder / "mission.yaml")
-    code, summary = team.end()
-    assert (code, summary["result"]) == (1, "failure")
-    failure = next(line for line in team.log("R1") if line["event"] == "local_task_finished")
-    assert "the gripper is stuck" in failure["error"]
-    assert 'raise RuntimeError("the gripper is stuck")' in failure["error"]
 
 
 @pytest.mark.slow
@@ -193,21 +151,6 @@ def test_a_robot_that_the_mission_does_not_list_joins_with_its_type(team: Team) 
     code, summary = team.end()
     assert code == 0, team.logs()
     assert summary["robots"]["A3"]["type"] == "A"
-
-
-def test_robots_find_each_other_by_multicast(team: Team) -> None:
-    """Two agents with no endpoint and no launcher, as on two machines."""
-    team.run_dir.mkdir()
-    team.hold("explore")
-    options = ["--multicast", "lo", "--team", f"multicast-{secrets.token_hex(4)}"]
-    options += ["--speed", "10", "--run-dir", str(team.run_dir), "--exit-when-done"]
-    started = [team.agent(EXPLORE, robot, *options) for robot in ("R1", "R2")]
-    team.wait_for_event("explore", robot="R1")
-    team.wait_for_event("explore", robot="R2")
-    team.release()
-    assert [process.wait() for process in started] == [0, 0], team.logs()
-    ends = [(e["robot"], e["outcome"]) for e in team.events() if e["event"] == "end"]
-    assert sorted(ends) == [("R1", "success"), ("R2", "success")]
 
 
 def test_a_run_that_ends_before_its_team_has_gathered_has_not_started(team: Team) -> None:
