@@ -13,7 +13,7 @@ import pytest
 
 from mrbt_mesh import InputError, RobotProgram, TaskContext, TaskFailedError, pytest_plugin
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.formats.template import template_files, write_files
+from mrbt_mesh.formats.shipped import template_files, write_files
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.testing import (

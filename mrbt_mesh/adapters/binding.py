@@ -17,12 +17,11 @@ from pydantic import PrivateAttr
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import FileModel, Name, read_model
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import CallText
-from mrbt_mesh.formats.yaml_source import decode, read_yaml
+from mrbt_mesh.formats.yaml_source import read_mapping
 from mrbt_mesh.runtime.context import RobotContext
 
 Tables: TypeAlias = Mapping[str, Mapping[str, Any]]
@@ -171,10 +170,7 @@ _File = TypeVar("_File", bound=BoundFile)
 
 def load_bound(kind: type[_File], path: Path, expected: str, explained: Mapping[str, str]) -> _File:
     """Read a file; `explained` is that of `read_model`. Raises FileError with all its problems."""
-    file = str(path)
-    data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
-    if not isinstance(data, dict):
-        raise whole_file_error(file, expected)
+    data, report = read_mapping(path, expected)
     found = read_model(kind, data, report, explained)
     for place, text in found.problems():
         report.add(place, text)

@@ -24,14 +24,13 @@ from mrbt_mesh.drills.model import (
     RoleModel,
     StepModel,
 )
-from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.errors import nearest, whole_file_error
 from mrbt_mesh.formats.file_model import explain
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.shipped import shipped
-from mrbt_mesh.formats.yaml_source import SourceDict, decode, read_yaml
+from mrbt_mesh.formats.yaml_source import SourceDict, read_mapping
 
-MAX_BYTES = 1 << 20
 MAX_INSTANCES = 1_000
 FOLDER = "drills"
 
@@ -70,14 +69,9 @@ def load_drills(path: Path) -> list[Drill]:
 
     Raises FileError, and nothing else, for whatever may be wrong with it or its mission.
     """
-    file = str(path)
-    data, read = read_yaml(decode(read_limited(path, MAX_BYTES), file), file)
+    data, read = read_mapping(path, "a drill is expected (name: ..., steps: ...)")
     read.raise_if_any()
     report = DrillReport(read.file, read.lines)
-    if not isinstance(data, dict):
-        raise whole_file_error(
-            file, f"a drill is expected (name: ..., steps: ...), found {found(data)}"
-        )
     drills = []
     missions: dict[Path, Mission] = {}
     for values in _combinations(data, report):

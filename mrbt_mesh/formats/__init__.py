@@ -1,10 +1,7 @@
-"""Files: what users write becomes missions, and missions become files.
+"""Files that users write: missions, teams, facts, costs, units; and what users start from.
 
-`mission_model` and `tree_model` say what may stand in a mission file, `yaml_source` keeps its
-lines, `expand` and `build` make the mission, `mission_file` reads and compiles it, `problems` are
-told with file and line. `facts_file`, `team_file` and `assignment_file` are read by `mrbt plan`,
-`lift` and `assign`. `shipped` and `template` are what users start from. `mission_map`: the map in a
-mission's parameters. `btcpp`: trees in XML, as BehaviorTree.CPP has them.
-
-It may import the core alone. Whatever stands in a file, it is read, or refused with its place.
+`mission_model` and `tree_model` are the shape of a mission file, `expand` and `build` make the
+mission, `compiled` is the form that robots load. `yaml_source` reads YAML with line numbers,
+`problems` reports what is wrong with file and line. `mission_map` is the map in a mission's
+parameters. Every file is read, or refused with the place of each problem.
 """

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import NodeSpec, Tree, TreeError, build_tree
+from mrbt_mesh.core.bt.tree import Tree, TreeError, build_tree
 from mrbt_mesh.core.mission.constraints import Constraint
 from mrbt_mesh.core.mission.mission import (
     MAX_GLOBAL_TASKS,
@@ -30,15 +30,14 @@ from mrbt_mesh.formats.expand import (
     Scope,
     Template,
     TooManyNodesError,
-    argument_text,
     call_text,
     check_call,
-    check_cycles,
     check_template,
+    check_templates,
+    ground_call,
     micro_or_report,
     read_template,
     split_template,
-    substitute,
 )
 from mrbt_mesh.formats.failure_reasons import condition_types, local_condition_types
 from mrbt_mesh.formats.local_trees import LocalTrees
@@ -54,7 +53,6 @@ from mrbt_mesh.formats.mission_model import (
     validate,
 )
 from mrbt_mesh.formats.problems import Report, SourcePath
-from mrbt_mesh.formats.program_trees import ground_program_trees
 from mrbt_mesh.formats.yaml_source import read_yaml
 
 
@@ -85,7 +83,7 @@ class _Builder:
     def __init__(self, model: MissionModel, report: Report) -> None:
         self.model = model
         self.report = report
-        self.local_parameters = {n: list(t.parameters) for n, t in model.local_tasks.items()}
+        self.local_parameters = {n: t.parameters for n, t in model.local_tasks.items()}
         self.globals = frozenset(model.parameters)
         self.local_trees = LocalTrees(model, report)
 
@@ -106,20 +104,18 @@ class _Builder:
         self.check_effects()
         conditions = condition_types(model, self.report)
         local_conditions = local_condition_types(model, self.report)
-        template, subtrees = self.templates()
+        template, subtrees = self.template()
         # What is wrong so far would come up again for every value.
         self.report.raise_if_any()
         expander = Expander(subtrees, model.parameters, self.report)
-        spec = self.expand(expander, template)
+        tree = self.tree(expander, template)
         global_tasks = self.ground_tasks(expander)
-        tree = self.tree(spec)
         if tree is not None:
             self.check_same_robots(tree, global_tasks, expander)
         constraints = self.constraints(global_tasks)
-        needs = (need for task in global_tasks.values() for need in task.needs)
-        needed = sorted({need.local_task for need in needs})
+        needed = sorted({n.local_task for task in global_tasks.values() for n in task.needs})
         local_trees = self.local_trees.ground(needed)
-        program_trees = ground_program_trees(model, needed, folder, self.report)
+        program_trees = self.local_trees.ground_programs(needed, folder)
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -255,7 +251,7 @@ class _Builder:
     def check_same_robot(
         self, same: SameRobotModel, scope: frozenset[str], path: SourcePath
     ) -> None:
-        tasks = {name: list(task.parameters) for name, task in self.model.global_tasks.items()}
+        tasks = {name: task.parameters for name, task in self.model.global_tasks.items()}
         here = (*path, "global_task")
         check_call(same.global_task, "global task", tasks, scope, here, self.report)
         if same.local_task is not None:
@@ -263,28 +259,28 @@ class _Builder:
             parameters = self.local_parameters
             check_call(same.local_task, "local task", parameters, scope, here, self.report)
 
-    def templates(self) -> tuple[Template, dict[str, tuple[list[str], Template]]]:
-        """The templates of the tree and of all subtrees, checked."""
+    def template(self) -> tuple[Template, dict[str, tuple[Sequence[str], Template]]]:
+        """The template of the tree, and those of all subtrees, checked."""
         model, report = self.model, self.report
         declared = Declared(
-            {name: list(task.parameters) for name, task in model.global_tasks.items()},
-            {name: list(entry.parameters) for name, entry in model.conditions.items()},
-            {name: list(entry.parameters) for name, entry in model.subtrees.items()},
+            {name: task.parameters for name, task in model.global_tasks.items()},
+            {name: entry.parameters for name, entry in model.conditions.items()},
+            {name: entry.parameters for name, entry in model.subtrees.items()},
         )
-        subtrees = {}
-        for name, entry in model.subtrees.items():
-            body = read_template(entry.tree, ("subtrees", name, "tree"), report)
-            check_template(body, declared, self.globals | set(entry.parameters), report)
-            subtrees[name] = (list(entry.parameters), body)
+        trees = {n: (entry.tree, ("subtrees", n, "tree")) for n, entry in model.subtrees.items()}
         template = read_template(model.tree, ("tree",), report)
         check_template(template, declared, self.globals, report)
-        check_cycles({name: body for name, (_, body) in subtrees.items()}, report)
-        return template, subtrees
+        return template, check_templates(trees, declared, model.parameters, report)
 
-    def expand(self, expander: Expander, template: Template) -> NodeSpec | None:
+    def tree(self, expander: Expander, template: Template) -> Tree | None:
+        """The ground tree, or None after a problem."""
         try:
-            return expander.expand(template, self.model.parameters)
+            spec = expander.expand(template, self.model.parameters)
+            return None if spec is None else build_tree(spec)
         except TooManyNodesError:
+            return None
+        except TreeError as error:
+            self.report.add(("tree",), str(error))
             return None
 
     def ground_tasks(self, expander: Expander) -> dict[str, GlobalTask]:
@@ -319,7 +315,7 @@ class _Builder:
         for text, need in model.needs.items():
             path: SourcePath = ("global_tasks", name, "needs", text)
             try:
-                local, _ = self.ground(text, scope)
+                local, _ = ground_call(text, scope)
             except ValueError as error:
                 self.report.add(path, f"in {ground}: {error}")
                 continue
@@ -358,8 +354,8 @@ class _Builder:
         for text in model.needs:
             local = self.model.local_tasks[split_template(text)[0]]
             try:
-                bound = dict(zip(local.parameters, self.ground(text, scope)[1], strict=True))
-                effects = {self.ground(n, bound)[0]: value for n, value in local.effects.items()}
+                bound = dict(zip(local.parameters, ground_call(text, scope)[1], strict=True))
+                effects = {ground_call(n, bound)[0]: value for n, value in local.effects.items()}
             except ValueError:
                 continue  # `needs` says what is wrong with it
             found |= effects
@@ -369,7 +365,7 @@ class _Builder:
         self, model: SameRobotModel, scope: Scope, path: SourcePath
     ) -> SameRobotAs | None:
         """What `same_robot_as` names, ground; without a local task the task's only one."""
-        ground, arguments = self.ground(model.global_task, scope)
+        ground, arguments = ground_call(model.global_task, scope)
         local = model.local_task
         if local is None:
             known = self.model.global_tasks[split_template(model.global_task)[0]]
@@ -379,13 +375,7 @@ class _Builder:
                 return None
             (local,) = known.needs
             scope = {**scope, **dict(zip(known.parameters, arguments, strict=True))}
-        return SameRobotAs(ground, self.ground(local, scope)[0])
-
-    def ground(self, text: str, scope: Scope) -> tuple[str, list[str]]:
-        """A call with its arguments filled in, and these; raises ValueError if one is unknown."""
-        name, templates = split_template(text)
-        arguments = [argument_text(substitute(template, scope)) for template in templates]
-        return call_text(name, arguments), arguments
+        return SameRobotAs(ground, ground_call(local, scope)[0])
 
     def check_same_robots(
         self, tree: Tree, tasks: Mapping[str, GlobalTask], expander: Expander
@@ -418,15 +408,6 @@ class _Builder:
             text = "min_cost_flow knows no side constraints; use cp_sat, or leave it out"
             self.report.add(("solver",), text)
         return found
-
-    def tree(self, spec: NodeSpec | None) -> Tree | None:
-        if spec is None:
-            return None
-        try:
-            return build_tree(spec)
-        except TreeError as error:
-            self.report.add(("tree",), str(error))
-            return None
 
 
 def _sorted_deeply(value: Any) -> Any:

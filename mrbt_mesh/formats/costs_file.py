@@ -11,13 +11,10 @@ from pathlib import Path
 from pydantic import Field
 
 from mrbt_mesh.core.mission.mission import Costs, Mission
-from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import FileModel, Name, read_model
 from mrbt_mesh.formats.mission_model import Cost
-from mrbt_mesh.formats.problems import found
-from mrbt_mesh.formats.yaml_source import decode, read_yaml
-
-MAX_BYTES = 1 << 20
+from mrbt_mesh.formats.yaml_source import read_mapping
 
 
 class _CostsModel(FileModel):
@@ -30,9 +27,7 @@ def costs_from_file(path: Path, mission: Mission) -> Costs:
 
     Raises FileError with file and line for whatever is wrong with it.
     """
-    data, report = read_yaml(decode(read_limited(path, MAX_BYTES), str(path)), str(path))
-    if not isinstance(data, dict):
-        raise whole_file_error(str(path), f"robot_types: ... is expected, found {found(data)}")
+    data, report = read_mapping(path, "robot_types: ... is expected")
     model = read_model(_CostsModel, data, report)
     for section, names, known in (
         ("robot_types", model.robot_types, mission.robot_types),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any, TypeAlias
@@ -98,6 +98,13 @@ def substitute(argument: str, scope: Scope) -> Any:
     return _REFERENCE.sub(lambda match: argument_text(scope[match[1]]), argument)
 
 
+def ground_call(text: str, scope: Scope) -> tuple[str, list[str]]:
+    """A call with its arguments filled in, and these. Raises ValueError if one cannot be."""
+    name, templates = split_template(text)
+    arguments = [argument_text(substitute(template, scope)) for template in templates]
+    return call_text(name, arguments), arguments
+
+
 def read_template(node: str | NodeModel, path: SourcePath, report: Report) -> Template:
     """The small form of a node of the file."""
     if isinstance(node, str):
@@ -160,19 +167,32 @@ def _read_control(
 class Declared:
     """The parameters of everything that a tree may name, and what a leaf or SubTree names."""
 
-    actions: Mapping[str, list[str]]
-    conditions: Mapping[str, list[str]]
-    subtrees: Mapping[str, list[str]]
+    actions: Mapping[str, Sequence[str]]
+    conditions: Mapping[str, Sequence[str]]
+    subtrees: Mapping[str, Sequence[str]]
     words: tuple[str, str, str] = ("global task", "condition", "subtree")
 
-    def table(self, kind: Kind) -> tuple[str, Mapping[str, list[str]]]:
+    def table(self, kind: Kind) -> tuple[str, Mapping[str, Sequence[str]]]:
         """What a leaf or SubTree of this kind names, and the declared ones."""
-        action, condition, subtree = self.words
-        if kind is Kind.ACTION:
-            return action, self.actions
-        if kind is Kind.CONDITION:
-            return condition, self.conditions
-        return subtree, self.subtrees
+        position = (Kind.ACTION, Kind.CONDITION, Kind.SUBTREE).index(kind)
+        return self.words[position], (self.actions, self.conditions, self.subtrees)[position]
+
+
+def check_templates(
+    trees: Mapping[str, tuple[str | NodeModel, SourcePath]],
+    declared: Declared,
+    parameters: Scope,
+    report: Report,
+) -> dict[str, tuple[Sequence[str], Template]]:
+    """The parameters and templates of the subtrees that `declared` names, checked."""
+    found: dict[str, tuple[Sequence[str], Template]] = {}
+    for name, (tree, path) in trees.items():
+        body = read_template(tree, path, report)
+        own = declared.subtrees[name]
+        check_template(body, declared, frozenset(parameters) | set(own), report)
+        found[name] = (own, body)
+    check_cycles({name: body for name, (_, body) in found.items()}, report)
+    return found
 
 
 def check_template(
@@ -204,7 +224,7 @@ def check_template(
 def check_call(
     text: str,
     what: str,
-    table: Mapping[str, list[str]],
+    table: Mapping[str, Sequence[str]],
     scope: frozenset[str],
     path: SourcePath,
     report: Report,
@@ -272,7 +292,7 @@ class Expander:
     with their arguments and the place of the first mention.
     """
 
-    subtrees: Mapping[str, tuple[list[str], Template]]
+    subtrees: Mapping[str, tuple[Sequence[str], Template]]
     parameters: Scope
     report: Report
     global_calls: dict[str, tuple[str, tuple[str, ...], SourcePath]] = field(default_factory=dict)
@@ -299,11 +319,10 @@ class Expander:
             return None
 
     def _leaf(self, template: Template, scope: Scope) -> NodeSpec:
-        name, arguments = split_template(template.text)
-        values = tuple(argument_text(substitute(argument, scope)) for argument in arguments)
-        subject = call_text(name, values)
+        subject, values = ground_call(template.text, scope)
         if template.kind is Kind.ACTION:
-            self.global_calls.setdefault(subject, (name, values, template.path))
+            call = (split_template(template.text)[0], tuple(values), template.path)
+            self.global_calls.setdefault(subject, call)
         return NodeSpec(template.kind, subject=subject)
 
     def _subtree(self, template: Template, scope: Scope, depth: int) -> NodeSpec | None:

@@ -36,12 +36,11 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import robot_condition
-from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.problems import Report, SourcePath, found
 
 _OUTCOME_KEYS = frozenset({"robot", "global_task", "local_task", "success"})
 ALIVE = Incarnation(1, "file")
-MAX_BYTES = 1 << 20
 
 
 def facts_from_file(mission: Mission, path: Path | None) -> TeamFacts:
@@ -71,7 +70,9 @@ class _Builder:
             self._write_member(robot.id, member, ())
 
     def read(self, path: Path) -> None:
-        data = self._load(path)
+        from mrbt_mesh.formats.yaml_source import read_mapping
+
+        data, self._report = read_mapping(path, "a mapping is expected")
         sections: dict[str, Callable[[SourcePath, Any], None]] = {
             "performances": self._performances,
             "lost": self._lost,
@@ -91,15 +92,6 @@ class _Builder:
             if key in data:
                 take((key,), data[key])
         self._report.raise_if_any()
-
-    def _load(self, path: Path) -> dict[str, Any]:
-        from mrbt_mesh.formats.yaml_source import decode, read_yaml
-
-        content = read_limited(path, MAX_BYTES)
-        data, self._report = read_yaml(decode(content, str(path)), str(path))
-        if not isinstance(data, dict):
-            raise whole_file_error(str(path), f"a mapping is expected, found {found(data)}")
-        return data
 
     # -- sections -------------------------------------------------------------------------
 

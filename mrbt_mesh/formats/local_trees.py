@@ -1,38 +1,46 @@
 """Local tasks that are trees: `local_tasks: NAME: {tree: ...}` of a mission file.
 
-Such a tree has the shape of the team's. Its actions are local tasks without a tree, its SubTrees
-local tasks with one, its conditions the robots' own. What comes out is one ground tree for each
-ground local task that some global task needs; nothing behind `Mission.local_trees` knows of files.
+A tree in YAML has the shape of the team's: its actions are local tasks without a tree, its SubTrees
+local tasks with one, its conditions the robots' own. `tree: FILE.xml#TreeID` is a BehaviorTree.CPP
+tree; it becomes part of the mission with all that its file includes, so that every robot runs the
+same. There is one ground tree for each ground local task that some global task needs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
 
 from mrbt_mesh.core.bt.tree import Tree, TreeError, build_tree
+from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.expand import (
     Declared,
     Expander,
-    Template,
+    Scope,
     TooManyNodesError,
-    check_cycles,
-    check_template,
-    read_template,
+    check_call,
+    check_references,
+    check_templates,
+    ground_call,
     split_template,
+    substitute,
 )
-from mrbt_mesh.formats.mission_model import MissionModel
+from mrbt_mesh.formats.mission_model import LocalTaskOrTreeModel, MissionModel
 from mrbt_mesh.formats.problems import Report
+from mrbt_mesh.plugins import tree_format
 
 WORDS = ("local task", "local condition", "local task with a tree")
 
 
 class LocalTrees:
-    """The trees of a mission's local tasks; what is wrong with them goes to the report."""
+    """The trees of a mission's local tasks; problems go to the report."""
 
     def __init__(self, model: MissionModel, report: Report) -> None:
-        self._parameters = model.parameters
+        self._model = model
         self._report = report
-        tasks = {name: list(task.parameters) for name, task in model.local_tasks.items()}
+        tasks = {name: task.parameters for name, task in model.local_tasks.items()}
         trees = {
             name: task.tree
             for name, task in model.local_tasks.items()
@@ -40,30 +48,33 @@ class LocalTrees:
         }
         declared = Declared(
             {name: parameters for name, parameters in tasks.items() if name not in trees},
-            {name: list(entry.parameters) for name, entry in model.local_conditions.items()},
+            {name: entry.parameters for name, entry in model.local_conditions.items()},
             {name: tasks[name] for name in trees},
             WORDS,
         )
-        self._templates: dict[str, tuple[list[str], Template]] = {}
-        for name, tree in trees.items():
-            body = read_template(tree, ("local_tasks", name, "tree"), report)
-            scope = frozenset(model.parameters) | frozenset(tasks[name])
-            check_template(body, declared, scope, report)
-            self._templates[name] = (tasks[name], body)
-        check_cycles({name: body for name, (_, body) in self._templates.items()}, report)
+        bodies = {name: (tree, ("local_tasks", name, "tree")) for name, tree in trees.items()}
+        self._templates = check_templates(bodies, declared, model.parameters, report)
+        conditions = {name: entry.parameters for name, entry in model.conditions.items()}
+        for name, task in model.local_tasks.items():
+            scope = frozenset(model.parameters) | frozenset(task.parameters)
+            for port, value in task.ports.items():
+                if isinstance(value, str):
+                    check_references(value, scope, ("local_tasks", name, "ports", port), report)
+            for entry, condition in task.outputs.items():
+                place = ("local_tasks", name, "outputs", entry)
+                check_call(condition, "condition", conditions, scope, place, report)
 
     def ground(self, local_tasks: Iterable[str]) -> dict[str, Tree]:
-        """The tree of each of these ground local tasks that has one, sorted by name."""
-        expander = Expander(self._templates, self._parameters, self._report)
+        """The tree of each of these ground local tasks that has one in YAML."""
+        expander = Expander(self._templates, self._model.parameters, self._report)
         found: dict[str, Tree] = {}
-        for ground in sorted(set(local_tasks)):
+        for ground in local_tasks:
             name, arguments = split_template(ground)
             if name not in self._templates:
                 continue
             parameters, body = self._templates[name]
-            scope = {**self._parameters, **dict(zip(parameters, arguments, strict=True))}
             try:
-                spec = expander.expand(body, scope)
+                spec = expander.expand(body, self._scope(parameters, arguments))
                 if spec is not None:
                     found[ground] = build_tree(spec)
             except TooManyNodesError:
@@ -71,3 +82,57 @@ class LocalTrees:
             except TreeError as error:
                 self._report.add(("local_tasks", name, "tree"), f"{ground}: {error}")
         return found
+
+    def ground_programs(self, local_tasks: Iterable[str], folder: Path) -> dict[str, ProgramTree]:
+        """The tree of each of these ground local tasks that has one in a file below `folder`."""
+        read = {
+            name: self._read(name, task.tree_file, folder)
+            for name, task in sorted(self._model.local_tasks.items())
+            if task.tree_file is not None
+        }
+        found: dict[str, ProgramTree] = {}
+        for ground in local_tasks:
+            name, arguments = split_template(ground)
+            if (tree := read.get(name)) is not None:
+                task = self._model.local_tasks[name]
+                scope = self._scope(task.parameters, arguments)
+                found[ground] = ProgramTree(*tree, *self._filled(name, task, scope))
+        return found
+
+    def _scope(self, parameters: Iterable[str], arguments: Iterable[str]) -> Scope:
+        return {**self._model.parameters, **dict(zip(parameters, arguments, strict=True))}
+
+    def _read(self, name: str, reference: str, folder: Path) -> tuple[str, str, str] | None:
+        """The file's name, its text and the tree's ID."""
+        file, _, tree = reference.partition("#")
+        try:
+            return file, *tree_format(file).read(folder / file, tree)
+        except InputError as error:
+            for line in str(error).splitlines():
+                self._report.add(("local_tasks", name, "tree"), line)
+            return None
+
+    def _filled(
+        self, name: str, task: LocalTaskOrTreeModel, scope: Mapping[str, Any]
+    ) -> tuple[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]:
+        """Ports and outputs with the arguments in place."""
+        ports, outputs = [], []
+        try:
+            for key, value in sorted(task.ports.items()):
+                ports.append((key, _text(value, scope)))
+            for key, condition in sorted(task.outputs.items()):
+                outputs.append((key, ground_call(condition, scope)[0]))
+        except ValueError as error:
+            where = "ports" if len(ports) < len(task.ports) else "outputs"
+            self._report.add(("local_tasks", name, where, key), str(error))
+        return tuple(ports), tuple(outputs)
+
+
+def _text(value: Any, scope: Mapping[str, Any]) -> str:
+    """A port's value as a text of the file would give it."""
+    filled = substitute(value, scope) if isinstance(value, str) else value
+    if isinstance(filled, bool):
+        return "true" if filled else "false"
+    if isinstance(filled, list):
+        return ";".join(_text(item, {}) for item in filled)
+    return str(filled)

@@ -16,7 +16,6 @@ from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
 __all__ = ["FileError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
 
-MAX_YAML_BYTES = 1 << 20
 # A small file may unfold into a large tree.
 MAX_COMPILED_BYTES = 16 << 20
 
@@ -31,15 +30,14 @@ def load_mission(path: Path) -> Mission:
     suffix = Path(path).suffix.lower()
     if suffix not in (".yaml", ".yml", ".json"):
         raise whole_file_error(file, "a mission file ends in .yaml, .yml or .json")
-    is_compiled = suffix == ".json"
-    content = read_limited(Path(path), MAX_COMPILED_BYTES if is_compiled else MAX_YAML_BYTES)
-    if is_compiled:
-        return _load_compiled(content, file, Path(path).parent)
+    folder = Path(path).parent
+    if suffix == ".json":
+        return _load_compiled(read_limited(Path(path), MAX_COMPILED_BYTES), file, folder)
     # Imported here to keep robots' processes small, see above.
     from mrbt_mesh.formats.build import mission_from_yaml
-    from mrbt_mesh.formats.yaml_source import decode
+    from mrbt_mesh.formats.yaml_source import MAX_YAML_BYTES, decode
 
-    return mission_from_yaml(decode(content, file), file, Path(path).parent)
+    return mission_from_yaml(decode(read_limited(Path(path), MAX_YAML_BYTES), file), file, folder)
 
 
 def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:

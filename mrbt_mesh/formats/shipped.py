@@ -1,12 +1,30 @@
-"""What comes with the project beside its code: examples, their robots' programs, drills."""
+"""What users start from: the examples, drills and programs of the project, and templates."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
+from mrbt_mesh.core.mission.names import MAX_NAME
 from mrbt_mesh.errors import InputError, nearest
 
 MISSION = "mission.yaml"
+TEMPLATES = Path(__file__).with_name("template")
+# By the folder that they are in: what robots they are for.
+_FILES = {
+    "": ("mission.yaml", "robot.py", "test_mission.py"),
+    "ros2": ("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py"),
+    "vda5050": ("mission.yaml", "agvs.yaml", "robot.py"),
+}
+# How an example names its robots' program; in a copy, that lies beside the mission.
+_PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
+_NAME = re.compile(r"^mission: \w+$", re.MULTILINE)
+_COMPILED = "__pycache__"
+_IMPORT = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
+
+
+class FolderInUseError(InputError):
+    """The place for the new files is a file, or a folder that has something in it."""
 
 
 class UnknownExampleError(InputError):
@@ -34,3 +52,66 @@ def example_mission(name: str) -> Path:
     if name not in known:
         raise UnknownExampleError(f"there is no example {name!r}{nearest(name, known)}")
     return shipped("examples") / name / MISSION
+
+
+def template_files(name: str, kind: str = "") -> dict[str, str]:
+    """A small mission called `name` and a robot of the user's own: texts by file name.
+
+    `kind`: "ros2" for robots of ROS 2, "vda5050" for those that are AGVs, else robots that have a
+    program of their own.
+    """
+    folder = TEMPLATES / kind
+    files = {file: (folder / file).read_text(encoding="utf-8") for file in _FILES[kind]}
+    files["mission.yaml"] = _NAME.sub(f"mission: {name}", files["mission.yaml"])
+    return files
+
+
+def mission_name(text: str) -> str:
+    """A mission's name, made out of a file's or folder's: letters, digits and _, at most 64."""
+    name = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
+    return (name if name[:1].isalpha() else f"mission_{name}")[:MAX_NAME]
+
+
+def example_files(name: str) -> dict[str, str]:
+    """An example and the programs of its robots: texts by path below one folder.
+
+    Raises UnknownExampleError.
+    """
+    found: dict[str, str] = {}
+    programs: list[str] = []
+    folder = example_mission(name).parent
+    for path in sorted(folder.rglob("*")):
+        if path.is_dir() or path.parent.name == _COMPILED:
+            continue
+        text = path.read_text(encoding="utf-8")
+        programs += _PROGRAM.findall(text)
+        found[path.relative_to(folder).as_posix()] = _PROGRAM.sub(r"\1", text)
+    while programs:
+        program = programs.pop()
+        path = shipped("agents") / program
+        if program not in found and path.is_file():
+            found[program] = path.read_text(encoding="utf-8")
+            programs += [f"{module}.py" for module in _IMPORT.findall(found[program])]
+    return found
+
+
+def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
+    """Write files to `folder`, which may not exist yet.
+
+    Returns the paths of the new files. Raises FolderInUseError rather than overwrite
+    anything, and OSError if the folder cannot be written to.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise FolderInUseError(f"{folder}: is a file; name a new folder")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise FolderInUseError(f"{folder}: is not empty; name a new folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name, text in files.items():
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        # "x" refuses a file that appeared since the check above.
+        with target.open("x", encoding="utf-8") as stream:
+            stream.write(text)
+        written.append(target)
+    return written

@@ -31,11 +31,10 @@ from pydantic import Field, JsonValue
 
 from mrbt_mesh.core.mission.mission import MAX_ROBOTS, performance
 from mrbt_mesh.core.mission.names import split_call, type_name
-from mrbt_mesh.errors import nearest, read_limited, whole_file_error
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.declaration import Declaration
 from mrbt_mesh.formats.expand import call_text, micro_or_report, split_template, to_micro
 from mrbt_mesh.formats.file_model import FileModel, Name, RobotName, read_model
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
 from mrbt_mesh.formats.mission_model import (
     EXPLAINED_HERE,
     ConditionModel,
@@ -47,7 +46,7 @@ from mrbt_mesh.formats.mission_model import (
 )
 from mrbt_mesh.formats.problems import Report
 from mrbt_mesh.formats.tree_model import CallText
-from mrbt_mesh.formats.yaml_source import decode, read_yaml
+from mrbt_mesh.formats.yaml_source import read_mapping
 
 DECLARES = ("reads", "writes", "uses", "requires", "effects", "may_fail")
 
@@ -180,16 +179,10 @@ def _filled(text: str, values: Mapping[str, str]) -> str:
     return call_text(name, ground)
 
 
-def load_team(path: Path) -> TeamFile:
-    """Read a team file. Raises FileError with all problems that could be found."""
-    return read_team(decode(read_limited(path, MAX_YAML_BYTES), str(path)), str(path))
-
-
-def read_team(text: str, file: str) -> TeamFile:
-    """As `load_team`, of a text; `file` is what it is called in problems."""
-    data, report = read_yaml(text, file)
-    if not isinstance(data, dict):
-        raise whole_file_error(file, "a team is expected (local_tasks: ..., robots: ...)")
+def load_team(path: Path, text: str | None = None) -> TeamFile:
+    """Read a team file; with `text` that in its place. Raises FileError with all problems."""
+    expected = "a team is expected (local_tasks: ..., robots: ...)"
+    data, report = read_mapping(path, expected, text)
     for key in ("tree", "global_tasks", "subtrees"):
         if key in data:
             report.add((key,), f"a team file has no {key}: they come from the tree that is lifted")
@@ -197,7 +190,7 @@ def read_team(text: str, file: str) -> TeamFile:
     model = read_model(TeamModel, data, report, EXPLAINED_HERE)
     _check(model, report)
     report.raise_if_any()
-    return TeamFile(model, file)
+    return TeamFile(model, str(path))
 
 
 def _check(model: TeamModel, report: Report) -> None:

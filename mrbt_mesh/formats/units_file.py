@@ -17,10 +17,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from mrbt_mesh.errors import read_limited, whole_file_error
 from mrbt_mesh.formats.file_model import FileModel, Name, read_model
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES
-from mrbt_mesh.formats.yaml_source import decode, read_yaml
+from mrbt_mesh.formats.yaml_source import read_mapping
 
 _NodeText = Annotated[str, Field(min_length=1, max_length=1_000)]
 
@@ -33,10 +31,7 @@ class UnitsModel(FileModel):
 
 def load_units(path: Path) -> Mapping[str, list[str]]:
     """Read a file of units. Raises FileError with all problems that could be found."""
-    file = str(path)
-    data, report = read_yaml(decode(read_limited(path, MAX_YAML_BYTES), file), file)
-    if not isinstance(data, dict):
-        raise whole_file_error(file, "units are expected (units: {NAME: [NODE, ...]})")
+    data, report = read_mapping(path, "units are expected (units: {NAME: [NODE, ...]})")
     model = read_model(UnitsModel, data, report)
     report.raise_if_any()
     return model.units

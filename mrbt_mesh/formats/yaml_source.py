@@ -9,16 +9,18 @@ from __future__ import annotations
 
 import math
 import warnings
+from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from mrbt_mesh.errors import FileError, Problem, whole_file_error
+from mrbt_mesh.errors import FileError, Problem, read_limited, whole_file_error
 from mrbt_mesh.formats.problems import Report, SourcePath, found
 from mrbt_mesh.formats.yaml_syntax import explain_yaml
 
+MAX_YAML_BYTES = 1 << 20
 MAX_LEVELS = 200
 MAX_VALUES = 100_000
 MAX_INTEGER = 2**63 - 1
@@ -52,6 +54,21 @@ def decode(content: bytes, file: str) -> str:
         line = content.count(b"\n", 0, error.start) + 1
         message = f"not a text file in UTF-8 (byte {error.start} is {content[error.start]:#04x})"
         raise FileError([Problem(file, line, "", message)]) from None
+
+
+def read_mapping(
+    path: Path | str, expected: str, text: str | None = None
+) -> tuple[SourceDict, Report]:
+    """The mapping in a file, as by `read_yaml`; FileError unless there is one.
+
+    With `text` nothing is read, and `path` is for messages. `expected` begins the error.
+    """
+    if text is None:
+        text = decode(read_limited(Path(path), MAX_YAML_BYTES), str(path))
+    data, report = read_yaml(text, str(path))
+    if not isinstance(data, SourceDict):
+        raise whole_file_error(str(path), f"{expected}, found {found(data)}")
+    return data, report
 
 
 def read_yaml(text: str, file: str) -> tuple[Any, Report]:

@@ -7,8 +7,8 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.formats.shipped import template_files, write_files
 from mrbt_mesh.formats.team_file import load_team
-from mrbt_mesh.formats.template import template_files, write_files
 from mrbt_mesh.runtime.context import Simulation
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.runtime.user_code import UserCodeError

@@ -1,4 +1,4 @@
-"""Side constraints in mission files and in problems for `mrbt assign`."""
+"""Side constraints in mission files."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.assignment.problem import Limit, Shared
 from mrbt_mesh.core.mission.constraints import AtMost, NeverTogether, NotAtOnce
 from mrbt_mesh.core.mission.mission import Mission, Need, SameRobotAs
-from mrbt_mesh.formats.assignment_file import problem_from_file
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import FileError, compile_mission
@@ -149,53 +147,3 @@ def test_the_documents_examples_are_right() -> None:
     mission = load(head + tasks + rest[rest.index("tree:") :] + limits)
     assert len(mission.constraints) == 3
     assert mission.global_tasks == load(CARRY).global_tasks
-
-
-# -- problems for mrbt assign -----------------------------------------------------------------
-
-PROBLEM: dict[str, Any] = {
-    "robots": {"b": {"x": 1}, "a": {"x": 1, "y": 1}},
-    "demands": [
-        {"id": "d1", "local_task": "x", "min": 0, "max": 2},
-        {"id": "d2", "local_task": "y", "min": 0, "max": 2},
-    ],
-}
-
-
-def problem(tmp_path: Path, constraints: Any) -> Any:
-    path = tmp_path / "problem.json"
-    path.write_text(json.dumps(PROBLEM | {"constraints": constraints}))
-    return problem_from_file(path).constraints
-
-
-def test_constraints_of_a_problem(tmp_path: Path) -> None:
-    only_y = {"robots": ["b", "a"], "local_tasks": ["y"]}
-    assert problem(tmp_path, {"never_together": [only_y]}) == (Limit((0, 1), (1,), 1),)
-    assert problem(tmp_path, {"never_together": [{"robots": ["b", "a"]}]}) == (
-        Limit((0, 1), (0,), 1),
-        Limit((0, 1), (1,), 1),
-    )
-    assert problem(tmp_path, {"at_most": [{"robots": ["b", "a"], "count": 1}]}) == (
-        Limit((0, 1), (0, 1), 1),
-    )
-    assert problem(tmp_path, {"not_at_once": [{"demands": ["d2", "d1"]}]}) == (
-        Shared(((0,), (1,)), 1),
-    )
-
-
-@pytest.mark.parametrize(
-    ("constraints", "message"),
-    [
-        ([], "constraints: a map with never_together, at_most, not_at_once is expected"),
-        ({"atmost": []}, "constraints: a map with never_together"),
-        ({"at_most": [{"count": 1}]}, "constraints.at_most[0]: a map with robots and count"),
-        ({"at_most": [{"robots": ["z"]}]}, "constraints.at_most[0].robots: no 'z' here; known: a"),
-        ({"at_most": [{"robots": "a"}]}, "constraints.at_most[0].robots: a list of names"),
-        ({"at_most": [{"robots": ["a"], "count": 1.5}]}, "[0].count: a whole number is expected"),
-        ({"not_at_once": [{"demands": ["x"]}]}, "not_at_once[0].demands: no 'x' here"),
-    ],
-)
-def test_what_is_wrong_with_a_problem(tmp_path: Path, constraints: Any, message: str) -> None:
-    with pytest.raises(FileError) as caught:
-        problem(tmp_path, constraints)
-    assert message in str(caught.value)

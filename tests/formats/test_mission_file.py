@@ -68,9 +68,7 @@ def test_bids_are_read() -> None:
         (need,) = mission.global_tasks["fix(3)"].needs
         assert need == Need("weld(3)", 1, 1, by_bid=True, bid_within_us=within_us)
         assert mission_from_compiled(compile_mission(mission), "m.json") == mission
-        assert mission.to_json()["compiled"] == 3, "software that knows no bids refuses it"
         assert mission.digest != declared.digest
-    assert declared.to_json()["compiled"] == 2, "others keep their digests"
 
 
 def example(name: str) -> Mission:
@@ -331,7 +329,7 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 2 to 5 expected, found 99"),
+        ("d['compiled'] = 99", "version 2 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
         ("d.pop('tree')", "damaged: KeyError"),
         ("d['name'] = 3", "name 3"),

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.errors import Problem
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.mission_file import MAX_YAML_BYTES, FileError, load_mission
+from mrbt_mesh.formats.mission_file import FileError, load_mission
 from mrbt_mesh.formats.problems import MAX_PROBLEMS, found, path_text
-from mrbt_mesh.formats.yaml_source import decode
+from mrbt_mesh.formats.yaml_source import MAX_YAML_BYTES, decode
 
 # Line numbers below count from the first line of this text, which is line 1.
 GOOD = """\

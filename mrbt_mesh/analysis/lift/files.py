@@ -22,8 +22,8 @@ from mrbt_mesh.cli.terminal import console, note, print_json, write_file
 from mrbt_mesh.errors import FileError, InputError, Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_writer import mission_text
+from mrbt_mesh.formats.shipped import mission_name
 from mrbt_mesh.formats.team_file import TeamFile, load_team
-from mrbt_mesh.formats.template import mission_name
 from mrbt_mesh.formats.units_file import load_units
 
 

@@ -28,8 +28,8 @@ from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.files.loadable import loadable
 from mrbt_mesh.cli.terminal import console, note
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.team_file import read_team
-from mrbt_mesh.formats.template import mission_name, write_files
+from mrbt_mesh.formats.shipped import mission_name, write_files
+from mrbt_mesh.formats.team_file import load_team
 
 TEAM = """\
 # The team that {tree} is for. Lift it again after a change:
@@ -87,7 +87,7 @@ def files_from_tree(
     }
     mission, robots = folder / "mission.yaml", folder / "team.yaml"
     request = LiftRequest(folder / tree, robots, mission, main, (), (), (), "auto")
-    lifted = lift_tree(library, main, read_team(team, str(robots)), request)
+    lifted = lift_tree(library, main, load_team(robots, team), request)
     return {path.name: text for path, text in lifted.files.items()} | files, lifted
 
 

@@ -21,7 +21,7 @@ def new(folder: Path, example: str | None, vda5050: bool, ros2: bool) -> None:
 
     Example: mrbt new my_team && mrbt up my_team/mission.yaml
     """
-    from mrbt_mesh.formats import template
+    from mrbt_mesh.formats import shipped
 
     given = {"--example": example, "--vda5050": vda5050, "--ros2": ros2}
     chosen = [name for name, value in given.items() if value]
@@ -29,11 +29,11 @@ def new(folder: Path, example: str | None, vda5050: bool, ros2: bool) -> None:
         raise InputError(f"{' and '.join(chosen)}: choose one of them")
     try:
         if example is not None:
-            files = template.example_files(example)
+            files = shipped.example_files(example)
         else:
-            name = template.mission_name(folder.resolve().name)
-            files = template.template_files(name, "vda5050" if vda5050 else "ros2" if ros2 else "")
-        written = template.write_files(folder, files)
+            name = shipped.mission_name(folder.resolve().name)
+            files = shipped.template_files(name, "vda5050" if vda5050 else "ros2" if ros2 else "")
+        written = shipped.write_files(folder, files)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
     for path in written:

@@ -37,12 +37,6 @@ MAX_GLOBAL_TASKS = 10_000
 MAX_COST = 1_000_000
 MAX_BID_WITHIN_US = 10 * MICRO
 COMPILED_VERSION = 2
-# Of missions with bids: software that knows no bids refuses them, and all others keep their digest.
-BIDS_VERSION = 3
-# Of missions whose local tasks are trees; likewise.
-LOCAL_TREES_VERSION = 4
-# With trees that robots' programs run.
-PROGRAM_TREES_VERSION = 5
 
 RobotId: TypeAlias = str
 LocalTaskId: TypeAlias = str
@@ -403,9 +397,6 @@ class Mission:
 
         Entries that only some missions have are left out of others, which so keep their digests.
         """
-        version = BIDS_VERSION if self.has_bids else COMPILED_VERSION
-        version = LOCAL_TREES_VERSION if self.local_trees else version
-        version = PROGRAM_TREES_VERSION if self.program_trees else version
         is_usual = self.assignment is AssignmentPolicy.ANY
         local_trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
         program_trees = program_trees_to_json(self.program_trees) if self.program_trees else None
@@ -419,7 +410,7 @@ class Mission:
             "program_trees": program_trees,
         }
         return {name: value for name, value in optional.items() if value} | {
-            "compiled": version,
+            "compiled": COMPILED_VERSION,
             "name": self.name,
             "robots": {r.id: [r.type, dict(r.capabilities)] for r in self.robots.values()},
             "robot_types": {name: dict(c) for name, c in self.robot_types.items()},
@@ -455,8 +446,8 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     Raises ValueError if it was not compiled by this version.
     """
     found = data.get("compiled")
-    if type(found) is not int or not COMPILED_VERSION <= found <= PROGRAM_TREES_VERSION:
-        raise ValueError(f"compiled mission version 2 to 5 expected, found {found!r}")
+    if type(found) is not int or found != COMPILED_VERSION:
+        raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
     try:
         return Mission(
             name=data["name"],
@@ -470,7 +461,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
             parameters=data["parameters"],
             program=data["program"],
-            costs=Costs(*data.get("costs", ())),  # missions compiled before there were costs
+            costs=Costs(*data["costs"]),
             solver=data.get("solver"),
             constraints=tuple(map(constraint_from_json, data.get("constraints", ()))),
             local_trees={

@@ -14,7 +14,7 @@ from mrbt_mesh.adapters.ros2.binding_file import (
     load_bindings,
 )
 from mrbt_mesh.errors import FileError
-from mrbt_mesh.formats.template import TEMPLATES
+from mrbt_mesh.formats.shipped import TEMPLATES
 
 FILE = TEMPLATES / "ros2/ros2.yaml"
 EVERYTHING = """\

@@ -20,7 +20,7 @@ from mrbt_mesh.adapters.ros2.bridge_process import (
     check_bindings,
 )
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.template import TEMPLATES
+from mrbt_mesh.formats.shipped import TEMPLATES
 from tests.support.paths import ROOT
 
 STANDIN = [sys.executable, str(ROOT / "tests/support/ros2/standin_bridge.py")]

@@ -22,7 +22,7 @@ from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot, bound_program, robot_program
 from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.errors import InputError, TaskFailedError
-from mrbt_mesh.formats.template import TEMPLATES
+from mrbt_mesh.formats.shipped import TEMPLATES
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.program import functions_of
 from tests.support import fake_port

@@ -56,9 +56,6 @@ def test_costs_come_from_the_mission_and_from_a_file_of_their_own(tmp_path: Path
     compiled.write_text(compile_mission(loaded))
     assert load_mission(compiled).costs == loaded.costs
     data = json.loads(compiled.read_text())
-    del data["costs"]  # as before there were any
-    compiled.write_text(json.dumps(data))
-    assert load_mission(compiled).costs.robot("C") == 1
     compiled.write_text(json.dumps(data | {"costs": [{"C": -1}, {}]}))
     assert "cost of C: -1" in mrbt("analyze", str(compiled))[2]
 

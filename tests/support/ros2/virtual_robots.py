@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any
 
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE
-from mrbt_mesh.formats.template import TEMPLATES
+from mrbt_mesh.formats.shipped import TEMPLATES
 
 WAIT_S = 120.0
 SCRIPT = TEMPLATES / "ros2/virtual_robots.py"
