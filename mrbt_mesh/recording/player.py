@@ -1,4 +1,4 @@
-"""Plays a recording: what its owner knew at any time, and the team as an observer would see it.
+"""Plays a recording: the state of its owner at any time, and the team as an observer sees it.
 
 The observer gets the records of the recording as it would get messages.
 """
@@ -29,7 +29,7 @@ _NO_DIGEST = bytes(8)
 class Player:
     """`state` and `observer` are as they were at `now_us`, which is the time of the recording.
 
-    Raises RecordingError where the recording is damaged: `mrbt recording verify` tells how.
+    Raises RecordingError where the recording is damaged: see `mrbt recording verify`.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Player:
         make_observer: Callable[[], Observer] | None = None,
         engine: Engine = FASTEST,
     ) -> None:
-        """`make_observer`: of whoever is told the recording, with the engine; by default anew."""
+        """`make_observer` makes the observer that gets the recording; by default a new one."""
         self.recording = recording
         self._engine = engine
         self._make_observer = make_observer or self._new_observer
@@ -53,7 +53,7 @@ class Player:
         self._rewind()
 
     def _refuse(self, text: str) -> None:
-        raise RecordingError(f"{self.recording.path}: {text}: `mrbt recording verify` tells all")
+        raise RecordingError(f"{self.recording.path}: {text}: see `mrbt recording verify`")
 
     def _new_observer(self) -> Observer:
         metadata = self.recording.metadata
@@ -63,7 +63,7 @@ class Player:
         self.observer = self._make_observer()
         self.state = RecordedState(self.observer.facts)
         self._plan = self._engine.plan_making(default_solver)
-        # Since when robots have been missed: the best that is known of when they died.
+        # Since when robots have been missed: the best known time of their deaths.
         self._missed_us: dict[str, int] = {}
         self._next = 0
         self.now_us = self.begin_us
@@ -135,13 +135,13 @@ class Player:
         observer.follow(plan, at_us, bool(self.state.alive))
 
     def summary(self) -> dict[str, Any]:
-        """The summary of the run as far as it was played, as `mrbt up` tells it at the end."""
+        """The summary of the run as far as it was played, as `mrbt up` prints it."""
         peers = self.observer.membership.peers.values()
         result = self.observer.result(anybody_lives=any(peer.state.is_member for peer in peers))
         return run_summary(self.observer.record, result, self.now_us)
 
     def _placed(self) -> None:
-        """Robots are somewhere else; one that has left stays where it was seen last."""
+        """Robots have moved; one that has left stays at its last position."""
         for robot, peer in self.observer.membership.peers.items():
             if peer.state is not State.LEFT:
                 peer.position = self.state.positions.get(robot)

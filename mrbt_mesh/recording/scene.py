@@ -1,7 +1,7 @@
-"""What can be looked at of a team in space: where its robots are, in what state, and on what map.
+"""A team in space: the positions and states of its robots, and its map.
 
-Each message about robots or the map says all that stands there then, so that one who comes late, or
-goes to another time of a recording, needs no earlier one.
+Each message about robots or the map has all of them, so that a late viewer, or one that goes to
+another time of a recording, needs no earlier message.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mrbt_mesh.recording.foxglove import (
 
 _Message: TypeAlias = tuple[str, Mapping[str, Any]]
 
-# Those of the live page, bright enough for a dark scene and dark enough for a bright one.
+# Those of the live page; they can be seen in dark and in bright scenes.
 STATE_COLORS = {
     State.ALIVE: color("#2fa65a"),
     State.SUSPECT: color("#d9a520"),
@@ -44,7 +44,7 @@ SIZE_WITHOUT_MAP = 0.5
 
 
 class TeamScene:
-    """Tell it what is seen, then take the messages that follow; nothing follows from the same.
+    """Call `see`, then `take` the messages that follow from changes.
 
     A robot is there as long as its position is known and it has not left; a dead one stays where
     it was.
@@ -56,7 +56,7 @@ class TeamScene:
         self._size = _extent(self._map) / ROBOTS_PER_MAP if self._map else SIZE_WITHOUT_MAP
         self._places: Mapping[str, str] = {}
         self._positions: dict[str, Position] = {}
-        # Robot -> (state, whether it says where it is heading).
+        # Robot -> (state, whether it reports its heading).
         self._robots: dict[str, tuple[State, bool]] = {}
         self._moved: set[str] = set()
         self._gone: set[str] = set()
@@ -64,7 +64,7 @@ class TeamScene:
         self._is_map_due = self._map is not None
 
     def see(self, robot: str, state: State, position: Position | None) -> None:
-        """How a robot is, and where it has said last that it is."""
+        """A robot's state and its last reported position."""
         if position is None or state is State.LEFT:
             if self._robots.pop(robot, None) is not None:
                 del self._positions[robot]
@@ -88,7 +88,7 @@ class TeamScene:
             self._is_map_due = True
 
     def take(self, at_us: int) -> Iterable[_Message]:
-        """The messages that follow from what was seen since."""
+        """The messages that follow from the changes since the last call."""
         is_new = self._is_map_due or self._has_changed or self._moved
         return self._messages(at_us) if is_new else ()
 

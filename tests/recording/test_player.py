@@ -100,6 +100,6 @@ def test_a_damaged_recording_is_refused(watched: Recording) -> None:
     content = bytearray(watched.path.read_bytes())
     content[content.index(b'"lines"') + 20] ^= 1
     with pytest.raises(
-        RecordingError, match=r"run\.mcap: record \d+: .* `mrbt recording verify` tells all"
+        RecordingError, match=r"run\.mcap: record \d+: .* see `mrbt recording verify`"
     ):
         Player(parse_recording(bytes(content), watched.path))

@@ -23,8 +23,8 @@ class Dialect:
     those of the distance by which a vehicle may miss a node.
 
     2.0.0's text says `actions` and its published schema `instantActions`; so it is with
-    `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. Vehicles look at the one or the other,
-    so both are sent.
+    `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. Vehicles read one or the other, so both
+    are sent.
     """
 
     name: str
@@ -207,5 +207,5 @@ def cancel_order(action_id: str) -> Action:
 
 
 def state_request(action_id: str) -> Action:
-    """Send the state now: vehicles say it only when it changes, and each half minute."""
+    """Send the state now: vehicles send it only when it changes, and every 30 s."""
     return Action(action_id, "stateRequest", {}, "NONE")

@@ -155,7 +155,7 @@ def read_place(message: Mapping[str, Any]) -> VehiclePlace | None:
     if x is None or y is None:
         return None
     theta, map_id = _number(said.get("theta")) or 0.0, said.get("mapId")
-    # A visualization need not say whether it is certain; then it is.
+    # In a visualization this field is optional.
     localized = said.get("localized", said.get("positionInitialized", True))
     return VehiclePlace(x, y, theta, map_id if isinstance(map_id, str) else "", localized is True)
 

@@ -1,11 +1,11 @@
-"""One vehicle's order as a state machine: what it says and what is wanted in, messages out.
+"""One vehicle's order as a state machine: its states and the robot's jobs in, messages out.
 
-Pure: time is handed in, ids count up from the session's name, nothing is sent from here.
+Pure: time is an argument, ids count up from the session's name, nothing is sent from here.
 
-An order is this session's, of an earlier life of the same robot (`OURS`), or foreign. What is ours
-and no longer wanted is cancelled as soon as it is seen, whenever that is: so the order of a robot
-that died, or whose task was taken away while its vehicle was out of reach, is never driven beside
-another robot's. A foreign order is left alone, and the vehicle is no use for the team meanwhile.
+An order is of this session, of an earlier life of the same robot (`OURS`), or foreign. One of ours
+that is no longer needed is cancelled as soon as it is seen: the order of a robot that died, or that
+lost its task while its vehicle was out of reach, never runs beside another robot's order. A foreign
+order is left alone, and meanwhile the vehicle takes no work of the team.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Send:
 
 @dataclass(frozen=True)
 class Ended:
-    """The job is over. `reason` says why it failed."""
+    """The job is over; `reason`: why it failed."""
 
     success: bool
     reason: str = ""
@@ -139,10 +139,10 @@ class Vehicle:
     def connection(self, link: Link, now_s: float) -> list[Effect]:
         """The vehicle's connection topic, which is retained, or its last will."""
         if link is not Link.ONLINE and self._link is Link.UNKNOWN and self._is_news_due(now_s):
-            return []  # a broker that was started again may have kept what it said when it ended
+            return []  # a restarted broker may have retained the last wills of its end
         was, self._link = self._link, link
         if link is not Link.ONLINE:
-            # What it said before it went is not where it will be when it comes back.
+            # Its state will be another one when it comes back.
             self.state = None
             return []
         if was is Link.ONLINE:
@@ -152,8 +152,8 @@ class Vehicle:
     def said(self, state: VehicleState, now_s: float) -> list[Effect]:
         """A state message that is not retained.
 
-        Who says it is there, whatever the connection topic says: a broker that was started again
-        has forgotten that, and not every vehicle says again that it is online.
+        Its vehicle is online, whatever the connection topic has: a restarted broker has forgotten
+        that, and not every vehicle announces itself again.
         """
         self.state, self._heard_s, self._link = state, now_s, Link.ONLINE
         if state.charge_percent is not None:
@@ -168,7 +168,7 @@ class Vehicle:
         return self._advance(now_s)
 
     def cancel(self, now_s: float) -> list[Effect]:
-        """The job is no longer wanted: its order is cancelled at the vehicle."""
+        """The job is no longer needed: its order is cancelled at the vehicle."""
         self._give_up()
         return self._advance(now_s)
 
@@ -194,7 +194,7 @@ class Vehicle:
         if self._unlinked_s is not None:
             return "" if now_s - self._unlinked_s < BROKER_S else NO_BROKER
         if self._link is not Link.ONLINE:
-            # Just linked again: what the broker retained has not come yet.
+            # Just linked again: the retained messages of the broker have not come yet.
             if self._link is Link.UNKNOWN and self._job is not None and self._is_news_due(now_s):
                 return ""
             said = "nothing" if self._link is Link.UNKNOWN else str(self._link)
@@ -202,7 +202,7 @@ class Vehicle:
         if self.state is None:
             if self._job is not None and self._is_news_due(now_s):
                 return ""
-            return "the vehicle has not said its state"
+            return "the vehicle has not sent its state"
         if now_s - self._heard_s >= SILENT_S:
             return f"no state of the vehicle for {SILENT_S:g} s"
         return self._trouble(self.state, now_s)
@@ -228,7 +228,7 @@ class Vehicle:
         if place is not None and place.map_id not in ("", self._layout.map_id):
             return f"the vehicle is on map {place.map_id}, the layout on {self._layout.map_id}"
         if self._has_foreign_order(state):
-            return f"the vehicle has an order of somebody else ({state.order_id or 'no id'})"
+            return f"the vehicle has a foreign order ({state.order_id or 'no id'})"
         if self._cancel is not None and now_s - self._cancel[1] >= OBEY_S:
             return "the vehicle does not stop its cancelled order"
         return ""
@@ -249,7 +249,7 @@ class Vehicle:
         return self._judged(state, order)
 
     def _is_cleared(self, state: VehicleState, now_s: float) -> bool:
-        """Whether nothing of ours runs, and nothing that was sent may still begin to."""
+        """Whether nothing of ours runs, or can still begin."""
         if self._ours_runs():
             return False
         stale = self._stale
@@ -259,8 +259,8 @@ class Vehicle:
             return True
         if self._cancel is None:
             return False
-        # The vehicle had not taken it in yet: its answer to the cancellation came after it. Where
-        # none comes, and nothing begins, the order was lost; should it begin yet, it is cancelled.
+        # The vehicle had not received it yet: its answer to the cancellation comes later. Without
+        # an answer and without a begin the order was lost; if it begins later, it is cancelled.
         answered = state.status_of(self._cancel[0]) in (FINISHED, FAILED)
         answered = answered or any(e.is_of("actionId", self._cancel[0]) for e in state.errors)
         return answered or now_s - self._cancel[1] >= OBEY_S
@@ -269,7 +269,7 @@ class Vehicle:
         state = self.state
         if state is None or not state.order_id.startswith(OURS):
             return False
-        # Up to 2.1 instant actions, e.g. to charge, stand among those of the order.
+        # Up to 2.1 instant actions, e.g. to charge, are among those of the order.
         return bool(state.nodes_left or state.edges_left) or any(
             status not in (FINISHED, FAILED)
             for name, status in state.actions.items()
@@ -308,7 +308,7 @@ class Vehicle:
         if refusal:
             return self._end(False, f"the vehicle refused the order: {refusal}")
         if now_s - self._first_sent_s >= ACCEPT_S:
-            # Should it come to it yet, it will be cancelled: no job has that order.
+            # If it is received later, it will be cancelled: no job has that order.
             return self._end(False, f"the vehicle did not take the order in {ACCEPT_S:g} s")
         if now_s - self._sent_s >= AGAIN_S:
             self._sent_s = now_s
@@ -316,7 +316,7 @@ class Vehicle:
         return []
 
     def _judged(self, state: VehicleState, order: VehicleOrder) -> list[Effect]:
-        """How the order is that the vehicle has taken in."""
+        """The progress or the end of the order that the vehicle has accepted."""
         statuses = {name: state.actions.get(name, "") for name in order.action_ids}
         broken = [name for name, status in statuses.items() if status in (FAILED, RETRIABLE)]
         stopping = [error for error in state.errors if error.level in STOPPING]

@@ -90,7 +90,7 @@ class WaitKind(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Wait:
-    """Who or what (`who`) waited, for which robots, as far as can be told, and why."""
+    """`who`, a robot or a task, waited for these `robots`, as far as is known, for a `reason`."""
 
     kind: WaitKind
     who: str

@@ -92,7 +92,7 @@ async def test_faults_take_capabilities_and_give_them_back() -> None:
     robot = Robot()
     robot.connect()
     *_, last = robot.capabilities()
-    assert last == ("defer_capability", "all", "the vehicle has not said its state")
+    assert last == ("defer_capability", "all", "the vehicle has not sent its state")
     robot.hear()
     assert robot.capabilities() == [("restore_capability", "all")]
     manual = ("lose_capability", "all", "the vehicle's operating mode is MANUAL")

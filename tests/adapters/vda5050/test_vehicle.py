@@ -37,7 +37,7 @@ def test_before_the_first_word_of_a_vehicle_nothing_can_be_done() -> None:
     world.take(world.vehicle.linked(world.now_s))
     assert "connection topic: nothing" in world.fault()
     world.take(world.vehicle.connection(Link.ONLINE, world.now_s))
-    assert world.fault() == "the vehicle has not said its state"
+    assert world.fault() == "the vehicle has not sent its state"
     assert world.topics() == ["stateRequest", "stateRequest"]
     world.hear()
     assert world.fault() == ""
@@ -153,7 +153,7 @@ def test_an_order_of_somebody_else_is_left_alone() -> None:
     world = World()
     world.agv.take("order", {"orderId": "theirs", "nodes": [_node("B", 0)]})
     world.online()
-    assert "somebody else (theirs)" in world.fault()
+    assert "foreign order (theirs)" in world.fault()
     assert "cancelOrder" not in world.topics()
     world.agv.step()
     world.hear()

@@ -1,5 +1,5 @@
-"""The program beside a robot that talks ROS 2; it runs under whatever Python has rclpy.
+"""The program beside a robot that talks ROS 2; it runs under the Python that has rclpy.
 
-It knows nothing of teams, and imports nothing of mrbt_mesh: it is told over its standard input
-what to bind, start and cancel, and says on its standard output what came of it, in msgpack.
+It knows nothing of teams, and imports nothing of mrbt_mesh: commands come on its standard input,
+and reports go to its standard output, in msgpack.
 """

@@ -1,4 +1,4 @@
-"""`python FOLDER`: the bridge as a package of its own, wherever mrbt_mesh is or is not."""
+"""`python FOLDER`: the bridge as a package of its own, without mrbt_mesh."""
 
 import importlib
 import importlib.util
@@ -10,7 +10,7 @@ NAME = "mrbt_ros2_bridge"
 
 def _as_package() -> None:
     folder = Path(__file__).resolve().parent
-    # Python has put the folder itself there; its modules are to be found in the package alone.
+    # Python has added the folder itself; its modules must be found only in the package.
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != folder]
     places = [str(folder)]
     spec = importlib.util.spec_from_file_location(

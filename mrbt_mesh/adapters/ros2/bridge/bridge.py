@@ -1,8 +1,7 @@
-"""What the robot asks for to the keepers of its servers, and what these say back to the robot.
+"""Passes the robot's commands to the keepers of its servers, and their reports to the robot.
 
-The robot says something several times in the time in which losses have to be noticed. If it does
-not, it stands still or is cut off from itself, its team gives its work to others, and so its goals
-are cancelled.
+The robot sends several messages within the detection time. If none comes, it has stopped or is cut
+off, its team gives its work to others, and so its goals are cancelled.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from .server import RunEnded, ServerEffect, ServerKeeper, ServerTold
 from .values import UnfitError
 from .watch import LifeWatch
 
-# Goals that a robot which has gone leaves behind have so long to stop.
+# The time in which the goals of a robot that has ended have to stop.
 STOP_S = 3.0
 
 Tell = Callable[[dict[str, Any]], None]
@@ -69,7 +68,7 @@ class Bridge:
     # -- the robot -----------------------------------------------------------------------------
 
     def command(self, message: dict[str, Any]) -> None:
-        """What the robot wants."""
+        """Carry out a command of the robot."""
         now_s = self._clock()
         self._robot.heard(now_s)
         op = message["op"]
@@ -87,20 +86,20 @@ class Bridge:
             self._tell({"op": "beat"})
 
     def robot_gone(self) -> None:
-        """The pipe has ended: whatever runs is cancelled."""
+        """The pipe has ended: all that runs is cancelled."""
         self._ended_s = self._clock()
         self._cancel_all()
 
     @property
     def is_over(self) -> bool:
-        """Whether the robot has gone and nothing of it is left, or has had its time."""
+        """Whether the robot has ended and nothing of it is left, or the time for that is over."""
         if self._ended_s is None:
             return False
         clear = all(keeper.is_clear for keeper in self._keepers.values())
         return clear or self._clock() - self._ended_s >= STOP_S
 
     def tick(self) -> None:
-        """Time has passed; commands that have come are to be taken in before."""
+        """Time has passed; call `command` before with the commands that have come."""
         was_there = self._robot.is_there
         self._robot.tick(self._clock())
         if was_there and not self._robot.is_there:
@@ -157,7 +156,7 @@ class Bridge:
 
     def _end(self, effect: RunEnded) -> None:
         self._runs.pop(effect.run, None)
-        # Feedback that comes after the end belongs to nothing.
+        # Feedback after the end is dropped.
         self._news.pop(("feedback", effect.run), None)
         how = effect.how
         if effect.run in self._silenced:

@@ -23,11 +23,11 @@ class CallKeeper(ServerKeeper):
         return effects + self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """Nobody waits for the answer any more."""
+        """The answer is no longer needed."""
         return self._end(run, "cancelled", "", {})
 
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """The request cannot be made of what is wanted."""
+        """The request does not fit the server's type."""
         return self._end(run, "unfit", text, {})
 
     def answered(
@@ -37,16 +37,16 @@ class CallKeeper(ServerKeeper):
         return self.heard(now_s) + self._end(run, "succeeded", text, fields)
 
     def published(self, run: int) -> list[ServerEffect]:
-        """The message is published, which says nothing of those who listen."""
+        """The message is published; whether it was received is not known."""
         return self._end(run, "succeeded", "", {})
 
     @property
     def is_clear(self) -> bool:
-        """Whether nobody waits for an answer."""
+        """Whether no answer is awaited."""
         return self._run is None
 
     def _came_back(self) -> list[ServerEffect]:
-        # The answer may have been lost with the process that was to give it.
+        # The answer may have been lost with the server's process.
         return self._end(self._run, "lost", "", {}) if self._is_sent else []
 
     def _advance(self, now_s: float) -> list[ServerEffect]:

@@ -1,4 +1,4 @@
-"""Whether bindings fit the types of ROS, found out before a robot begins."""
+"""Whether bindings fit the types of ROS, checked before a robot begins."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from .values import UnfitError, check_field, fill, find_type
 
-# Of each kind of task: what is filled in, what is answered, what is told meanwhile.
+# Of each kind of task: the parts of its type for request, result and feedback.
 PARTS = {
     "action": ("Goal", "Result", "Feedback"),
     "srv": ("Request", "Response", None),
@@ -36,7 +36,7 @@ def _check_task(task: dict[str, Any], found: list[dict[str, Any]]) -> None:
         try:
             fill(getattr(kind, body)() if body else kind(), each["body"])
         except UnfitError as problem:
-            # What is wrong as written is wrong with every value that is filled in.
+            # An error in the text is one with every value that is filled in.
             if str(problem) in texts:
                 continue
             texts.add(str(problem))

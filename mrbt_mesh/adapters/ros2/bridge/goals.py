@@ -1,8 +1,8 @@
-"""The goals of one action server: what is wanted of it, and what may be left at it.
+"""The goals of one action server: the present one, and those that may be left at it.
 
-Values in, values out; rclpy is in `ros.py`. A server has one goal of this robot's at a time, and
-what is found at it and is not wanted any more is cancelled before anything else begins. Goals have
-names that the robot gives them, so also those of an earlier bridge can be cancelled.
+Values in, values out; rclpy is in `ros.py`. A server has one goal of this robot at a time, and a
+goal that is no longer needed is cancelled before anything else begins. The robot names its goals,
+so those of an earlier bridge can be cancelled as well.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from .server import (
 UNKNOWN, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6
 # action_msgs/srv/CancelGoal
 UNKNOWN_GOAL, TERMINATED = 2, 3
-# A cancellation without effect is sent again so often.
+# The period of sending a cancellation again.
 AGAIN_S = 1.0
-# A server that goes on for so long with what was cancelled is no use for the team.
+# A server that goes on with a cancelled goal for this long is a fault.
 OBEY_S = 10.0
 
 ENDS = {SUCCEEDED: "succeeded", CANCELED: "cancelled", ABORTED: "aborted", UNKNOWN: "lost"}
@@ -42,7 +42,7 @@ class _Goal:
 
 @dataclass
 class _Stale:
-    """A goal that is not wanted any more; `run` is None for one of an earlier bridge."""
+    """A goal that is no longer needed; `run` is None for one of an earlier bridge."""
 
     run: int | None
     is_accepted: bool
@@ -57,10 +57,10 @@ class GoalKeeper(ServerKeeper):
         super().__init__(detection_s, now_s)
         self._goal: _Goal | None = None
         self._stale: dict[bytes, _Stale] = {}
-        # Servers of this name by what the middleware calls them: another one is another process.
+        # The middleware's ids of the servers of this name: another id is another process.
         self._servers: frozenset[bytes] = frozenset()
 
-    # -- what is wanted ------------------------------------------------------------------------
+    # -- commands ------------------------------------------------------------------------------
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
         """A new goal; the one before has ended or was cancelled."""
@@ -69,7 +69,7 @@ class GoalKeeper(ServerKeeper):
         return effects + self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """A run's goal is no longer wanted; its end is reported once the server has stopped."""
+        """A run's goal is no longer needed; its end is reported once the server has stopped."""
         goal = self._goal
         if goal is None or goal.run != run:
             return []
@@ -80,15 +80,15 @@ class GoalKeeper(ServerKeeper):
         return self._advance(now_s)
 
     def forget(self, goal_ids: list[bytes], now_s: float) -> list[ServerEffect]:
-        """Goals that an earlier bridge of this robot gave: nobody wants them."""
+        """Goals of an earlier bridge of this robot are no longer needed."""
         for goal_id in goal_ids:
             self._stale.setdefault(goal_id, _Stale(None, True, now_s))
         return self._advance(now_s)
 
-    # -- what the server says ------------------------------------------------------------------
+    # -- answers -------------------------------------------------------------------------------
 
     def run_of(self, goal_id: bytes) -> int | None:
-        """The run whose goal this is, if it is wanted."""
+        """The run whose goal this is, if it is the present one."""
         goal = self._goal
         return goal.run if goal is not None and goal.goal_id == goal_id else None
 
@@ -111,7 +111,7 @@ class GoalKeeper(ServerKeeper):
             self._goal = None
             effects.append(RunEnded(goal.run, "rejected", "", {}))
         elif accepted:
-            # One that is not wanted any more, or was thought to be lost.
+            # One that is no longer needed, or seemed to be lost.
             stale = self._stale.setdefault(goal_id, _Stale(None, True, now_s))
             stale.is_accepted = True
             return [*effects, AskResult(goal_id), *self._advance(now_s)]
@@ -133,7 +133,7 @@ class GoalKeeper(ServerKeeper):
         return effects
 
     def cancel_answered(self, goal_id: bytes, code: int, now_s: float) -> list[ServerEffect]:
-        """What the server says to a cancellation. That it has stopped is in the result."""
+        """The answer to a cancellation; the result shows that the goal has stopped."""
         effects = self.heard(now_s)
         stale = self._stale.get(goal_id)
         if stale is None or code not in (UNKNOWN_GOAL, TERMINATED):
@@ -144,7 +144,7 @@ class GoalKeeper(ServerKeeper):
         return effects
 
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """The goal cannot be made of what is wanted."""
+        """The goal does not fit the server's type."""
         if self._goal is None or self._goal.run != run:
             return []
         self._goal = None
@@ -176,7 +176,7 @@ class GoalKeeper(ServerKeeper):
         obeys = not any(now_s - stale.since_s >= OBEY_S for stale in self._stale.values())
         if is_there and not obeys:
             self._why_not = "does not stop its cancelled goal"
-        # One that comes back is of use when nothing is left at it.
+        # A server that comes back can be used when nothing is left at it.
         return effects + self._told(is_there and obeys and (self._last.is_up or not self._stale))
 
     def _dropped(self, goal_id: bytes, now_s: float) -> list[ServerEffect]:

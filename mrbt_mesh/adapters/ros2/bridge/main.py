@@ -1,4 +1,4 @@
-"""The bridge's process: commands in, news out, one thread that spins ROS between them.
+"""The bridge's process: commands in, reports out, one thread that spins ROS between them.
 
 It ends with its standard input, so with the robot's process however that ends.
 """
@@ -26,7 +26,7 @@ CHUNK = 65_536
 def main(arguments: list[str]) -> int:
     """`arguments`: the folder of a msgpack package, for a Python that has none."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # What libraries print goes where errors go, so that it does not end up among the messages.
+    # Output of libraries goes to standard error, so that it is not among the messages.
     messages = os.dup(1)
     os.dup2(2, 1)
     pipe = Pipe(_msgpack(arguments[0] if arguments else ""), 0, messages)
@@ -50,7 +50,7 @@ def main(arguments: list[str]) -> int:
 
 
 def serve(bind: dict[str, Any], pipe: Pipe) -> int:
-    """Serve the robot until it is gone."""
+    """Serve the robot until it has ended."""
     from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
 
     from .ros import RosNode
@@ -86,13 +86,13 @@ def serve(bind: dict[str, Any], pipe: Pipe) -> int:
     threading.Thread(target=read, daemon=True).start()
     ros.spin_while(lambda: not bridge.is_over)
     pipe.close(0)
-    # Middleware that has threads of its own may take its time, and nobody waits for it.
+    # Threads of the middleware may take their time; nothing waits for them.
     os._exit(0)
 
 
 class Pipe:
-    """Messages in and out. They are written by a thread of their own: a robot that stands still
-    and does not read must not keep this process from cancelling its goals.
+    """Messages in and out. A thread of its own writes them: a stopped robot that does not read must
+    not keep this process from cancelling its goals.
     """
 
     def __init__(self, msgpack: Any, source: int, target: int) -> None:
@@ -114,11 +114,11 @@ class Pipe:
             self._unpacker.feed(chunk)
 
     def tell(self, message: dict[str, Any]) -> None:
-        """Say something; from any thread."""
+        """Send a message; from any thread."""
         self._outbox.put(message)
 
     def close(self, status: int) -> int:
-        """Wait a little until all is said; returns `status`."""
+        """Wait a little until all is sent; returns `status`."""
         self._outbox.put(None)
         self._writer.join(timeout=1)
         return status
@@ -133,7 +133,7 @@ class Pipe:
                 while left:
                     left = left[os.write(self._target, left) :]
             except OSError:
-                # The robot has gone, as the other direction says, too.
+                # The robot has ended; the other direction shows it, too.
                 return
 
 

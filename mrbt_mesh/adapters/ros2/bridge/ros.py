@@ -1,6 +1,6 @@
 """The part that calls rclpy: clients of actions and services, publishers, subscriptions.
 
-All of it happens in the one thread that spins the node. What is decided is decided by keepers.
+All of it happens in the one thread that spins the node. The keepers decide.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ class RosNode:
         self._guard.trigger()
 
     def spin_while(self, holds: Callable[[], bool]) -> None:
-        """Do what is to be done as long as `holds`."""
+        """Spin as long as `holds`."""
         while holds() and rclpy.ok():
             self._executor.spin_once(timeout_sec=1.0)
 
     def serve(
         self, task: dict[str, Any], apply: Apply, feedback: Told
     ) -> ActionEnd | ServiceEnd | PublisherEnd:
-        """The client's end of a task's server. Raises what rclpy says of a bad name."""
+        """The client's end of a task's server. Raises rclpy's error for a bad name."""
         if task["kind"] == "action":
             return ActionEnd(self.node, task, apply, feedback)
         if task["kind"] == "srv":
@@ -64,7 +64,7 @@ class RosNode:
     def listen(self, topic: dict[str, Any], told: Callable[[dict[str, Any]], None]) -> None:
         """Read a topic's fields."""
         paths = [path for path, _ in topic["fields"]]
-        # Whoever sends reliably is heard by a subscription that does not ask for it, too.
+        # A best-effort subscription also receives from reliable publishers.
         latched = topic["latched"]
         qos = QoSProfile(
             depth=1,
@@ -96,7 +96,7 @@ class _LifeQuestions:
         return self._clients[service]
 
     def ask(self, client: Any, request: Any, answered: Callable[[Any], None]) -> bool:
-        """Ask, whatever became of the question before; returns whether there is anybody."""
+        """Ask, even if an earlier question is open; returns whether there is a server."""
         if not client.service_is_ready():
             return False
         future = client.call_async(request)
@@ -157,7 +157,7 @@ class ActionEnd:
         self._results: dict[bytes, Any] = {}
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Raises UnfitError for a goal that the type cannot say."""
+        """Raises UnfitError for a goal that does not fit the type."""
         if isinstance(effect, SendGoal):
             self._send(effect)
         elif isinstance(effect, CancelGoal):
@@ -231,7 +231,7 @@ class ActionEnd:
         self._apply(lambda keeper, _: keeper.servers(servers))
         if not self._client.server_is_ready() or self._questions.ask_lifecycle():
             return
-        # A goal that nobody has: a server says so, and writes nothing into its log.
+        # An unknown goal: a server answers that, and writes nothing into its log.
         self._call_cancel(uuid.uuid4().bytes, lambda keeper, _, now_s: keeper.heard(now_s))
 
 
@@ -246,7 +246,7 @@ class ServiceEnd:
         self._call: Any = None
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Raises UnfitError for a request that the type cannot say."""
+        """Raises UnfitError for a request that does not fit the type."""
         if isinstance(effect, SendCall):
             self._send(effect)
         elif isinstance(effect, AskLife):
@@ -280,7 +280,7 @@ class ServiceEnd:
             try:
                 services = self._node.get_service_names_and_types_by_node(name, namespace)
             except RuntimeError:
-                # It went just now.
+                # It has just ended.
                 continue
             if self._client.srv_name in dict(services):
                 found.append(_full_name(name, namespace))
@@ -297,7 +297,7 @@ class PublisherEnd:
         self._questions = _LifeQuestions(node, task["lifecycle"], apply)
 
     def carry_out(self, effect: ServerEffect) -> None:
-        """Raises UnfitError for a message that the type cannot say."""
+        """Raises UnfitError for a message that does not fit the type."""
         if isinstance(effect, SendCall):
             message = self._type()
             fill(message, effect.body)

@@ -1,4 +1,4 @@
-"""Whether a server can be used, and what is asked of it, whatever kind of server it is."""
+"""Whether a server can be used, and the requests to it, for servers of all kinds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class CancelGoal:
 
 @dataclass(frozen=True)
 class AskResult:
-    """Ask for a goal's result; of one that the server does not know, it says so at once."""
+    """Ask for a goal's result; an unknown goal is answered at once."""
 
     goal_id: bytes
 
@@ -42,12 +42,12 @@ class SendCall:
 
 @dataclass(frozen=True)
 class AskLife:
-    """Ask the server something that it has to answer and that changes nothing."""
+    """Ask the server a question that it has to answer and that changes nothing."""
 
 
 @dataclass(frozen=True)
 class RunEnded:
-    """What a run was about is over. `fields` are those asked for of the result."""
+    """A run is over. `fields`: the requested fields of the result."""
 
     run: int
     how: str
@@ -76,15 +76,15 @@ class ServerKeeper(ABC):
 
     @abstractmethod
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
-        """Something new is wanted; what was before has ended or was cancelled."""
+        """Begin a run; the one before has ended or was cancelled."""
 
     @abstractmethod
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """It is wanted no longer; its end is reported once the server has stopped."""
+        """The run is no longer needed; its end is reported once the server has stopped."""
 
     @abstractmethod
     def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """What is wanted is nothing that the server's type could say."""
+        """The run's message does not fit the server's type."""
 
     @property
     @abstractmethod
@@ -92,14 +92,14 @@ class ServerKeeper(ABC):
         """Whether nothing of ours is at the server, or may be."""
 
     def heard(self, now_s: float) -> list[ServerEffect]:
-        """A sign of life: an answer to whatever was asked, or feedback."""
+        """A sign of life: any answer, or feedback."""
         was_there = self._watch.is_there
         self._watch.heard(now_s)
         effects = [] if was_there else self._came_back()
         return effects + self._advance(now_s)
 
     def unusable(self, why: str) -> list[ServerEffect]:
-        """The server is there and says that it cannot be used now."""
+        """The server is there and reports that it cannot be used now."""
         self._watch.gone()
         self._why_not = why
         return self._told(False)

@@ -1,7 +1,7 @@
 """Plain data to ROS messages and fields of messages to plain data, checked against their types.
 
-A message class says itself what it is made of (`get_fields_and_field_types`); nothing else of
-ROS is needed here.
+A message class lists its fields (`get_fields_and_field_types`); nothing else of ROS is needed
+here.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import re
 from typing import Any
 
 KINDS = ("action", "srv", "msg")
-# Longer ones are for other programs than a team's.
+# Longer lists are cut off.
 MAX_ITEMS = 2_000
 TIME, QUATERNION = "builtin_interfaces/Time", "geometry_msgs/Quaternion"
-# What a team is told of why something failed, where a result has it and nothing else is asked for.
+# The fields of a result that usually hold the reason of a failure.
 REASONS = ("error_msg", "error_string", "message", "error_code")
 
 _ITEMS = re.compile(r"sequence<(.+?)(?:, \d+)?>|(.+)\[(\d+)\]")
@@ -27,7 +27,7 @@ _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(-?\d+)\]")
 
 
 class UnfitError(Exception):
-    """What does not fit, with the place in the message; the text says what would.
+    """A value that does not fit its type; the text has the place and what is expected.
 
     `path` are the keys that lead there, `what` is the text without them.
     """
@@ -53,7 +53,7 @@ def find_type(name: str, kind: str) -> Any:
         raise UnfitError(f"{text}; source the workspace that has it (`setup`)") from None
     found = getattr(module, short, None)
     if not isinstance(found, type):
-        # What is generated beside a type bears its name and an underscore.
+        # Generated types beside it have its name and an underscore.
         known = [k for k, v in vars(module).items() if isinstance(v, type) and "_" not in k]
         raise UnfitError(f"{package} has no {kind} {short}{_nearest(short, known)}")
     return found
@@ -87,7 +87,7 @@ def fill(message: Any, data: Any, place: str = "") -> None:
 
 
 def is_open(value: Any) -> bool:
-    """Whether a value is only known when a task is given."""
+    """Whether a value is known only with the arguments of a task."""
     return isinstance(value, str) and "$" in value
 
 
@@ -155,7 +155,7 @@ def _number(value: Any, place: str) -> float:
 
 
 def stamp_now(message: Any, data: Any, now: Any) -> None:
-    """Set the times for which `data` says `now`."""
+    """Set the times that are `now` in `data`."""
     if not isinstance(data, dict):
         return
     types = message.get_fields_and_field_types()
@@ -220,7 +220,7 @@ def _plain(value: Any) -> Any:
 
 
 def reason_of(message: Any) -> str:
-    """What a result says of why it failed, in the fields that are usual for it; may be empty."""
+    """The reason of a failure, from the usual fields of a result; may be empty."""
     types = message.get_fields_and_field_types()
     said = {name: getattr(message, name) for name in REASONS if name in types}
     texts = [value for value in said.values() if isinstance(value, str) and value]

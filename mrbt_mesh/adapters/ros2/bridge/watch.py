@@ -1,20 +1,20 @@
-"""Whether somebody is there: by signs of life, and by asking where there are none.
+"""Whether a process is alive: by signs of life, and by questions where there are none.
 
-DDS tells that a server is gone after 20 s and later; a team wants to know in one.
+DDS reports that a server has ended after 20 s or later; a team needs to know within one.
 """
 
 from __future__ import annotations
 
-# So often is asked in the time in which a loss has to be noticed.
+# Questions within the detection time.
 ASKS = 4
-# Longer than DDS lists what belonged to a process that was killed (20 s by its default lease).
+# Longer than DDS lists a process that was killed (20 s by its default lease).
 LISTED_S = 30.0
 
 
 class LifeWatch:
-    """Somebody who is there if it was heard within `detection_s`; `now_s` never goes back.
+    """Another process, alive if it was heard within `detection_s`; `now_s` never goes back.
 
-    Time in which this process itself stood still is nobody's silence.
+    Time in which this process itself was stopped does not count as silence.
     """
 
     def __init__(self, detection_s: float, now_s: float) -> None:
@@ -25,7 +25,7 @@ class LifeWatch:
 
     @property
     def is_there(self) -> bool:
-        """Whether it was heard, and was not silent for too long since."""
+        """Whether it was heard within the detection time."""
         return self._heard_s is not None
 
     def heard(self, now_s: float) -> None:
@@ -33,7 +33,7 @@ class LifeWatch:
         self._heard_s = now_s
 
     def gone(self) -> None:
-        """It is known not to be there."""
+        """It is known not to be alive."""
         self._heard_s = None
 
     def tick(self, now_s: float) -> bool:
@@ -54,11 +54,11 @@ class LifeWatch:
 
 
 class LifeAnswers:
-    """Whether it counts that DDS lists somebody who cannot be asked; `now_s` never goes back.
+    """Whether a node that DDS lists, but that cannot be asked, counts as alive.
 
-    A node without parameter services cannot be asked, nor one whose name DDS does not tell. But
-    after a node was killed and another one started, what is left of it may also have lost its
-    name. So being listed counts where none of the nodes has answered within `LISTED_S`.
+    A node without parameter services cannot be asked, nor one whose name DDS does not report. But
+    an entry that is left of a killed node may have lost its name as well. So being listed counts
+    only if none of the nodes has answered within `LISTED_S`. `now_s` never goes back.
     """
 
     def __init__(self) -> None:
@@ -69,5 +69,5 @@ class LifeAnswers:
         self._answered_s = now_s
 
     def does_listing_count(self, now_s: float) -> bool:
-        """Whether a node that is listed is taken for one that is there."""
+        """Whether a listed node counts as alive."""
         return self._answered_s is None or now_s - self._answered_s >= LISTED_S
