@@ -27,26 +27,29 @@ class CoalitionStart(PlainStart):
 
     def clear(self, situation: Situation) -> Clearance | None:
         """The coalition with which this robot may start now, written down by its leader."""
-        facts, (plan, line, claim, is_grace_over, now_us) = self._context.facts, situation
-        if line.leader != self._context.me:
-            return self._written_down(line, claim, now_us)
-        token = self.token(line, claim)
+        facts, (plan, assignment, claim, is_grace_over, now_us) = self._context.facts, situation
+        if assignment.leader != self._context.me:
+            return self._written_down(assignment.activation, claim, now_us)
+        token = self.token(assignment, claim)
         assert token is not None
-        if not self.may_work(line.activation, token, now_us):
+        if not self.may_work(assignment.activation, token, now_us):
             return None
-        lines = plan.assignments.values()
-        planned = {x.robot: x.local_task for x in lines if x.activation == line.activation}
-        members = ready_members(facts, line.activation, planned)
+        planned = {
+            each.robot: each.local_task
+            for each in plan.assignments.values()
+            if each.activation == assignment.activation
+        }
+        members = ready_members(facts, assignment.activation, planned)
         if not are_enough(facts.mission.global_tasks[claim.global_task], members):
             return None
         if len(members) < len(planned) and not is_grace_over:
             return None  # the others may be ready in a moment
-        name = f"{records.COALITION}/{line.activation}/{token}"
+        name = f"{records.COALITION}/{assignment.activation}/{token}"
         return Clearance(str(token), ((name, Coalition(tuple(members))),))
 
-    def _written_down(self, line: RobotAssignment, claim: Claim, now_us: int) -> Clearance | None:
+    def _written_down(self, activation: str, claim: Claim, now_us: int) -> Clearance | None:
         """The standing coalition, if its leader has written down this robot's present claim."""
-        context, facts, activation = self._context, self._context.facts, line.activation
+        context, facts = self._context, self._context.facts
         task = facts.mission.global_tasks[claim.global_task]
         token = coalition_at_work(facts, task, activation, context.alive())
         if token is None or not self.may_work(activation, token, now_us):
@@ -61,18 +64,18 @@ class CoalitionStart(PlainStart):
         """Whether the coalition may work on the activation now."""
         return True
 
-    def token(self, line: RobotAssignment, claim: Claim) -> CoalitionId | None:
+    def token(self, assignment: RobotAssignment, claim: Claim) -> CoalitionId | None:
         """The coalition that this robot is ready for, or runs with; None without any."""
-        context, facts = self._context, self._context.facts
-        if not line.leader or claim.phase is Phase.CLAIMED:
+        context, facts, leader = self._context, self._context.facts, assignment.leader
+        if not leader or claim.phase is Phase.CLAIMED:
             return None
         if claim.coalition:
             return CoalitionId.parse(claim.coalition)
-        if line.leader == context.me:
+        if leader == context.me:
             return CoalitionId(claim.since, context.me, *context.replica.incarnation)
-        leaders = facts.valid_claim(line.leader)
-        if leaders is None or leaders.activation != line.activation:
+        leaders = facts.valid_claim(leader)
+        if leaders is None or leaders.activation != assignment.activation:
             return None
         if leaders.phase is Phase.CLAIMED:
             return None
-        return CoalitionId(leaders.since, line.leader, *facts.members[line.leader].incarnation)
+        return CoalitionId(leaders.since, leader, *facts.members[leader].incarnation)

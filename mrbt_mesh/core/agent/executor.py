@@ -22,7 +22,7 @@ class Situation(NamedTuple):
     """What a start policy decides on; `is_grace_over`: it waits no longer for other robots."""
 
     plan: Plan
-    line: RobotAssignment
+    assignment: RobotAssignment
     claim: Claim
     is_grace_over: bool
     now_us: int
@@ -74,14 +74,19 @@ class Executor:
         """Follow the plan: cancel, claim, get ready and start."""
         context, work = self._context, self._context.work
         before = work.claim
-        line = None if context.is_leaving else plan.assignments.get(context.me)
-        changed, effects = work.follow(line, context.facts.max_stamp + 1, now_us)
+        assignment = None if context.is_leaving else plan.assignments.get(context.me)
+        changed, effects = work.follow(assignment, context.facts.max_stamp + 1, now_us)
         if effects:
             context.emit(*effects)
         writes = self.given_up(before) if changed and before is not None else []
         claim, clearance = work.claim, None
         is_waiting = work.is_waiting
-        if is_waiting and line is not None and claim is not None and self._may_start(plan, now_us):
+        if (
+            is_waiting
+            and assignment is not None
+            and claim is not None
+            and self._may_start(plan, now_us)
+        ):
             start = self._starts[claim.global_task]
             if start.needs_ready and claim.phase is Phase.CLAIMED:
                 claim = work.get_ready(claim)
@@ -89,7 +94,7 @@ class Executor:
                 start.note_ready(context.promise([*writes, (records.CLAIM, claim)], now_us))
                 writes, changed = [], False
             is_grace_over = now_us >= self._grace_ends_us
-            clearance = start.clear(Situation(plan, line, claim, is_grace_over, now_us))
+            clearance = start.clear(Situation(plan, assignment, claim, is_grace_over, now_us))
         is_cleared = clearance is not None or not is_waiting
         assigned = self._types[claim.local_task] if claim is not None else None
         wanted = self._tick(plan, assigned if is_cleared else None)
@@ -106,7 +111,7 @@ class Executor:
     @property
     def _grace_ends_us(self) -> int:
         """From when on this robot starts its assignment without agreement."""
-        return self._context.work.line_since_us + self._grace_us
+        return self._context.work.assigned_us + self._grace_us
 
     @property
     def starts_us(self) -> int | None:

@@ -132,10 +132,10 @@ def who_waits(plan: Plan, facts: TeamFacts, judges: Judges) -> set[str]:
     some that write down that something has failed for long enough, or that the mission is over.
     """
     found = set()
-    for robot, line in plan.assignments.items():
+    for robot, assignment in plan.assignments.items():
         claim = facts.valid_claim(robot)
         runs = claim is not None and claim.phase is Phase.RUNNING
-        if claim is None or not runs or claim.activation != line.activation:
+        if claim is None or not runs or claim.activation != assignment.activation:
             found.add(robot)
     failures = [failure.fact_name for failure in plan.pending_failures]
     for name in (*failures, *(loss.fact[0] for loss in plan.pending_losses)):

@@ -68,9 +68,9 @@ class LeasedStart(CoalitionStart):
     def request(self) -> None:
         """Request the leases that this robot's claim needs, and no others."""
         holder, work = self.leases.holder, self._context.work
-        line, claim = work.line, work.claim
+        assignment, claim = work.assignment, work.claim
         if claim is not None and self._is_exclusive(claim):
-            token = self.token(line, claim) if line is not None else None
+            token = self.token(assignment, claim) if assignment is not None else None
             holder.request(claim.activation, token)
         elif holder.requested is not None:
             holder.request("", None)
@@ -115,8 +115,8 @@ class LeasedStart(CoalitionStart):
             return False
         if facts.coalitions(activation).unended(facts.grantors)[:1] == [token]:
             return True
-        line, known = plan.assignments.get(token.leader), facts.members.get(token.leader)
-        if line is None or known is None:
+        assignment, known = plan.assignments.get(token.leader), facts.members.get(token.leader)
+        if assignment is None or known is None:
             return False
-        life = (token.counter, token.nonce)
-        return (line.activation, line.leader) == (activation, token.leader) and known[1] == life
+        is_assigned = (assignment.activation, assignment.leader) == (activation, token.leader)
+        return is_assigned and known.incarnation == (token.counter, token.nonce)

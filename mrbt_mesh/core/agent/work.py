@@ -17,9 +17,11 @@ from mrbt_mesh.core.membership.wire import MAX_TREE_NODES
 from mrbt_mesh.core.planning.plan import RobotAssignment
 
 
-def _subject(line: RobotAssignment | None) -> tuple[str, str, str, int] | None:
+def _subject(assignment: RobotAssignment | None) -> tuple[str, str, str, int] | None:
     """What distinguishes one assignment from another: a coalition that has ended is formed anew."""
-    return (line.activation, line.local_task, line.leader, line.round) if line else None
+    if assignment is None:
+        return None
+    return assignment.activation, assignment.local_task, assignment.leader, assignment.round
 
 
 class Work:
@@ -31,8 +33,8 @@ class Work:
     """
 
     def __init__(self) -> None:
-        self.line: RobotAssignment | None = None
-        self.line_since_us = 0
+        self.assignment: RobotAssignment | None = None
+        self.assigned_us = 0
         self.claim: Claim | None = None
         self.action: StartAction | None = None
         self.progress = 0
@@ -48,17 +50,17 @@ class Work:
         return not is_started and self.action is None
 
     def follow(
-        self, line: RobotAssignment | None, stamp: int, now_us: int
+        self, assignment: RobotAssignment | None, stamp: int, now_us: int
     ) -> tuple[bool, list[Effect]]:
         """Follow this robot's assignment in a new plan: (whether the claim changed, effects)."""
-        wanted, held = _subject(line), _subject(self.line)
-        self.line = line
+        wanted, held = _subject(assignment), _subject(self.assignment)
+        self.assignment = assignment
         if wanted == held:
             return False, []
-        self.line_since_us = now_us
+        self.assigned_us = now_us
         before, self.claim = self.claim, None
-        if line is not None:
-            names = line.activation, line.global_task, line.local_task
+        if assignment is not None:
+            names = assignment.activation, assignment.global_task, assignment.local_task
             self.claim = Claim(*names, Phase.CLAIMED, stamp)
         return self.claim is not before, self._cancel()
 
@@ -105,7 +107,7 @@ class Work:
         self._clear_progress()
         if self.claim is not None and not self._stopping:
             self.claim = None
-            self.line = None
+            self.assignment = None
             self.ended = action.local_task, Status.SUCCESS if success else Status.FAILURE
         self._stopping = False
         return action
@@ -118,7 +120,7 @@ class Work:
 
     def drop(self) -> list[Effect]:
         """Give everything up: leaving, or taking a new incarnation."""
-        self.line = None
+        self.assignment = None
         self.claim = None
         return self._cancel()
 

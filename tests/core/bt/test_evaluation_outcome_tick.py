@@ -8,8 +8,6 @@ from dataclasses import replace
 from unittest import mock
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.evaluation import OutcomeTick
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
@@ -75,12 +73,8 @@ def story_differs(seed: int) -> bool | None:
     return found != our_run(spec, Story(seed))
 
 
-@given(st.integers(0, 1_000_000))
-def test_actions_that_set_conditions_do_what_they_do_in_behaviortree_cpp(seed: int) -> None:
-    story_differs(seed)
-
-
-def test_in_some_stories_it_matters() -> None:
+def test_actions_that_set_conditions_do_what_they_do_in_behaviortree_cpp() -> None:
+    """And in some stories it matters when they are read."""
     tried = seeds(1_000)
     counts = Counter(map(story_differs, tried))
     assert counts[True] >= len(tried) // 20

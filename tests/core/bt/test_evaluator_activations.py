@@ -226,16 +226,6 @@ def test_used_attempts_are_latched_and_outlive_the_outcomes() -> None:
     assert parse_activation(world.activation("a")).attempts == (2,)
 
 
-def test_the_attempts_of_a_guarded_retry_begin_again_after_the_guard_turned() -> None:
-    world = World(sequence(condition("c"), retry(2, A)), true_at_first=["c"])
-    world.fail("a")
-    world.fail("a")
-    assert world.status is FAILURE
-    flip(world)
-    world.fail("a")
-    assert world.asked() == ["a"]
-
-
 def test_the_failure_of_a_used_attempt_needs_no_latch_and_that_of_the_last_one_does() -> None:
     world = World(retry(2, A))
     first = world.activation("a")
