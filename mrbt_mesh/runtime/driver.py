@@ -43,7 +43,7 @@ from mrbt_mesh.runtime.blocked_loop import loop_watchdog
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
-from mrbt_mesh.runtime.inbox import Inbox
+from mrbt_mesh.runtime.inbox import QUIET_S, Inbox
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.runtime.journal_writer import JournalNews, JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
@@ -71,6 +71,8 @@ LOOKS_PER_LEASE = 8
 # An answer is taken in for so many times as long as it takes to ask again.
 LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
+# Inputs from others wait no longer than this to be taken in together.
+MAX_SPACING_US = 20_000
 # A link on which so many beats are missing is silent, but not before a dead one lost its lease.
 SILENT_BEATS = 5
 
@@ -124,6 +126,8 @@ class Driver:
         self._timer_us = 0
         self._stop: Stop | None = None
         self._is_ready = False
+        # When the agent had its last input, and when those of others were taken in last.
+        self._last_us = self._drained_us = 0
         # Set once it hears its team.
         self.begun = asyncio.Event()
 
@@ -172,7 +176,9 @@ class Driver:
     async def _live(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         self._stopped = anyio.Event()
         config, transport = self._setup.config, self._setup.transport
-        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
+        self._inbox = inbox = Inbox(
+            asyncio.get_running_loop(), lambda: self._wake(inbox, gate), are_beats_quiet=True
+        )
         is_shared = bool(transport.routers)
         gate = FloodGate(config.keys, config.run, inbox.put, config.life, is_link_shared=is_shared)
         lives = life_of(lambda: self._agent.view.peers, config.keys)
@@ -190,6 +196,7 @@ class Driver:
                 self._runner.start_background()
                 group.start_soon(self._watch_links)
                 group.start_soon(self._mark_alive)
+                group.start_soon(self._look_for_quiet_beats)
                 if not self._setup.is_guest:
                     group.start_soon(self._watch_signals)
                 group.start_soon(self._watch_manifest)
@@ -232,11 +239,27 @@ class Driver:
 
         Nothing is taken before all is there that effects need, however long that takes.
         """
+        self._take_quiet_beats()
+        self._step(event, boottime_us())
+        self._set_timer()
+
+    def _take_quiet_beats(self) -> None:
+        """Take in heartbeats without news, each at the time at which it came."""
+        for at_us, event in self._inbox.take_quiet() if self._is_ready else ():
+            self._step(event, max(at_us, self._last_us))
+
+    async def _look_for_quiet_beats(self) -> None:
+        while True:
+            await anyio.sleep(QUIET_S)
+            self._take_quiet_beats()
+            self._set_timer()
+
+    def _step(self, event: Input, now_us: int) -> None:
         if self._stop is not None or not self._is_ready:
             return
+        self._last_us = now_us
         if self._meter is not None:
             self._meter.take(event)
-        now_us = boottime_us()
         effects = self._agent.handle(event, now_us)
         if self._recording is not None:
             # What is said has been written down, whatever becomes of this process.
@@ -245,7 +268,7 @@ class Driver:
             if self._meter is not None:
                 self._meter.carry_out(effect)
             self._carry_out(effect)
-        self._set_timer()
+        self._inbox.are_beats_quiet = self._agent.view.is_calm
         self.on_step()
 
     def _tell(self, news: JournalNews) -> None:
@@ -253,6 +276,17 @@ class Driver:
         # A loop that is closed: the process is about to end.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self.submit, news)
+
+    def _wake(self, inbox: Inbox, gate: FloodGate) -> None:
+        """Take in what others have sent, in a large team what comes shortly after one another
+        together.
+        """
+        spacing_us = min(MAX_SPACING_US, self._agent.view.spacing_us)
+        wait_us = self._drained_us + spacing_us - boottime_us()
+        if wait_us > 0:
+            asyncio.get_running_loop().call_later(wait_us / 1e6, self._drain, inbox, gate)
+        else:
+            self._drain(inbox, gate)
 
     def _drain(self, inbox: Inbox, gate: FloodGate) -> None:
         if not self._is_ready:
@@ -264,6 +298,7 @@ class Driver:
             inbox.dropped = 0
         for event in together((*inbox.take(), *gate.take_refused())):
             self.submit(event)
+        self._drained_us = boottime_us()
 
     def _set_timer(self) -> None:
         """See that the timer fires in time. One that fires early finds out when to fire next."""

@@ -1,7 +1,8 @@
 """The bridge from Zenoh's threads into the event loop: bounded, ordered, one wake-up at a time.
 
 Zenoh calls back on its own threads. Posting every message to the loop would grow without
-bound while the loop is busy, so messages wait here, and at most one wake-up is pending.
+bound while the loop is busy, so messages wait here, and at most one wake-up is pending. Most
+heartbeats bring no news: they do not wake the loop, which looks for them every `QUIET_S`.
 """
 
 from __future__ import annotations
@@ -11,11 +12,16 @@ import contextlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from operator import itemgetter
 from typing import Any
 
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, QueryReceived
+from mrbt_mesh.core.membership.wire import MessageKind, urgent_part
+from mrbt_mesh.runtime.fencing import boottime_us
 
 MAX_WAITING, MAX_WAITING_BYTES = 10_000, 16 << 20
+# How long heartbeats without news may wait, and how many.
+QUIET_S, MAX_QUIET = 0.1, 1_000
 
 
 class Inbox:
@@ -23,10 +29,16 @@ class Inbox:
 
     A newer input under the same `key` replaces the one that waits (a beat outdates the beat
     before it). Beyond `MAX_WAITING` inputs or `MAX_WAITING_BYTES` the oldest are dropped and
-    counted; facts lost that way are repaired by the digests in the beats.
+    counted; facts lost that way are repaired by the digests in the beats. `are_beats_quiet`:
+    whether heartbeats without news wait for `take_quiet`; it may be changed from the loop.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, wake: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        wake: Callable[[], None],
+        are_beats_quiet: bool = False,
+    ) -> None:
         self._loop = loop
         self._wake = wake
         self._lock = threading.Lock()
@@ -34,6 +46,11 @@ class Inbox:
         self._bytes = 0
         self._number = 0
         self._pending = False
+        self.are_beats_quiet = are_beats_quiet
+        # By key: heartbeats that do not wake the loop, and when they came; the urgent part of the
+        # newest heartbeat.
+        self._quiet: dict[str, tuple[int, Input]] = {}
+        self._urgent: dict[str, tuple[Any, ...] | None] = {}
         self.dropped = 0
 
     def put(self, event: Input, key: str | None = None) -> bool:
@@ -42,6 +59,11 @@ class Inbox:
         Returns True: nothing here tells what cannot be believed.
         """
         with self._lock:
+            if key is not None and self.are_beats_quiet:
+                if self._is_quiet(event, key):
+                    self._quiet[key] = boottime_us(), event
+                    return True
+                self._quiet.pop(key, None)
             self._number += 1
             slot: Any = self._number if key is None else key
             self._bytes += _size(event) - _size(self._waiting.pop(slot, None))
@@ -56,6 +78,23 @@ class Inbox:
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._wake)
         return True
+
+    def _is_quiet(self, event: Input, key: str) -> bool:
+        """Whether it is a heartbeat without news, and none with news waits under its key."""
+        if not isinstance(event, MessageReceived) or event.kind is not MessageKind.HEARTBEAT:
+            return False
+        part = urgent_part(event.data if event.envelope is None else event.envelope.data)
+        before, self._urgent[key] = self._urgent.get(key), part
+        has_room = key in self._quiet or len(self._quiet) < MAX_QUIET
+        return part is not None and part == before and key not in self._waiting and has_room
+
+    def take_quiet(self) -> list[tuple[int, Input]]:
+        """The heartbeats without news, and when each of them came; call it from the loop."""
+        if not self._quiet:
+            return []
+        with self._lock:
+            events, self._quiet = sorted(self._quiet.values(), key=itemgetter(0)), {}
+        return events
 
     def take(self) -> list[Input]:
         """All inputs that wait, oldest first; call it from the loop."""

@@ -44,6 +44,16 @@ class AgentView:
         return self._context.replica.incarnation
 
     @property
+    def spacing_us(self) -> int:
+        """How long inputs from others may wait after the last ones, to be taken in together."""
+        return self._context.membership.around.plan_spacing_us
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether it suspects no robot: then heartbeats without news may wait a little."""
+        return not self._context.membership.has_suspects
+
+    @property
     def is_joining(self) -> bool:
         """Whether it has yet to take its place in the team."""
         return self._context.joining is not None

@@ -384,6 +384,11 @@ class Membership:
         )
 
     @property
+    def has_suspects(self) -> bool:
+        """Whether a member is suspected."""
+        return any(peer.state is State.SUSPECT for peer in self._suspected.values())
+
+    @property
     def is_probing(self) -> bool:
         """Whether a member has been silent for too long."""
         return any(peer.is_probed for peer in self._suspected.values())

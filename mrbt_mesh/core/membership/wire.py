@@ -23,7 +23,7 @@ from mrbt_mesh.core.facts.store import (
     Version,
     parse_entry,
 )
-from mrbt_mesh.core.membership.unpacking import unpacked
+from mrbt_mesh.core.membership.unpacking import SHORT_BYTES, unpacked
 from mrbt_mesh.core.mission.names import is_robot_id
 
 SCHEMA = 10
@@ -304,6 +304,24 @@ def parse_heartbeat(
         _position(where),
         _tree_statuses(tree),
     )
+
+
+def urgent_part(data: bytes) -> tuple[Any, ...] | None:
+    """What others act on at once when it changes, of a heartbeat that is unchecked as yet.
+
+    None: such a heartbeat is always urgent (it asks for news or leases), or it cannot be read here.
+    """
+    if len(data) > SHORT_BYTES:
+        return None
+    try:
+        body = unpacked(data, MAX_VALUE_BYTES)[6]
+        counter, nonce, _, flags, plan, facts, members, _, result, _, *tables = body
+        suspicions, _, request, grants, _, _ = tables
+        is_urgent = request or grants or any(flags & 4 for _, _, _, flags in suspicions)
+    except (ValueError, TypeError, LookupError, msgpack.UnpackException, RecursionError):
+        return None
+    part = counter, nonce, flags, plan, facts, members, result, suspicions
+    return None if is_urgent else part
 
 
 def _relay(row: list[Any]) -> tuple[str, SelfReport]:
