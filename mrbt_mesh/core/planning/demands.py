@@ -47,25 +47,17 @@ JOURNALS = " whose journals can be written"
 
 
 def demands_of(
-    facts: TeamFacts,
-    requests: Sequence[Request],
-    capabilities: Capabilities,
+    facts: TeamFacts, requests: Sequence[Request], capabilities: Capabilities
 ) -> list[Group]:
     """The demands of each request, in tree order and the task's order of needs.
 
     lower = nu - successes, upper = mu - successes - failures (never below lower). Once successes
-    reach nu, nobody new is assigned; where nu is 0, robots may help up to the end. At most mu
+    reach nu, no further robot is assigned; where nu is 0, robots may help up to the end. At most mu
     running claims are pinned, in the canonical order of claims: (since, robot).
     """
     running = running_claims(facts, capabilities.team)
     return [
-        request_demands(
-            facts,
-            request,
-            capabilities,
-            allowed_robots(facts, request),
-            running.get(request.activation, {}),
-        )
+        request_demands(facts, request, capabilities, running.get(request.activation, {}))
         for request in requests
     ]
 
@@ -94,38 +86,12 @@ def running_on(demands: Sequence[Sequence[Demand]], pinned: Mapping[str, int]) -
     }
 
 
-def allowed_robots(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] | None, ...]:
-    """For each need, the robots that may be put on it; None: all that are capable.
-
-    Those that did what `same_robot_as` names, and for which the per-robot conditions among the
-    request's guards are as they must be.
-    """
-    did = done_before(facts, request)
-    own = eligible(facts, request) if facts.mission.per_robot.guards else None
-    if own is None:
-        return did
-    return tuple(own if each is None else tuple(r for r in each if r in own) for each in did)
-
-
-def _asked(facts: TeamFacts, request: Request) -> str:
-    """The per-robot conditions of a request, for people; empty if it is for all robots."""
-    return asks_for(facts, request) if facts.mission.per_robot.guards else ""
-
-
-def done_before(facts: TeamFacts, request: Request) -> tuple[tuple[str, ...] | None, ...]:
-    """For each need, robots with the success that `same_robot_as` asks for; None if it does not.
+def done_before(facts: TeamFacts, request: Request, before: SameRobotAs) -> tuple[str, ...]:
+    """The robots with the success that `same_robot_as` asks for.
 
     It counts in the present activation of the nearest action before the request, in tree order,
     of which any success is known.
     """
-    needs = facts.mission.global_tasks[request.subject].needs
-    return tuple(
-        None if need.same_robot_as is None else _did(facts, request, need.same_robot_as)
-        for need in needs
-    )
-
-
-def _did(facts: TeamFacts, request: Request, before: SameRobotAs) -> tuple[str, ...]:
     names = facts.mission.evaluator
     nodes = facts.mission.tree.nodes
     for node in range(request.node - 1, -1, -1):
@@ -142,18 +108,34 @@ def request_demands(
     facts: TeamFacts,
     request: Request,
     capabilities: Capabilities,
-    allowed: Sequence[tuple[str, ...] | None],
     running: Mapping[str, tuple[str, ...]],
+    is_restricted: bool = True,
 ) -> Group:
-    """The demands of one request; `running`: its local tasks -> robots at work on them."""
-    task = facts.mission.global_tasks[request.subject]
+    """The demands of one request; `running`: its local tasks -> robots at work on them.
+
+    `is_restricted`: of capable robots only those are candidates that did what `same_robot_as` asks
+    for, and for which the per-robot conditions among the request's guards hold.
+    """
+    mission = facts.mission
+    task, own, asked = mission.global_tasks[request.subject], None, ""
+    if mission.per_robot.guards:
+        own = eligible(facts, request) if is_restricted else None
+        asked = asks_for(facts, request)
+    able: list[Mapping[str, int]] = []
+    for need in task.needs:
+        found = capabilities.able(need.local_task)
+        if is_restricted and need.same_robot_as is not None:
+            did = done_before(facts, request, need.same_robot_as)
+            found = {robot: found[robot] for robot in did if robot in found}
+        if own is not None:
+            found = {robot: found[robot] for robot in own if robot in found}
+        able.append(found)
     if task.by_coalition:
-        return _coalition_demands(facts, request, task, capabilities, allowed)
-    ends, asked = facts.outcomes(request.activation), _asked(facts, request)
-    able = [capabilities.able(need.local_task) for need in task.needs]
+        return _coalition_demands(facts, request, task, capabilities, able, asked)
+    ends = facts.outcomes(request.activation)
     return tuple(
-        _demand(request, *each, ends, running, asked)
-        for each in zip(task.needs, able, allowed, strict=True)
+        _demand(request, need, found, ends, running, asked)
+        for need, found in zip(task.needs, able, strict=True)
     )
 
 
@@ -161,14 +143,11 @@ def _demand(
     request: Request,
     need: Need,
     able: Mapping[str, int],
-    allowed: tuple[str, ...] | None,
     ends: Mapping[str, Mapping[str, bool]],
     running: Mapping[str, tuple[str, ...]],
     asked: str,
 ) -> Demand:
     results = ends.get(need.local_task, {})
-    if allowed is not None:
-        able = {robot: able[robot] for robot in allowed if robot in able}
     successes = sum(results.values())
     lower = max(0, need.min_robots - successes)
     upper = max(lower, need.max_robots - len(results), 0)
@@ -188,24 +167,20 @@ def _coalition_demands(
     request: Request,
     task: GlobalTask,
     capabilities: Capabilities,
-    allowed: Sequence[tuple[str, ...] | None],
-) -> tuple[Demand, ...]:
-    """Who has started goes on, and nobody joins; without a coalition the bounds are nu and mu.
+    able: Sequence[Mapping[str, int]],
+    asked: str,
+) -> Group:
+    """A coalition that has started goes on, and no robot joins it; before, the bounds are nu, mu.
 
-    An exclusive task is begun by robots alone whose journals can be written.
+    Only robots whose journals can be written begin an exclusive task.
     """
     team, found = capabilities.team, facts.coalitions(request.activation)
     token = coalition_at_work(facts, task, request.activation, incarnations(team))
     at_work = _at_work(facts, request, found, token, team) if token is not None else {}
-    result, asked = [], _asked(facts, request)
-    for need, those in zip(task.needs, allowed, strict=True):
+    result = []
+    for need, those in zip(task.needs, able, strict=True):
         failed = found.failed_robots(need.local_task)
-        able = capabilities.able(need.local_task)
-        candidates = {
-            robot: value
-            for robot, value in able.items()
-            if robot not in failed and (those is None or robot in those)
-        }
+        candidates = {robot: value for robot, value in those.items() if robot not in failed}
         lower, upper = need.min_robots, need.max_robots
         pinned: tuple[str, ...] = ()
         after = need.after + asked

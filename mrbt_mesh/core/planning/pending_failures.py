@@ -78,8 +78,7 @@ def _could_be_served(facts: TeamFacts, request: Request, team: Mapping[str, Memb
         for robot in sorted(team)
     }
     capabilities = Capabilities(workers)
-    needs = facts.mission.global_tasks[request.subject].needs
-    group = request_demands(facts, request, capabilities, [None] * len(needs), {})
+    group = request_demands(facts, request, capabilities, {}, is_restricted=False)
     return not shortages(facts, group, capabilities)
 
 
