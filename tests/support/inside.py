@@ -14,7 +14,7 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.records import OrderKind
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 
 
 def context(agent: Agent) -> Context:

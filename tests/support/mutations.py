@@ -28,10 +28,9 @@ from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
-from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
-from mrbt_mesh.core.membership.replica import Replica
+from mrbt_mesh.core.membership.replica import Durability, Replica
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
 from mrbt_mesh.core.planning import bids, capabilities, demands, make_plan
 

@@ -28,9 +28,8 @@ import zenoh
 from benchmarks.flooder import input_ended, open_peer, spoilt
 from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.facts.store import BatchProof, Incarnation, Version, parse_entry
-from mrbt_mesh.core.membership.authorship import Authorship
 from mrbt_mesh.core.membership.envelope import Envelope, Guard, parse_envelope
-from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.keys import Authorship, Keys
 from mrbt_mesh.core.membership.wire import (
     MAX_MESSAGE_BYTES,
     SEALED,
@@ -196,7 +195,7 @@ class Intruder:
         proof = BatchProof()
         version = Version(Incarnation(counter, nonce), 1_000)
         entry = parse_entry(author, name, version, value, proof)
-        Authorship(keys, heard.run).sign(proof, [entry])
+        Authorship(keys.was_signed, heard.run).sign(proof, [entry], keys.sign)
         return encode(_header(heard), MessageKind.FACT, pack_entries([entry]))
 
     # -- with a key of the team -----------------------------------------------------------------

@@ -36,8 +36,7 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 

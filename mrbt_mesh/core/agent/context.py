@@ -16,10 +16,9 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
-from mrbt_mesh.core.membership.replica import Replica
+from mrbt_mesh.core.membership.replica import Durability, Replica
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Header, MessageKind, Position
 from mrbt_mesh.core.mission.mission import Mission
 

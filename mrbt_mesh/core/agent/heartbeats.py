@@ -16,8 +16,8 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.dissemination import Judges, Urgent
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.leases import Request
+from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, MessageKind, SelfReport
 from mrbt_mesh.core.planning.plan import Plan
 

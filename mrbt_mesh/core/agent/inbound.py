@@ -21,8 +21,8 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.replica import Received
+from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
     Heartbeat,

@@ -11,8 +11,8 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import NO_CLAIM, OrderKind, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
 from mrbt_mesh.core.membership.joining import Joining
+from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.plan import Plan
 

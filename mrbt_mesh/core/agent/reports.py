@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import NO_CLAIM, ConditionValue, Order, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Fact
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
+from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.mission.failure_reasons import one_line
 
 

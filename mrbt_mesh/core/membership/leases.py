@@ -29,7 +29,7 @@ from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import LATCH, CoalitionId
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.durability import Durability
+from mrbt_mesh.core.membership.replica import Durability
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
 from mrbt_mesh.core.mission.mission import InDoubtPolicy

@@ -9,8 +9,7 @@ from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Ver
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
-from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC, Authorship
-from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC, Authorship, Keys
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
@@ -68,7 +67,8 @@ class Replica:
         self.incarnation = Incarnation(0, nonce)
         self.anti_entropy = AntiEntropy(timing)
         self._read_batch = read_batch
-        self._authorship = Authorship(keys, header.run) if keys is not None else None
+        self._keys = keys
+        self._authorship = Authorship(keys.was_signed, header.run) if keys is not None else None
         self.next_version = Version(self.incarnation, 1)
 
     @property
@@ -90,10 +90,10 @@ class Replica:
         """Write one batch of own facts: (the message with it, its entries)."""
         version = self.next_version
         self.next_version = Version(self.incarnation, version.sequence + 1)
-        proof = BatchProof() if self._authorship is not None else None
+        proof = BatchProof() if self._keys is not None else None
         entries = [make_entry(self.me, name, version, record, proof) for name, record in facts]
-        if self._authorship is not None and proof is not None:
-            self._authorship.sign(proof, entries)
+        if proof is not None and self._keys is not None and self._authorship is not None:
+            self._authorship.sign(proof, entries, self._keys.sign)
         self.facts.map.merge(entries)
         self.anti_entropy.changed_us = now_us
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
@@ -211,3 +211,43 @@ class Replica:
             for entry in self.facts.map.of_author(author):
                 by_version.setdefault(entry.version, []).append(entry)
             yield from (by_version[version] for version in sorted(by_version))
+
+
+class Durability:
+    """What this robot's journal is known to hold: promises to others are made from the disk alone.
+
+    It numbers what must be on disk, and knows up to which number all is.
+    `problem`: what is wrong with the journal, for people; empty if nothing is. `is_failing`: it
+    cannot be written now.
+    """
+
+    def __init__(self, problem: str = "", is_failing: bool = False) -> None:
+        self.problem = problem
+        self.is_failing = is_failing
+        self._last = 0
+        self._synced = 0
+        # Before this number is on disk, nothing else is known to be.
+        self._whole_from = 0
+
+    @property
+    def may_promise(self) -> bool:
+        """Whether what is written now will be on disk soon, with all that was said before."""
+        return not self.is_failing and self._synced >= self._whole_from
+
+    def take_number(self) -> int:
+        """The number of what is written next."""
+        self._last += 1
+        return self._last
+
+    def begin_anew(self) -> int:
+        """The journal may have lost anything: the number of everything, written once more."""
+        self._whole_from = self.take_number()
+        return self._whole_from
+
+    def note_synced(self, number: int) -> None:
+        """Everything up to this number is on disk."""
+        self._synced = max(self._synced, number)
+
+    def is_on_disk(self, number: int) -> bool:
+        """Whether this and all before it are on disk."""
+        return self._synced >= max(number, self._whole_from)

@@ -23,11 +23,14 @@ from mrbt_mesh.core.facts.store import (
     Version,
     parse_entry,
 )
-from mrbt_mesh.core.membership.unpacking import SHORT_BYTES, unpacked
 from mrbt_mesh.core.mission.names import is_robot_id
 
 SCHEMA = 10
 MAX_MESSAGE_BYTES = 4 << 20
+# Items of one list, and of all lists of a message together: an empty list takes a byte in a
+# message, and 64 in memory.
+MAX_ITEMS, MAX_ALL_ITEMS = 100_000, 300_000
+SHORT_BYTES, LONG_BYTES = 4 << 10, 64 << 10
 MAX_NONCE = 32
 MAX_TREE_NODES = 4_096  # of a larger tree of a local task no statuses are told
 DIGEST_BYTES = 8
@@ -192,6 +195,39 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
     if found != kind:
         raise WireError(f"kind {found[:16]!r} where {kind} is expected")
     return sender, body
+
+
+def unpacked(data: bytes, longest: int) -> Any:
+    """A message as plain data, in which no text or binary data is longer than `longest`.
+
+    It takes a few times its own memory, whatever it is. A list takes memory for as many items as it
+    announces, before any of them is there: so all but a short message is first gone through without
+    keeping anything. Raises ValueError, TypeError or msgpack.UnpackException for anything else.
+    """
+    if len(data) > SHORT_BYTES:
+        unpacker = msgpack.Unpacker(max_buffer_size=len(data))
+        unpacker.feed(data)
+        unpacker.skip()
+    items = 0
+
+    def count(found: Any) -> Any:
+        nonlocal items
+        items += len(found)
+        if items > MAX_ALL_ITEMS:
+            raise ValueError(f"more than {MAX_ALL_ITEMS} items")
+        return found
+
+    is_long = len(data) > LONG_BYTES
+    return msgpack.unpackb(
+        data,
+        list_hook=count if is_long else None,
+        object_hook=count if is_long else None,
+        max_str_len=longest,
+        max_bin_len=longest,
+        max_array_len=min(MAX_ITEMS, len(data)),
+        max_map_len=min(MAX_ITEMS, len(data)),
+        max_ext_len=0,
+    )
 
 
 def _incarnation(counter: Any, nonce: Any) -> Incarnation:

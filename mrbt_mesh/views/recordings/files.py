@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from mrbt_mesh.core.membership.authorship import WasSigned
+from mrbt_mesh.core.membership.keys import WasSigned
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import Recording, read_recording

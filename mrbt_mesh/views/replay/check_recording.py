@@ -10,7 +10,7 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.membership.authorship import AuthorshipCheck
+from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
@@ -54,7 +54,7 @@ class RecordingCheck:
     """
 
     def __init__(
-        self, recording: Recording, plans: PlanAgain, authorship: AuthorshipCheck | None
+        self, recording: Recording, plans: PlanAgain, authorship: Authorship | None
     ) -> None:
         self.recording = recording
         self.state = RecordedState(TeamFacts(plans.mission, recording.metadata.run))

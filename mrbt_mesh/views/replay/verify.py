@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
-from mrbt_mesh.core.membership.authorship import AuthorshipCheck, WasSigned
+from mrbt_mesh.core.membership.keys import Authorship, WasSigned
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
@@ -34,7 +34,7 @@ def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None)
     except ValueError as error:
         raise RecordingError(f"{first.path}: {error}") from None
     plans = PlanAgain(mission)
-    authorship = AuthorshipCheck(was_signed, first.metadata.run) if was_signed else None
+    authorship = Authorship(was_signed, first.metadata.run) if was_signed else None
     checks = [RecordingCheck(each, plans, authorship) for each in recordings]
     counts: Counter[str] = Counter()
     for check in checks:

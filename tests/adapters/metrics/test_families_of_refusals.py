@@ -16,7 +16,7 @@ from mrbt_mesh.adapters.metrics.families import (
     reason_class,
     refusals_by_class,
 )
-from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC
+from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC
 from tests.support.build import action, make_mission, sequence
 from tests.support.paths import ROOT
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.store import Fact, Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.durability import Durability
 from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.replica import Durability
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
 from mrbt_mesh.core.mission.mission import InDoubtPolicy, Mission

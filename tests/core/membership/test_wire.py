@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import parse_record
 from mrbt_mesh.core.facts.store import MAX_VALUE_BYTES, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.values import MAX_DATA_DEPTH, MAX_TEXT
-from mrbt_mesh.core.membership import unpacking, wire
+from mrbt_mesh.core.membership import wire
 from mrbt_mesh.core.membership.wire import (
     Header,
     Heartbeat,
@@ -302,7 +302,7 @@ def test_a_message_that_is_too_large_is_refused_before_it_is_read() -> None:
 
 def test_tables_longer_than_the_limit_are_refused() -> None:
     with pytest.raises(WireError, match="not msgpack"):
-        decode(message(msgpack.packb([0] * (unpacking.MAX_ITEMS + 1))), MINE, MessageKind.FACT)
+        decode(message(msgpack.packb([0] * (wire.MAX_ITEMS + 1))), MINE, MessageKind.FACT)
 
 
 def test_extension_types_are_refused() -> None:

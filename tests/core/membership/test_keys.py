@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.facts.records import ConditionValue, Order, OrderKind
 from mrbt_mesh.core.facts.store import Entry, Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.authorship import NOT_AUTHENTIC
+from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode

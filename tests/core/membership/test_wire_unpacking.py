@@ -11,8 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.membership.envelope import ForgedError, parse_envelope
-from mrbt_mesh.core.membership.unpacking import LONG_BYTES, SHORT_BYTES, unpacked
-from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, SEALED
+from mrbt_mesh.core.membership.wire import (
+    LONG_BYTES,
+    MAX_MESSAGE_BYTES,
+    SEALED,
+    SHORT_BYTES,
+    unpacked,
+)
 
 MUCH = 50 << 20
 LIST_OF_99_000 = b"\xdd" + (99_000).to_bytes(4, "big")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mrbt_mesh.core.membership.heartbeat import HeartbeatSchedule
-from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.timing import HeartbeatSchedule, Timing
 
 MS = 1_000
 TIMING = Timing(200 * MS, 1_000 * MS)
@@ -54,7 +53,7 @@ def test_hurry_in_a_large_team_changes_nothing() -> None:
 def test_a_heartbeat_for_some_does_not_put_off_the_one_for_all_who_expect_it() -> None:
     schedule = HeartbeatSchedule(TIMING, 0)
     schedule.mark_sent(("a",), 0)
-    schedule.mark_sent(("b",), 90 * MS, is_aside=True)
+    schedule.mark_sent(("b",), 90 * MS, is_plan_only=True)
     assert not schedule.is_regular_due(TIMING.heartbeat_us - 1)
     assert schedule.is_regular_due(TIMING.heartbeat_us)
     assert schedule.next_due_us < TIMING.heartbeat_us, "it is repeated"
