@@ -10,8 +10,8 @@ import pytest
 
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.drills.physical import spans
-from tests.support.intruder_process import intruder
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
+from tests.support.sessions import intruder
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]

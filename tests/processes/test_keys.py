@@ -7,8 +7,8 @@ import shutil
 
 import pytest
 
-from tests.support.intruder_process import intruder
 from tests.support.raw_intruder import INSIDER
+from tests.support.sessions import intruder
 from tests.support.team import TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]

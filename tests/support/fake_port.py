@@ -18,7 +18,7 @@ from mrbt_mesh.runtime.user_code import UserCall
 
 @dataclass
 class FakePort:
-    """A TaskPort that remembers everything."""
+    """A TaskPort that remembers all reports; what it lacks, a program must not call."""
 
     events: list[dict[str, Any]] = field(default_factory=list)
     progress: list[float] = field(default_factory=list)
@@ -41,23 +41,8 @@ class FakePort:
     def report_progress(self, fraction: float) -> None:
         self.progress.append(fraction)
 
-    def lose_capability(self, local_task: str, reason: str) -> None:
-        raise AssertionError(local_task)
-
-    def defer_capability(self, local_task: str, reason: str) -> None:
-        raise AssertionError(local_task)
-
-    def restore_capability(self, local_task: str) -> None:
-        raise AssertionError(local_task)
-
-    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
-        raise AssertionError(name)
-
-    def read_local_condition(self, name: str) -> bool:
-        raise AssertionError(name)
-
-    def report_performance(self, local_task: str, performance: float) -> None:
-        raise AssertionError(local_task)
+    def __getattr__(self, name: str) -> Any:
+        raise AssertionError(f"the program calls {name}")
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         self.events.append(dict(event))

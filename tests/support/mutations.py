@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 from unittest import mock
+from weakref import WeakKeyDictionary
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.commands import Commands
@@ -19,9 +20,10 @@ from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.assignment import canonical, problem
+from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guard, Guards
 from mrbt_mesh.core.bt.tree import Kind, Node
-from mrbt_mesh.core.facts import coalitions, task_status
+from mrbt_mesh.core.facts import coalitions, store, task_status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
@@ -34,312 +36,245 @@ from mrbt_mesh.core.membership.replica import Durability, Replica
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
 from mrbt_mesh.core.planning import bids, capabilities, demands, make_plan
 
-Mutation = Callable[[], contextlib.AbstractContextManager[Any]]
-MUTATIONS: dict[str, Mutation] = {}
+Patch = tuple[Any, str, Callable[..., Any]]
+MUTATIONS: dict[str, Callable[[], contextlib.AbstractContextManager[None]]] = {}
 
 
-def mutation(function: Callable[[], Iterator[None]]) -> Callable[[], Iterator[None]]:
-    MUTATIONS[function.__name__] = contextlib.contextmanager(function)
-    return function
+def add(name: str, *patches: Patch) -> None:
+    """A mutation: each function takes a place, and gets the original as its first argument."""
+
+    @contextlib.contextmanager
+    def broken() -> Iterator[None]:
+        with contextlib.ExitStack() as stack:
+            for target, attribute, function in patches:
+                original = getattr(target, attribute)
+                replacement = _with_original(function, original)
+                stack.enter_context(mock.patch.object(target, attribute, replacement))
+            yield
+
+    MUTATIONS[name] = broken
 
 
-@mutation
-def join_keeps_older() -> Iterator[None]:
-    """Of two entries with one key, the one that was there first stands."""
-
-    def join(mine: Entry | None, other: Entry) -> Entry:
-        return mine or other
-
-    with mock.patch("mrbt_mesh.core.facts.store.join", join):
-        yield
+def _with_original(function: Callable[..., Any], original: Any) -> Callable[..., Any]:
+    return lambda *given, **named: function(original, *given, **named)
 
 
-@mutation
-def every_mission_ends() -> Iterator[None]:
-    """Robots stop when they are done, also where the mission says that it never ends."""
-    with mock.patch.object(Lifecycle, "_stands_by", return_value=False):
-        yield
+def mutation(target: Any, attribute: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A mutation of one place, by the name of the function."""
+
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        add(function.__name__, (target, attribute, function))
+        return function
+
+    return register
 
 
-@mutation
-def unsorted_workers() -> Iterator[None]:
+def always(value: Any) -> Callable[..., Any]:
+    return lambda *_, **__: value
+
+
+# Robots stop when they are done, also where the mission never ends.
+add("every_mission_ends", (Lifecycle, "_stands_by", always(False)))
+# Heartbeats do not name the robots that their sender hears: there is no indirect probe.
+add("no_relays", (Membership, "relays", always({})))
+# A robot starts as soon as its own plan is made.
+add("starts_without_agreement", (Membership, "all_report_plan", always(True)))
+# Leases are given, and exclusive tasks begun, before the facts that they rest on are on the disk.
+add("promises_before_synced", (Durability, "is_on_disk", always(True)))
+# One grant is enough for an exclusive task.
+add(
+    "exclusive_without_majority",
+    *((module, "majority", always(1)) for module in (coalitions, leases, demands)),
+)
+# Any free robot goes on with the work that one robot has begun for itself.
+add("per_robot_conditions_are_anybodys", (demands, "eligible", always(None)))
+# A robot has failed, and the others that could still try are dead: no failure is ever declared.
+add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
+
+
+@mutation(store, "join")
+def join_keeps_older(_: Any, mine: Entry | None, other: Entry) -> Entry:
+    """Of two entries with one key, the first one is kept."""
+    return mine or other
+
+
+@mutation(capabilities, "workers")
+def unsorted_workers(
+    original: Any, facts: TeamFacts, alive: Mapping[str, Incarnation]
+) -> dict[str, capabilities.Worker]:
     """Robots are taken in the order in which a set has them, which differs between robots."""
-
-    def workers(
-        facts: TeamFacts, alive: Mapping[str, Incarnation]
-    ) -> dict[str, capabilities.Worker]:
-        found = original(facts, alive)
-        return {robot: found[robot] for robot in alive if robot in found}
-
-    original = capabilities.workers
-    with mock.patch.object(capabilities, "workers", workers):
-        yield
+    found = original(facts, alive)
+    return {robot: found[robot] for robot in alive if robot in found}
 
 
-@mutation
-def no_pins() -> Iterator[None]:
-    """Whoever runs something may be given something else."""
-
-    def unpinned(*args: Any) -> demands.Demand:
-        return replace(original(*args), pinned=())
-
-    original = demands._demand
-    with mock.patch.object(demands, "_demand", unpinned):
-        yield
+@mutation(demands, "_demand")
+def no_pins(original: Any, *given: Any) -> demands.Demand:
+    """A robot that runs something may be given something else."""
+    return replace(original(*given), pinned=())
 
 
-@mutation
-def revision_not_bumped() -> Iterator[None]:
+@mutation(Reports, "_changed_conditions")
+def revision_not_bumped(original: Any, mine: Reports, conditions: Any) -> dict[str, ConditionValue]:
     """A condition that changes keeps its revision, and the first writer wins."""
-
-    def same_revision(self: Reports, conditions: Any) -> dict[str, ConditionValue]:
-        changed = original(self, conditions)
-        return {n: replace(v, revision=max(1, v.revision - 1)) for n, v in changed.items()}
-
-    original = Reports._changed_conditions
-    with mock.patch.object(Reports, "_changed_conditions", same_revision):
-        yield
+    changed = original(mine, conditions)
+    return {n: replace(v, revision=max(1, v.revision - 1)) for n, v in changed.items()}
 
 
-@mutation
-def outcomes_dropped_at_restart() -> Iterator[None]:
+@mutation(Replica, "restore")
+def outcomes_dropped_at_restart(original: Any, mine: Replica, entries: Sequence[Entry]) -> None:
     """A robot that starts again leaves the outcomes in its journal out."""
-
-    def restore(self: Replica, entries: Sequence[Entry]) -> None:
-        original(self, [entry for entry in entries if not isinstance(entry.record, Outcome)])
-
-    original = Replica.restore
-    with mock.patch.object(Replica, "restore", restore):
-        yield
+    original(mine, [entry for entry in entries if not isinstance(entry.record, Outcome)])
 
 
-@mutation
-def no_relays() -> Iterator[None]:
-    """Beats do not say whom else their sender hears: there is no indirect probe."""
-    with mock.patch.object(Membership, "relays", return_value={}):
-        yield
+# Of each replica: the hashes of its conditions.
+_blind = WeakKeyDictionary[FactMap, dict[tuple[str, str], int]]()
 
 
-@mutation
-def digest_ignores_conditions() -> Iterator[None]:
-    """The digest of a replica leaves conditions out."""
-
-    def merge(self: FactMap, entries: Any) -> list[Entry]:
-        changed = original(self, entries)
-        for entry in changed:
-            if isinstance(entry.record, ConditionValue):
-                blind.setdefault(id(self), {})[entry.author, entry.name] = entry.hash
-        return changed
-
-    def author_digests(self: FactMap) -> dict[str, bytes]:
-        totals = {author: int.from_bytes(d, "big") for author, d in digests(self).items()}
-        for (author, _), number in blind.get(id(self), {}).items():
-            totals[author] = (totals.get(author, 0) - number) % (1 << 128)
-        return {a: totals[a].to_bytes(16, "big") for a in sorted(totals) if totals[a]}
-
-    def digest(self: FactMap) -> bytes:
-        return hashlib.blake2b(repr(author_digests(self)).encode(), digest_size=8).digest()
-
-    blind: dict[int, dict[tuple[str, str], int]] = {}
-    original, digests = FactMap.merge, FactMap.author_digests
-    with (
-        mock.patch.object(FactMap, "merge", merge),
-        mock.patch.object(FactMap, "author_digests", author_digests),
-        mock.patch.object(FactMap, "digest", digest),
-    ):
-        yield
+def _merge(original: Any, mine: FactMap, entries: Any) -> list[Entry]:
+    changed: list[Entry] = original(mine, entries)
+    for entry in changed:
+        if isinstance(entry.record, ConditionValue):
+            _blind.setdefault(mine, {})[entry.author, entry.name] = entry.hash
+    return changed
 
 
-@mutation
-def stale_claims_stay_valid() -> Iterator[None]:
-    """The claim of an earlier life still holds its robot in a coalition.
-
-    (That of a robot without coalition ends with the batch with which its next life joins.)
-    """
-
-    def has_enough(
-        facts: Any, task: Any, activation: str, token: Any, alive: Mapping[str, Incarnation] | None
-    ) -> bool:
-        members = facts.coalitions(activation).members[token]
-        if alive is not None:
-            lives = {m.robot: Incarnation(m.counter, m.nonce) for m in members}
-            alive = {robot: lives.get(robot, life) for robot, life in alive.items()}
-        return original(facts, task, activation, token, alive)
-
-    original = coalitions._has_enough
-    with (
-        mock.patch.object(coalitions, "_has_enough", has_enough),
-        mock.patch.object(coalitions, "is_still_in", return_value=True),
-        mock.patch.object(demands, "is_still_in", return_value=True),
-    ):
-        yield
+def _author_digests(original: Any, mine: FactMap) -> dict[str, bytes]:
+    totals = {author: int.from_bytes(d, "big") for author, d in original(mine).items()}
+    for (author, _), number in _blind.get(mine, {}).items():
+        totals[author] = (totals.get(author, 0) - number) % (1 << 128)
+    return {a: totals[a].to_bytes(16, "big") for a in sorted(totals) if totals[a]}
 
 
-@mutation
-def no_repair() -> Iterator[None]:
-    """Nobody asks for what it has missed, but who joins."""
-
-    def nobody(self: AntiEntropy, now_us: int) -> list[str]:
-        original(self, now_us)
-        return []
-
-    original = AntiEntropy.peers_to_ask
-    with mock.patch.object(AntiEntropy, "peers_to_ask", nobody):
-        yield
+def _digest(_: Any, mine: FactMap) -> bytes:
+    return hashlib.blake2b(repr(mine.author_digests()).encode(), digest_size=8).digest()
 
 
-@mutation
-def starts_without_agreement() -> Iterator[None]:
-    """A robot starts as soon as its own plan says so."""
-    with mock.patch.object(Membership, "all_report_plan", return_value=True):
-        yield
+# The digest of a replica leaves conditions out.
+add(
+    "digest_ignores_conditions",
+    (FactMap, "merge", _merge),
+    (FactMap, "author_digests", _author_digests),
+    (FactMap, "digest", _digest),
+)
 
 
-@mutation
-def any_optimum() -> Iterator[None]:
-    """Whatever optimum the solver finds is taken, not the canonical one."""
-
-    def last(problem: problem.AssignmentProblem, optimum: Sequence[int]) -> tuple[int, ...]:
-        return tuple(optimum)
-
-    with mock.patch.object(canonical, "canonical", last):
-        yield
-
-
-@mutation
-def bids_not_awaited() -> Iterator[None]:
-    """The plan takes the bids that are there, and who has not spoken as a last resort."""
-
-    def never_open(*args: Any) -> bids.Bidding:
-        return replace(original(*args), is_open=False)
-
-    original = bids._bidding
-    with mock.patch.object(bids, "_bidding", never_open):
-        yield
+def _has_enough(
+    original: Any,
+    facts: Any,
+    task: Any,
+    activation: str,
+    token: Any,
+    alive: Mapping[str, Incarnation] | None,
+) -> bool:
+    members = facts.coalitions(activation).members[token]
+    if alive is not None:
+        lives = {m.robot: Incarnation(m.counter, m.nonce) for m in members}
+        alive = {robot: lives.get(robot, life) for robot, life in alive.items()}
+    return bool(original(facts, task, activation, token, alive))
 
 
-@mutation
-def told_before_synced() -> Iterator[None]:
+# The claim of an earlier life still holds its robot in a coalition. (That of a robot without
+# coalition ends with the batch with which its next life joins.)
+add(
+    "stale_claims_stay_valid",
+    (coalitions, "_has_enough", _has_enough),
+    (coalitions, "is_still_in", always(True)),
+    (demands, "is_still_in", always(True)),
+)
+
+
+@mutation(AntiEntropy, "peers_to_ask")
+def no_repair(original: Any, mine: AntiEntropy, now_us: int) -> list[str]:
+    """Only a robot that joins asks for facts that it has missed."""
+    original(mine, now_us)
+    return []
+
+
+@mutation(canonical, "canonical")
+def any_optimum(
+    _: Any, problem: problem.AssignmentProblem, optimum: Sequence[int]
+) -> tuple[int, ...]:
+    """The solver's own optimum is taken, not the canonical one."""
+    return tuple(optimum)
+
+
+@mutation(bids, "_bidding")
+def bids_not_awaited(original: Any, *given: Any) -> bids.Bidding:
+    """The plan takes the bids that there are; robots without a bid are the last resort."""
+    return replace(original(*given), is_open=False)
+
+
+@mutation(Agent, "handle")
+def told_before_synced(original: Any, mine: Agent, event: Any, now_us: int) -> list[Any]:
     """A batch goes out to the team before it is in the journal."""
-
-    def handle(self: Agent, event: Any, now_us: int) -> list[Any]:
-        effects = original(self, event, now_us)
-        return sorted(effects, key=lambda effect: isinstance(effect, Persist))
-
-    original = Agent.handle
-    with mock.patch.object(Agent, "handle", handle):
-        yield
+    effects = original(mine, event, now_us)
+    return sorted(effects, key=lambda effect: isinstance(effect, Persist))
 
 
-@mutation
-def promises_before_synced() -> Iterator[None]:
-    """Leases are given, and exclusive tasks begun, before the disk has what they rest on."""
-    with mock.patch.object(Durability, "is_on_disk", return_value=True):
-        yield
-
-
-@mutation
-def prunes_what_is_current() -> Iterator[None]:
+@mutation(TeamFacts, "prune")
+def prunes_what_is_current(prune: Any, mine: TeamFacts) -> Any:
     """Outcomes are dropped although they can still be reached."""
+    original = Evaluator.is_obsolete
 
     def drops(self: Any, name: Any, facts: Any) -> bool:
         return original(self, name, facts) or bool(facts.outcome_changes % 7 == 6)
 
-    from mrbt_mesh.core.bt.evaluator import Evaluator
-
-    original = Evaluator.is_obsolete
-
-    def prune(self: TeamFacts) -> Any:
-        with mock.patch.object(Evaluator, "is_obsolete", drops):
-            return prune_originally(self)
-
-    prune_originally = TeamFacts.prune
-    with mock.patch.object(TeamFacts, "prune", prune):
-        yield
+    with mock.patch.object(Evaluator, "is_obsolete", drops):
+        return prune(mine)
 
 
-@mutation
-def exclusive_without_majority() -> Iterator[None]:
-    """One grant is enough for an exclusive task."""
-    with (
-        mock.patch.object(coalitions, "majority", return_value=1),
-        mock.patch.object(leases, "majority", return_value=1),
-        mock.patch.object(demands, "majority", return_value=1),
-    ):
-        yield
+def _restore_no_grants(original: Any, mine: Replica, entries: Sequence[Entry]) -> None:
+    original(mine, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
 
 
-@mutation
-def grants_not_synced() -> Iterator[None]:
-    """A robot forgets what it had granted when it starts again, and grants at once."""
-
-    def restore(self: Replica, entries: Sequence[Entry]) -> None:
-        original(self, [e for e in entries if not e.name.startswith(f"{GRANT}/")])
-
-    def init(self: LeaseGrantor, *args: Any) -> None:
-        init_originally(self, *args)
-        self.end_silence()
-
-    original, init_originally = Replica.restore, LeaseGrantor.__init__
-    with (
-        mock.patch.object(Replica, "restore", restore),
-        mock.patch.object(LeaseGrantor, "__init__", init),
-    ):
-        yield
+def _init_and_grant(original: Any, mine: LeaseGrantor, *given: Any) -> None:
+    original(mine, *given)
+    mine.end_silence()
 
 
-@mutation
-def rounds_are_mixed() -> Iterator[None]:
+# A robot forgets its grants when it starts again, and grants at once.
+add(
+    "grants_not_synced",
+    (Replica, "restore", _restore_no_grants),
+    (LeaseGrantor, "__init__", _init_and_grant),
+)
+
+
+@mutation(task_status, "has_succeeded")
+def rounds_are_mixed(original: Any, task: GlobalTask, said: ActivationFacts) -> bool:
     """Successes of different coalitions count together."""
-
-    def has_succeeded(task: GlobalTask, said: ActivationFacts) -> bool:
-        if said.coalitions is None:
-            return original(task, said)
-        outcomes = said.coalitions.outcomes.values()
-        return all(
-            sum(sum(found.get(n.local_task, {}).values()) for found in outcomes) >= n.min_robots
-            for n in task.needs
-        )
-
-    original = task_status.has_succeeded
-    with mock.patch.object(task_status, "has_succeeded", has_succeeded):
-        yield
+    if said.coalitions is None:
+        return bool(original(task, said))
+    outcomes = said.coalitions.outcomes.values()
+    return all(
+        sum(sum(found.get(n.local_task, {}).values()) for found in outcomes) >= n.min_robots
+        for n in task.needs
+    )
 
 
-@mutation
-def garbled_commands_pause() -> Iterator[None]:
-    """A command that no robot understands lets the team rest, to be on the safe side."""
-
-    def carry_out(mine: Commands, body: Any, now_us: int) -> tuple[bool, str]:
-        good, text = original(mine, body, now_us)
-        if not good:
-            mine._reports.order(OrderKind.PAUSE, now_us)
-        return good, text
-
-    original = Commands.carry_out
-    with mock.patch.object(Commands, "carry_out", carry_out):
-        yield
+@mutation(Commands, "carry_out")
+def garbled_commands_pause(
+    original: Any, mine: Commands, body: Any, now_us: int
+) -> tuple[bool, str]:
+    """A command that no robot understands pauses the team, to be on the safe side."""
+    good, text = original(mine, body, now_us)
+    if not good:
+        mine._reports.order(OrderKind.PAUSE, now_us)
+    return good, text
 
 
-@mutation
-def losses_are_overlooked() -> Iterator[None]:
-    """What a robot can do is looked up once, and not again when that changes."""
-
-    def is_same(worker: capabilities.Worker, other: capabilities.Worker | None) -> bool:
-        return other is not None and worker.incarnation == other.incarnation
-
-    with mock.patch.object(capabilities, "_is_same", is_same):
-        yield
+@mutation(capabilities, "_is_same")
+def losses_are_overlooked(
+    _: Any, worker: capabilities.Worker, other: capabilities.Worker | None
+) -> bool:
+    """The capabilities of a robot are looked up once, and not again when they change."""
+    return other is not None and worker.incarnation == other.incarnation
 
 
-@mutation
-def guards_are_counted_one_by_one() -> Iterator[None]:
-    """Each condition counts by itself, whether or not it decides anything."""
-    with mock.patch.object(Guards, "read_before", _one_by_one):
-        yield
-
-
-def _one_by_one(guards: Guards, node: Node, position: int) -> tuple[Guard, ...]:
+@mutation(Guards, "read_before")
+def guards_are_counted_one_by_one(
+    _: Any, guards: Guards, node: Node, position: int
+) -> tuple[Guard, ...]:
     """Each condition counts by itself, whether or not it decides anything."""
     if position == 0 or guards.has_memory[node.index] or node.kind is Kind.PARALLEL:
         return ()
@@ -357,45 +292,20 @@ def _conditions_below(guards: Guards, index: int, wanted: bool) -> Iterator[Guar
         yield from _conditions_below(guards, child, wanted)
 
 
-@mutation
-def compound_conditions_guard_nothing() -> Iterator[None]:
-    """What stands behind several conditions that decide together is never done again."""
-
-    def single(self: Guards, node: Node, position: int) -> tuple[Guard, ...]:
-        return tuple(guard for guard in original(self, node, position) if guard[0][0] != "#")
-
-    original = Guards.read_before
-    with mock.patch.object(Guards, "read_before", single):
-        yield
+@mutation(Guards, "read_before")
+def compound_conditions_guard_nothing(
+    original: Any, mine: Guards, node: Node, position: int
+) -> tuple[Guard, ...]:
+    """Nodes behind several conditions that decide together are never carried out again."""
+    return tuple(guard for guard in original(mine, node, position) if guard[0][0] != "#")
 
 
-@mutation
-def per_robot_conditions_are_anybodys() -> Iterator[None]:
-    """Whoever is free goes on with what one robot has begun for itself."""
-    with mock.patch.object(demands, "eligible", return_value=None):
-        yield
-
-
-@mutation
-def the_dead_are_waited_for() -> Iterator[None]:
-    """A robot has failed, and whoever could still try is dead: no verdict is ever due."""
-    with mock.patch.object(make_plan, "pending_verdicts", return_value={}):
-        yield
-
-
-@mutation
-def the_dead_count_as_assigned() -> Iterator[None]:
+@mutation(make_plan, "pending_failures")
+def the_dead_count_as_assigned(original: Any, facts: TeamFacts, requests: Any, *given: Any) -> Any:
     """By the paper's count a dead robot's claim is an assignment for ever."""
-
-    def pending(facts: TeamFacts, requests: Any, waiting: Any, *args: Any) -> Any:
-        found = original(facts, requests, waiting, *args)
-        tasks = facts.mission.global_tasks
-        return {
-            index: verdict
-            for index, verdict in found.items()
-            if tasks[requests[index].subject].failure is not FailurePolicy.PAPER
-        }
-
-    original = make_plan.pending_failures
-    with mock.patch.object(make_plan, "pending_verdicts", pending):
-        yield
+    tasks = facts.mission.global_tasks
+    return {
+        index: failure
+        for index, failure in original(facts, requests, *given).items()
+        if tasks[requests[index].subject].failure is not FailurePolicy.PAPER
+    }

@@ -11,7 +11,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,39 +69,63 @@ for line in sys.stdin:
 """
 
 
-@dataclass
-class RealLibrary:
-    """Loads files; a crash is a refusal as well."""
+class JsonProcess:
+    """A program that answers lines of JSON; it is started when it is asked, also after a crash."""
 
-    process: subprocess.Popen[str] | None = None
+    def __init__(self, program: str) -> None:
+        self._program = program
+        self._process: subprocess.Popen[str] | None = None
 
-    def refusal(self, staged: Staged, is_ticked: bool = False) -> str:
-        """Why it does not load a file and make its trees, or tick the main one; else ""."""
-        if self.process is None:
-            self.process = subprocess.Popen(
-                [sys.executable, "-c", _SERVER],
+    @property
+    def is_running(self) -> bool:
+        return self._process is not None
+
+    def ask(self, question: Any) -> Any:
+        """The answer; None: it crashed."""
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", self._program],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
             )
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        asked: dict[str, Any] = {"file": str(staged.file), "nodes": staged.nodes}
-        asked |= {"trees": staged.trees, "tick": is_ticked}
-        self.process.stdin.write(json.dumps(asked) + "\n")
-        self.process.stdin.flush()
-        answer = self.process.stdout.readline()
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(question) + "\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
         if answer:
-            return str(json.loads(answer))
+            return json.loads(answer)
         self.close()
-        return "it crashed"
+        return None
 
     def close(self) -> None:
         """End the process, if it runs."""
-        if self.process is not None:
-            self.process.kill()
-            self.process.communicate()
-        self.process = None
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+        self._process = None
+
+
+@contextmanager
+def real_btcpp(program: str) -> Iterator[JsonProcess]:
+    """A program with the library; skips the test where it is not installed."""
+    pytest.importorskip("behaviortreepy", reason=INSTALL)
+    with closing(JsonProcess(program)) as process:
+        yield process
+
+
+class RealLibrary:
+    """Loads files; a crash is a refusal as well."""
+
+    def __init__(self, process: JsonProcess) -> None:
+        self._process = process
+
+    def refusal(self, staged: Staged, is_ticked: bool = False) -> str:
+        """Why it does not load a file and make its trees, or tick the main one; else ""."""
+        asked: dict[str, Any] = {"file": str(staged.file), "nodes": staged.nodes}
+        answer = self._process.ask(asked | {"trees": staged.trees, "tick": is_ticked})
+        return "it crashed" if answer is None else str(answer)
 
 
 @dataclass(frozen=True)
@@ -116,12 +140,8 @@ class Staged:
 @contextmanager
 def real_library() -> Iterator[RealLibrary]:
     """The library; skips the test where it is not installed."""
-    pytest.importorskip("behaviortreepy", reason=INSTALL)
-    library = RealLibrary()
-    try:
-        yield library
-    finally:
-        library.close()
+    with real_btcpp(_SERVER) as process:
+        yield RealLibrary(process)
 
 
 def staged(path: Path, folder: Path, library: Library | None = None) -> Staged:

@@ -13,7 +13,6 @@ import sys
 import termios
 import time
 from collections.abc import Mapping
-from types import TracebackType
 
 from tests.support.paths import ROOT
 from tests.support.team import WAIT_S
@@ -95,12 +94,7 @@ class Terminal:
     def __enter__(self) -> Terminal:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()

@@ -7,8 +7,6 @@ process of its own, since it may crash.
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +14,9 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import Any, ClassVar
 
-import pytest
-
 from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError, TreeNode
 from mrbt_mesh.errors import FileError
-from tests.support.real_btcpp import INSTALL
+from tests.support.real_btcpp import JsonProcess, real_btcpp
 
 TICKS = 6
 ENTRIES: dict[str, Any] = {"n": 0, "m": 2, "x": 1.5, "word": "w", "go": True}
@@ -324,44 +320,21 @@ for line in sys.stdin:
 class RealTrees:
     """The library in a process of its own."""
 
-    def __init__(self) -> None:
-        self._process: subprocess.Popen[str] | None = None
+    def __init__(self, process: JsonProcess) -> None:
+        self._process = process
 
     def told(self, case: Case) -> Told:
         """As `ours`."""
-        is_fresh = self._process is None
-        if self._process is None:
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", _SERVER],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        asked = {"xml": case.xml, "ends": case.ends, "sets": case.sets}
-        self._process.stdin.write(json.dumps(asked) + "\n")
-        self._process.stdin.flush()
-        answer = self._process.stdout.readline()
-        if answer:
-            return list(json.loads(answer))
-        self.close()
+        is_fresh = not self._process.is_running
+        answer = self._process.ask({"xml": case.xml, "ends": case.ends, "sets": case.sets})
+        if answer is not None:
+            return list(answer)
         # It crashes now and then in a process that has run other trees, and where it refuses some.
         return ["not loaded", "it crashed"] if is_fresh else self.told(case)
-
-    def close(self) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.communicate()
-        self._process = None
 
 
 @contextmanager
 def real_trees() -> Iterator[RealTrees]:
     """The library; skips the test where it is not installed."""
-    pytest.importorskip("behaviortreepy", reason=INSTALL)
-    library = RealTrees()
-    try:
-        yield library
-    finally:
-        library.close()
+    with real_btcpp(_SERVER) as process:
+        yield RealTrees(process)

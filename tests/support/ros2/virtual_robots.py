@@ -1,6 +1,6 @@
 """The virtual robots that `mrbt new --ros2` writes, each a process of rclpy of its own.
 
-What they did is what they say themselves: one line for each start, end and cancellation.
+They print one line for each start, end and cancellation.
 """
 
 from __future__ import annotations
@@ -13,13 +13,12 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE
 from mrbt_mesh.formats.shipped import TEMPLATES
+from tests.support.heard import Heard
 
-WAIT_S = 120.0
 SCRIPT = TEMPLATES / "ros2/virtual_robots.py"
 
 
@@ -44,8 +43,8 @@ class VirtualRobots:
         self._script = script
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._all: list[subprocess.Popen[str]] = []
-        self.said: list[dict[str, Any]] = []
-        self._news = threading.Condition()
+        self._heard = Heard[dict[str, Any]]()
+        self.said = self._heard.messages
 
     def use(self, script: Path) -> None:
         """Take the robots of another file, which are those of `mrbt new`, changed."""
@@ -54,19 +53,14 @@ class VirtualRobots:
     def __enter__(self) -> VirtualRobots:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for process in self._all:
             if process.poll() is None:
                 process.kill()
             process.communicate()
 
     def start(self, *robots: str) -> None:
-        """Start robots, and wait until each has said that it is there."""
+        """Start robots, and wait until each is ready."""
         count = len(self.said)
         for robot in robots:
             with (self.folder / f"virtual-{robot}.log").open("a") as log:
@@ -95,22 +89,11 @@ class VirtualRobots:
     def _listen(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
         for line in process.stdout:
-            with self._news:
-                self.said.append(json.loads(line))
-                self._news.notify_all()
+            self._heard.add(json.loads(line))
 
     def wait_for(self, holds: Callable[[dict[str, Any]], bool], after: int = 0) -> dict[str, Any]:
         """The first line that `holds` accepts among those from number `after` on."""
-        with self._news:
-            found: list[dict[str, Any]] = []
-
-            def look() -> bool:
-                found[:] = [each for each in self.said[after:] if holds(each)][:1]
-                return bool(found)
-
-            if not self._news.wait_for(look, WAIT_S):
-                raise AssertionError(f"never said; said was {self.said}")
-            return found[0]
+        return self._heard.wait_for(holds, "from a robot", after)
 
     def events(self, event: str) -> list[dict[str, Any]]:
         """All lines of a kind."""

@@ -16,15 +16,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
+from tests.support.heard import WAIT_S, Heard
 from tests.support.paths import EXAMPLES, ROOT
 
 # The folder with node_modules/vda-5050-lib: `make test-vda5050` makes it.
 LIBRARY_VARIABLE = "MRBT_VDA5050_NODE"
 HOST = "127.0.0.1"
-WAIT_S = 120.0
 SCRIPT = EXAMPLES / "warehouse/virtual_agvs.js"
 # Robot -> manufacturer, version, x, y, node.
 VEHICLES: dict[str, dict[str, Any]] = json.loads(SCRIPT.with_suffix(".json").read_text())
@@ -58,10 +57,10 @@ class Plant:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.port = free_port()
-        self.heard: list[Said] = []
+        self._heard = Heard[Said]()
+        self.heard = self._heard.messages
         self._broker: subprocess.Popen[bytes] | None = None
         self._vehicles: dict[str, subprocess.Popen[bytes]] = {}
-        self._news = threading.Condition()
         self._client: Any = None
         self._began_s = time.monotonic()
 
@@ -70,12 +69,7 @@ class Plant:
         self._listen()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._client is not None:
             self._client.disconnect()
             self._client.loop_stop()
@@ -143,10 +137,7 @@ class Plant:
         def on_message(_client: Any, _data: Any, message: Any) -> None:
             robot, topic = message.topic.split("/")[3:5]
             at_s = time.monotonic() - self._began_s
-            said = Said(at_s, robot, topic, json.loads(message.payload))
-            with self._news:
-                self.heard.append(said)
-                self._news.notify_all()
+            self._heard.add(Said(at_s, robot, topic, json.loads(message.payload)))
 
         client = self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
         client.on_connect, client.on_message = on_connect, on_message
@@ -156,16 +147,7 @@ class Plant:
 
     def wait_for(self, holds: Callable[[Said], bool], what: str, after_s: float = 0.0) -> Said:
         """The first message that `holds` accepts, since `after_s`."""
-        with self._news:
-            found: list[Said] = []
-
-            def look() -> bool:
-                found[:] = [each for each in self.heard if each.at_s >= after_s and holds(each)][:1]
-                return bool(found)
-
-            if not self._news.wait_for(look, WAIT_S):
-                raise AssertionError(f"never said: {what}")
-            return found[0]
+        return self._heard.wait_for(lambda each: each.at_s >= after_s and holds(each), what)
 
     def now_s(self) -> float:
         """The time by which messages are stamped."""
