@@ -11,19 +11,17 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
+from benchmarks.large import WrittenFacts
 from benchmarks.registry import Benchmark, Result, Setting, Table, need
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, Tree, build_tree
-from mrbt_mesh.core.facts.records import ConditionValue, Member
-from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
-from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.mission import GlobalTask, LocalTask, Mission, Need, Robot
+from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, LocalTask, Mission, Need, Robot
 
 SIZES = (30, 1_000, 10_000)
 ROBOTS = 5
@@ -98,48 +96,33 @@ SHAPES = {"flat": flat, "deep": deep, "mixed": mixed}
 # -- a team in the middle of a mission --------------------------------------------------------
 
 
-@dataclass
-class Team:
-    """Facts, as robots would write them."""
+class Team(WrittenFacts):
+    """A team that carries out a tree."""
 
-    tree: Tree
-    facts: TeamFacts = field(init=False)
-    written: int = 0
-
-    def __post_init__(self) -> None:
-        names = [node.subject for node in self.tree.actions()]
-        conditions = [n.subject for n in self.tree.nodes if n.kind is Kind.CONDITION]
+    def __init__(self, tree: Tree) -> None:
+        conditions = [node.subject for node in tree.nodes if node.kind is Kind.CONDITION]
+        names = [node.subject for node in tree.actions()]
         robots = [f"R{number}" for number in range(ROBOTS)]
-        mission = Mission(
-            name="bench",
-            robots={robot: Robot(robot, "T", {"work": 1_000_000}) for robot in robots},
-            robot_types={"T": {}},
-            local_tasks={"work": LocalTask("work")},
-            conditions={
-                name: ConditionType(name, default=name.startswith("true")) for name in conditions
-            },
-            global_tasks={name: GlobalTask(name, (Need("work", 1, 1),)) for name in names},
-            tree=self.tree,
+        super().__init__(
+            Mission(
+                name="bench",
+                robots={robot: Robot(robot, "T", {"work": MICRO}) for robot in robots},
+                robot_types={"T": {}},
+                local_tasks={"work": LocalTask("work")},
+                conditions={
+                    name: ConditionType(name, default=name.startswith("true"))
+                    for name in conditions
+                },
+                global_tasks={name: GlobalTask(name, (Need("work", 1, 1),)) for name in names},
+                tree=tree,
+            )
         )
-        self.facts = TeamFacts(mission, "r1")
+        self.tree = tree
         for robot in robots:
-            member = Member("T", {"work": 1_000_000}, {}, False, "", "", 0)
-            self.write(robot, "member", member.to_value())
-
-    def write(self, author: str, name: str, value: Any) -> None:
-        self.written += 1
-        version = Version(Incarnation(1, "n"), self.written)
-        self.facts.map.merge([parse_entry(author, name, version, value)])
-
-    def flip(self, name: str) -> None:
-        facts = self.facts
-        value = ConditionValue(
-            not facts.condition(name), facts.conditions.revision(name) + 1, facts.max_stamp + 1
-        )
-        self.write("R0", f"condition/{name}", [value.value, value.revision, value.stamp])
+            self.join(robot)
 
     def succeed(self, activation: str) -> None:
-        self.write("R1", f"outcome/{activation}/work", [True, None])
+        self.write("R1", (f"{records.OUTCOME}/{activation}/work", [True, None]))
 
 
 class PyTree:
@@ -246,9 +229,9 @@ def pruning(size: int, entries: int, repeat: int) -> dict[str, Any]:
     for request in requests[entries : entries + repeat]:
         team.succeed(request.activation)
         outcomes.append(timed(team.facts.prune))
-        team.flip("true3")
+        team.turn("true3", "R0")
         conditions.append(timed(team.facts.prune))
-    team.flip("true")
+    team.turn("true", "R0")
     everything_us = timed(team.facts.prune)
     return {
         "case": "pruning",

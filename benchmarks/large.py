@@ -1,4 +1,4 @@
-"""Large missions in full swing, with their facts: what the benchmarks of planning run on.
+"""Large missions in progress, with their facts, for the benchmarks of planning.
 
 The tree is a Parallel of jobs. Each has ten nodes: it is carried out once it is ready, is skipped
 where it is done, and then has two more actions, one of which is tried again. Every job has local
@@ -16,7 +16,7 @@ from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
 from mrbt_mesh.core.engine import FASTEST
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Member, Phase
-from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
@@ -35,7 +35,7 @@ RUN = "benchmark"
 
 
 def large_mission(robots: int, nodes: int, capable: int = 10, seed: int = 0) -> Mission:
-    """So many robots, and about so many nodes; nu 1 to 3, mu nu to 5, performance 1 to 1000."""
+    """That many robots, and about that many nodes; nu 1 to 3, mu nu to 5, performance 1 to 1000."""
     draw = random.Random(f"{seed}/{robots}/{nodes}")
     jobs = range(max(1, nodes // NODES_PER_JOB))
     team: list[dict[str, int]] = [{} for _ in range(robots)]
@@ -73,24 +73,54 @@ def _job(job: int) -> NodeSpec:
     return NodeSpec(Kind.SEQUENCE, (ready, unless, leaf(Kind.ACTION, "c"), again))
 
 
-class LargeTeam:
-    """The facts of a team at work on a mission, as its robots write them."""
+class WrittenFacts:
+    """The facts of a team, as its robots write them: each call is a batch, which it returns."""
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self.facts = TeamFacts(mission, RUN)
+        self.lives = dict.fromkeys(mission.robots, 1)
+        self.sequence = 0
+
+    def write(self, robot: str, *values: tuple[str, Any]) -> list[Entry]:
+        self.sequence += 1
+        version = Version(Incarnation(self.lives[robot], "n"), self.sequence)
+        entries = [parse_entry(robot, name, version, value) for name, value in values]
+        self.facts.map.merge(entries)
+        return entries
+
+    def join(self, robot: str) -> list[Entry]:
+        """A robot describes itself, and that it has nothing to do."""
+        member = Member("T", self.mission.robots[robot].capabilities, {}, False, "", "", 0)
+        return self.write(robot, (records.MEMBER, member.to_value()), (records.CLAIM, None))
+
+    def begin(self, line: RobotAssignment) -> list[Entry]:
+        """A robot begins its assignment, or confirms it."""
+        task = parse_activation(line.activation).subject
+        claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
+        return self.write(line.robot, (records.CLAIM, claim.to_value()))
+
+    def finish(self, line: RobotAssignment) -> list[Entry]:
+        """A robot succeeds with its assignment."""
+        outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
+        return self.write(line.robot, outcome, (records.CLAIM, None))
+
+    def turn(self, name: str, robot: str) -> list[Entry]:
+        """A robot sees a condition change."""
+        facts = self.facts
+        row = [not facts.condition(name), facts.conditions.revision(name) + 1, facts.max_stamp + 1]
+        return self.write(robot, (f"{records.CONDITION}/{name}", row))
+
+
+class LargeTeam(WrittenFacts):
+    """A team at work on a mission, and its plans."""
+
+    def __init__(self, mission: Mission) -> None:
+        super().__init__(mission)
         self.alive = dict.fromkeys(mission.robots, Incarnation(1, "n"))
         self._plan = FASTEST.plan_making(default_solver)
-        self._sequence = 0
-        for robot in mission.robots.values():
-            member = Member("T", robot.capabilities, {}, False, "", "", 0)
-            self.write(robot.id, (records.MEMBER, member.to_value()))
-
-    def write(self, robot: str, *values: tuple[str, Any]) -> None:
-        """One batch of a robot's facts."""
-        self._sequence += 1
-        version = Version(Incarnation(1, "n"), self._sequence)
-        self.facts.map.merge([parse_entry(robot, name, version, value) for name, value in values])
+        for robot in mission.robots:
+            self.join(robot)
 
     def plan(self) -> Plan:
         """The next plan."""
@@ -102,24 +132,7 @@ class LargeTeam:
         return make_plan(self.facts, self.alive, default_solver)
 
     def start(self, plan: Plan) -> None:
-        """Every robot begins what the plan has for it."""
+        """Every robot begins its assignment."""
         for line in plan.assignments.values():
             if not line.pinned:
                 self.begin(line)
-
-    def begin(self, line: RobotAssignment) -> None:
-        """A robot begins its line, or says so again."""
-        task = parse_activation(line.activation).subject
-        claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
-        self.write(line.robot, (records.CLAIM, claim.to_value()))
-
-    def finish(self, plan: Plan, robot: str) -> None:
-        """A robot succeeds with what it does."""
-        line = plan.assignments[robot]
-        outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
-        self.write(robot, outcome, (records.CLAIM, None))
-
-    def turn(self, name: str, value: bool, robot: str) -> None:
-        """A robot sees a condition change."""
-        row = [value, self.facts.conditions.revision(name) + 1, self.facts.max_stamp + 1]
-        self.write(robot, (f"{records.CONDITION}/{name}", row))

@@ -1,8 +1,8 @@
 """How long a large team's planning keeps an agent's event loop from its beats.
 
 One agent of a large team runs as a robot's process runs it: plans are made in a thread, large
-assignments are solved in a process. The others are only what they say. Beside it a task asks for
-the loop every millisecond; how late it gets it is the loop's lag.
+assignments are solved in a process. The others are only their messages. Beside it a task asks for
+the loop every millisecond; its delay is the loop's lag.
 """
 
 from __future__ import annotations
@@ -20,17 +20,14 @@ import anyio.lowlevel
 import anyio.to_thread
 from anyio.abc import TaskGroup
 
-from benchmarks.large import RUN, large_mission
+from benchmarks.large import RUN, WrittenFacts, large_mission
 from benchmarks.registry import Benchmark, Result, Setting, Table
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Claim, Member, Phase
-from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
@@ -44,7 +41,7 @@ from mrbt_mesh.core.membership.wire import (
     write_heartbeat,
 )
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
+from mrbt_mesh.core.planning.plan import Plan
 
 SIZES = ((200, 1_000), (1_000, 10_000))
 EVENTS, QUICK_EVENTS = 60, 16
@@ -53,57 +50,30 @@ ME = "R0000"
 REFERENCE = "plans made in the event loop"
 
 
-class Others:
-    """What the other robots of a team say."""
+class Others(WrittenFacts):
+    """The other robots of a team, and their messages."""
 
     def __init__(self, mission: Mission) -> None:
-        self.mission = mission
-        self.lives = dict.fromkeys(mission.robots, 1)
-        self.replica = Replica(TeamFacts(mission, RUN), self._header("r"), Timing(), "r")
-        self._sequence = 0
+        super().__init__(mission)
+        self.replica = Replica(self.facts, self._header("r"), Timing(), "r")
 
     def _header(self, robot: str) -> Header:
         return Header(self.mission.digest[:16], self.mission.name, RUN, robot)
 
-    def facts(self, robot: str, *values: tuple[str, Any]) -> inputs.MessageReceived:
-        """One batch of a robot's facts."""
-        self._sequence += 1
-        version = Version(Incarnation(self.lives[robot], "n"), self._sequence)
-        entries = [parse_entry(robot, name, version, value) for name, value in values]
-        self.replica.facts.map.merge(entries)
-        body = pack_entries(entries)
-        data = encode(self._header(robot), MessageKind.FACT, body)
+    def sent(self, batch: list[Entry]) -> inputs.MessageReceived:
+        """The message with a batch of facts."""
+        robot = batch[0].author
+        data = encode(self._header(robot), MessageKind.FACT, pack_entries(batch))
         return inputs.MessageReceived(MessageKind.FACT, robot, data)
 
-    def member(self, robot: str) -> inputs.MessageReceived:
-        """A robot says who it is, and that it has nothing to do."""
-        member = Member("T", self.mission.robots[robot].capabilities, {}, False, "", "", 0)
-        return self.facts(robot, (records.MEMBER, member.to_value()), (records.CLAIM, None))
-
     def beat(self, robot: str, leaving: bool = False) -> inputs.MessageReceived:
-        self._sequence += 1
+        self.sequence += 1
         life = Incarnation(self.lives[robot], "n")
-        digest = self.replica.facts.map.digest()
-        word = SelfReport(life, self._sequence, bytes(8), True, 3)
+        digest = self.facts.map.digest()
+        word = SelfReport(life, self.sequence, bytes(8), True, 3)
         beat = Heartbeat(word, leaving, digest, (3,) * 4, 0, (), {})
         data = write_heartbeat(beat, self._header(robot))
         return inputs.MessageReceived(MessageKind.HEARTBEAT, robot, data)
-
-    def begin(self, line: RobotAssignment) -> inputs.MessageReceived:
-        """A robot begins its line, or says so again."""
-        task = parse_activation(line.activation).subject
-        claim = Claim(line.activation, task, line.local_task, Phase.RUNNING, 1)
-        return self.facts(line.robot, (records.CLAIM, claim.to_value()))
-
-    def finish(self, line: RobotAssignment) -> inputs.MessageReceived:
-        outcome = (f"{records.OUTCOME}/{line.activation}/{line.local_task}", [True, None])
-        return self.facts(line.robot, outcome, (records.CLAIM, None))
-
-    def turn(self, name: str, robot: str) -> inputs.MessageReceived:
-        """A robot sees a condition change."""
-        facts = self.replica.facts
-        row = [not facts.condition(name), facts.conditions.revision(name) + 1, facts.max_stamp + 1]
-        return self.facts(robot, (f"{records.CONDITION}/{name}", row))
 
     def state(self) -> Iterator[inputs.AnswerReceived]:
         """The answer to somebody who knows nothing, page by page."""
@@ -121,7 +91,7 @@ class Lags:
 
 
 class Robot:
-    """One agent with its event loop; `others` say what happens."""
+    """One agent with its event loop; the events come from `others`."""
 
     def __init__(self, others: Others, apart: bool, group: TaskGroup) -> None:
         self.others = others
@@ -139,7 +109,7 @@ class Robot:
         """Hear everybody, take in what is known, and plan."""
         rest = [robot for robot in self.others.mission.robots if robot != ME]
         for robot in rest:
-            self.others.member(robot)
+            self.others.join(robot)
         await self.take(*map(self.others.beat, rest))
         await self.take(*self.others.state())
         for _ in range(3):
@@ -161,6 +131,7 @@ class Robot:
         agent = self.agent
         while self._is_behind():
             if agent.view.awaited_plan is None:
+                self._now_us = max(self._now_us, agent.next_deadline_us(self._now_us))
                 self._step(inputs.TimerFired())
             await anyio.sleep(STEP_S)
 
@@ -213,20 +184,22 @@ async def measure(mission: Mission, events: int, seed: int, apart: bool) -> tupl
         for number in range(events):
             steps, robot.lags.steps_ms = robot.lags.steps_ms, []
             lines = [line for line in robot.plan.assignments.values() if line.robot != ME]
-            await robot.take(*(others.begin(line) for line in lines if not line.pinned))
+            await robot.take(
+                *(others.sent(others.begin(line)) for line in lines if not line.pinned)
+            )
             robot.lags.steps_ms = steps
             line = pick.choice([x for x in robot.plan.assignments.values() if x.robot != ME])
             match number % 4:
                 case 0:
-                    await robot.event(others.finish(line))
+                    await robot.event(others.sent(others.finish(line)))
                 case 1:
                     await robot.event(others.beat(line.robot, leaving=True))
                     others.lives[line.robot] += 1
-                    await robot.take(others.beat(line.robot), others.member(line.robot))
+                    await robot.take(others.beat(line.robot), others.sent(others.join(line.robot)))
                 case 2:
-                    await robot.event(others.begin(line))
+                    await robot.event(others.sent(others.begin(line)))
                 case _:
-                    await robot.event(others.turn(pick.choice(skips), line.robot))
+                    await robot.event(others.sent(others.turn(pick.choice(skips), line.robot)))
         group.cancel_scope.cancel()
     return joining, robot.lags
 

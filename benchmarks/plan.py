@@ -98,7 +98,7 @@ class Story:
         return self._pick.choice(self._robots())
 
     def _outcome(self) -> None:
-        self.team.finish(self.plan, self._busy())
+        self.team.finish(self.plan.assignments[self._busy()])
 
     def _claim(self) -> None:
         robot = self._busy()
@@ -108,8 +108,7 @@ class Story:
         del self.team.alive[self._busy()]
 
     def _condition(self) -> None:
-        name = self._pick.choice(self._skips)
-        self.team.turn(name, not self.team.facts.condition(name), self._busy())
+        self.team.turn(self._pick.choice(self._skips), self._busy())
 
 
 def measure(mission: Mission, events: int, seed: int, is_at_work: bool) -> Times:

@@ -60,6 +60,19 @@ text { fill: #e7eaf1 } .small { fill: #a6aebf } .name { fill: #fff }
 """
 
 Point = tuple[int, int]
+VEHICLE = f"""\
+<rect class="wheel" x="104" y="116" width="76" height="26" rx="8"/>
+<rect class="wheel" x="104" y="308" width="76" height="26" rx="8"/>
+<rect class="wheel" x="440" y="116" width="76" height="26" rx="8"/>
+<rect class="wheel" x="440" y="308" width="76" height="26" rx="8"/>
+<path class="body" d="M96 122 H540 Q584 122 586 166 V284 Q584 328 540 328 H96 \
+Q42 318 40 262 V188 Q42 132 96 122 Z"/>
+<path class="lamp" d="M52 158 Q60 140 74 136 L78 150 Q64 156 60 170 Z"/>
+<path class="lamp" d="M52 292 Q60 310 74 314 L78 300 Q64 294 60 280 Z"/>
+<path class="glass" d="M386 146 Q398 140 420 152 V298 Q398 310 386 304 Q396 225 386 146 Z"/>
+<rect class="roof" x="424" y="148" width="100" height="154" rx="10"/>
+<path class="glass" d="M528 152 L556 142 Q566 225 556 308 L528 298 Z"/>
+<rect class="bay" x="{BAY_LEFT}" y="{BAY_TOP}" width="{BAY_WIDTH}" height="{BAY_HEIGHT}" rx="8"/>"""
 
 
 def draw(scene: Scene, title: str, caption: Sequence[str]) -> str:
@@ -72,7 +85,7 @@ def draw(scene: Scene, title: str, caption: Sequence[str]) -> str:
         f"<style>{STYLE}</style>",
         f'<rect class="ground" x="1" y="1" width="{WIDTH - 2}" height="{HEIGHT - 2}" rx="10"/>',
         f'<text class="title" x="24" y="36">{escape(title)}</text>',
-        *_vehicle(),
+        VEHICLE,
         *(line for part in scene.parts for line in _part(scene, part)),
         *_cover(scene),
         *_screws(scene),
@@ -123,30 +136,6 @@ def _at_the_cover(scene: Scene, number: int) -> Point:
 def _cover_left(scene: Scene) -> int:
     moving = scene.cover in (Cover.GOING_OFF, Cover.GOING_ON)
     return BAY_LEFT + (COVER_AWAY // 4 if moving else COVER_AWAY * (scene.cover is Cover.OFF))
-
-
-def _vehicle() -> list[str]:
-    wheels = [
-        f'<rect class="wheel" x="{x}" y="{y}" width="76" height="26" rx="8"/>'
-        for x in (104, 440)
-        for y in (116, 308)
-    ]
-    bay = (
-        f'<rect class="bay" x="{BAY_LEFT}" y="{BAY_TOP}" width="{BAY_WIDTH}" '
-        f'height="{BAY_HEIGHT}" rx="8"/>'
-    )
-    return [
-        *wheels,
-        '<path class="body" d="M96 122 H540 Q584 122 586 166 V284 Q584 328 540 328 H96 '
-        'Q42 318 40 262 V188 Q42 132 96 122 Z"/>',
-        '<path class="lamp" d="M52 158 Q60 140 74 136 L78 150 Q64 156 60 170 Z"/>',
-        '<path class="lamp" d="M52 292 Q60 310 74 314 L78 300 Q64 294 60 280 Z"/>',
-        '<path class="glass" d="M386 146 Q398 140 420 152 V298 Q398 310 386 304 '
-        'Q396 225 386 146 Z"/>',
-        '<rect class="roof" x="424" y="148" width="100" height="154" rx="10"/>',
-        '<path class="glass" d="M528 152 L556 142 Q566 225 556 308 L528 298 Z"/>',
-        bay,
-    ]
 
 
 def _part(scene: Scene, part: str) -> list[str]:

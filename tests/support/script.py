@@ -1,6 +1,6 @@
-"""Texts that talk to a team of agents, in the manner of etcd/raft's golden files.
+"""Scripts for a team of agents, in the manner of etcd/raft's golden files.
 
-A block is a few commands, a line `----` and what followed.
+A block is a few commands, a line `----` and the events that followed.
 """
 
 from __future__ import annotations
@@ -59,15 +59,28 @@ class Script:
         self.ends = MissionEnd.ONCE
         self._lives = 0
         self._intruders = Intruders(self.team)
+        team, intruders = self.team, self._intruders
+        self._commands: dict[str, Callable[..., None]] = {
+            "kill": team.kill,
+            "freeze": team.freeze,
+            "thaw": team.thaw,
+            "kill_router": team.kill_router,
+            "cut": team.cut,
+            "mend": team.mend,
+            # ask B eye: a member asks B for its facts.
+            "ask": intruders.ask,
+            # forge B bytes: B receives again all that others have sent, changed: see `Intruders`.
+            "forge": intruders.forge,
+        }
 
     def block(self, commands: Sequence[str]) -> str:
-        """What followed from some commands."""
+        """Carry out some commands; returns the events that followed."""
         self.team.story.clear()
         for line in commands:
             text, _, _ = line.partition("#")
             if text.strip():
                 word, *arguments = text.split()
-                getattr(self, f"do_{word}")(*arguments)
+                (self._commands.get(word) or getattr(self, f"do_{word}"))(*arguments)
         return "\n".join(self.team.story) or "ok"
 
     def do_robot(self, name: str, *capabilities: str) -> None:
@@ -108,14 +121,6 @@ class Script:
     def do_keys(self) -> None:
         """From now on robots have keys; so have an operator, op, and an observer, eye."""
         self._intruders.make_keys(list(self.robots))
-
-    def do_forge(self, name: str, how: str) -> None:
-        """forge B bytes: B hears again all that others have said, changed: see `Intruders`."""
-        self._intruders.forge(name, how)
-
-    def do_ask(self, name: str, who: str) -> None:
-        """ask B eye: a member asks B for its facts."""
-        self._intruders.ask(name, who)
 
     def do_order(self, name: str, who: str, *words: str) -> None:
         """order B op order pause: a member commands B; `order B again`: it comes once more."""
@@ -237,28 +242,10 @@ class Script:
         self.team.sync(process)
         self.team.give(process, inputs.TimerFired())
 
-    def do_kill(self, name: str) -> None:
-        self.team.kill(name)
-
-    def do_freeze(self, name: str) -> None:
-        self.team.freeze(name)
-
-    def do_thaw(self, name: str) -> None:
-        self.team.thaw(name)
-
     def do_router(self, router: str, *names: str) -> None:
         """router r1 A B: from now on these are linked to it, and to others only by it."""
         for name in names:
             self.team.change_router(name, router)
-
-    def do_kill_router(self, router: str) -> None:
-        self.team.kill_router(router)
-
-    def do_cut(self, one: str, other: str) -> None:
-        self.team.cut(one, other)
-
-    def do_mend(self, one: str, other: str) -> None:
-        self.team.mend(one, other)
 
     def do_show(self) -> None:
         """What every robot thinks: its mission's status, who is alive, who does what."""
