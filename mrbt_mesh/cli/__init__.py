@@ -1,8 +1,8 @@
-"""The command `mrbt`: a module for each group of commands, with what they do.
+"""The command `mrbt`: its commands, and what they share.
 
-`main` has the list of commands, `command` what is added to click, `options` and `network` the
-options that several commands share, `plugged` those that plug-ins add, `views` what people see.
+`main` lists the commands, `command` extends click, `options` and `network` have the options that
+several commands share, `plugged` those that plug-ins add, `views` draws for people.
 
-A command's module is imported for its help alone too, so it imports what it works with when it is
-called: `mrbt kill` must not wait for what plans.
+A command's module is imported even for its help, so it imports its tools only when it is called:
+`mrbt kill` must not wait for the planner.
 """

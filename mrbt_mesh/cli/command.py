@@ -1,4 +1,4 @@
-"""What `mrbt` adds to click: wrong input is a message with exit status 2, imports are late."""
+"""Additions to click: wrong input is a message with exit status 2, and imports are late."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class MrbtCommand(click.Command):
         except InputError as error:
             fail(str(error))
         except BaseExceptionGroup as group:
-            # A task group wraps what was raised within it.
+            # A task group wraps the errors of its tasks.
             alone = lone(group)
             if isinstance(alone, InputError):
                 fail(str(alone))
@@ -136,7 +136,7 @@ class LateGroup(click.Group):
 
 
 def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
-    """Call click's `main` and end the process; what click refuses becomes a message like ours."""
+    """Call click's `main` and end the process; click's refusals become messages like ours."""
     try:
         status = main(*args, **{"prog_name": NAME, **extra, "standalone_mode": False})
         sys.stdout.flush()

@@ -2,8 +2,8 @@
 
     python -m mrbt_mesh.cli.finished RUN_DIR
 
-waits until a detached team has ended, and writes its summary. It loads what that takes only then:
-until then it costs hardly anything.
+waits until a detached team has ended, and writes its summary. Until then it loads little and costs
+hardly anything.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
 
 
 def _summary(run_dir: RunDir) -> dict[str, Any]:
-    """What recordings and journals hold of a run that has ended."""
+    """The summary of a run that has ended, from its recordings and journals."""
     from mrbt_mesh.core.assignment.solvers import default_solver
     from mrbt_mesh.core.observer.observer import Observer
     from mrbt_mesh.core.observer.summary import run_summary

@@ -1,4 +1,4 @@
-"""Forks the robots of a team, so that what all of them need is loaded once.
+"""Forks the robots of a team, so that their common modules are loaded once.
 
     python -m mrbt_mesh.cli.fork_server RUN_DIR [arrays]
 
@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 
 from mrbt_mesh.cli.main import main
 
-# What a robot loads before it knows more than its command line.
+# Modules that a robot loads before it has read its mission.
 LOADED_ONCE = (
     "anyio._backends._asyncio",
     "mcap.writer",
@@ -32,7 +32,7 @@ LOADED_ONCE = (
     "mrbt_mesh.runtime.key_folder",
     "mrbt_mesh.runtime.robot_process",
 )
-# What those load as well whose team is large: robots for which few demands are not the rule.
+# Modules that robots of a large team load as well.
 LOADED_FOR_ARRAYS = (
     "mrbt_mesh.core.assignment.canonical",
     "ortools.graph.python.min_cost_flow",
@@ -43,7 +43,7 @@ MAX_NAME = 15  # of a process, on Linux
 
 
 def serve(arrays: bool) -> None:
-    """Fork robots until the launcher is gone; with `arrays`, those of a large team."""
+    """Fork robots until the launcher ends; with `arrays`, those of a large team."""
     for module in (*LOADED_ONCE, *(LOADED_FOR_ARRAYS if arrays else ())):
         importlib.import_module(module)
     gc.collect()
@@ -57,7 +57,7 @@ def serve(arrays: bool) -> None:
         ready, _, _ = select.select([REQUESTS, ended], [], [])
         if ended in ready:
             os.read(ended, CHUNK)
-        _tell_who_has_ended()
+        _report_ended()
         if REQUESTS not in ready:
             continue
         data = os.read(REQUESTS, CHUNK)
@@ -71,17 +71,17 @@ def serve(arrays: bool) -> None:
                 os.close(ended)
                 os.close(end)
                 _become_robot(request)
-            _tell({"robot": request["robot"], "pid": pid})
+            _answer({"robot": request["robot"], "pid": pid})
 
 
-def _tell(news: dict[str, Any]) -> None:
+def _answer(news: dict[str, Any]) -> None:
     os.write(ANSWERS, json.dumps(news).encode() + b"\n")
 
 
-def _tell_who_has_ended() -> None:
+def _report_ended() -> None:
     with contextlib.suppress(ChildProcessError):
         while (ended := os.waitpid(-1, os.WNOHANG))[0]:
-            _tell({"pid": ended[0], "status": os.waitstatus_to_exitcode(ended[1])})
+            _answer({"pid": ended[0], "status": os.waitstatus_to_exitcode(ended[1])})
 
 
 def _become_robot(request: dict[str, Any]) -> NoReturn:

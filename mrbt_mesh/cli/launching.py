@@ -34,7 +34,7 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
 
-# What the slowest machine takes to start few robots.
+# Long enough for a slow machine to start a few robots.
 UP_TIMEOUT_S = 60.0
 
 
@@ -146,7 +146,7 @@ async def _run(
 
 
 def overload_text(found: Overload) -> str:
-    """What is too much, by which figures, and what to do."""
+    """The warning: the figures of this machine, and the remedies."""
     remedies = [f"at most {found.carried} robots (--robots)"]
     if found.enough_beat_s is not None:
         beat, detection = f"--beat {found.enough_beat_s:g}", f"{found.enough_detection_s:g}"

@@ -167,6 +167,6 @@ team_options = options_as(
 
 
 def warn_insecure() -> None:
-    """Warn on stderr that messages are not signed; robots do not load what colours need."""
+    """Warn on stderr that messages are not signed; robots do not load rich for a colour."""
     text = "not secure: messages are not signed, and everybody who reaches a robot's port is"
     click.echo(f"{WARNING} {text} believed", err=True)

@@ -1,4 +1,4 @@
-"""Options that several commands take, each defined once, and what they mean for a mission."""
+"""Options that several commands take, each defined once, and their meaning for a mission."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ jobs_option = click.option(
     help="Number of processes.",
 )
 
-# Option -> what may be given for it, and what it does.
+# Option -> its values, and its help.
 FAULTS = {
     "kill": ("A1@12.5,...", "SIGKILL; give it several times, or with commas."),
     "restart": ("A1@14,...", "Start it again, or one more."),
@@ -148,7 +148,7 @@ def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:
 
 
 def checked_program(mission: Mission, robots: list[str], program: str | None) -> str:
-    """The robots' program: it has what they can do, and this computer has what it needs.
+    """The robots' program: it has their local tasks, and this computer its requirements.
 
     Raises InputError.
     """
@@ -162,7 +162,7 @@ def checked_program(mission: Mission, robots: list[str], program: str | None) ->
 
 
 def fitting_program(mission: Mission, robots: list[str], reference: str) -> RobotProgram:
-    """The program, which must have what these robots can do; raises ProgramError."""
+    """The program, which must have these robots' local tasks; raises ProgramError."""
     from mrbt_mesh.runtime.program_loader import load_program, require_program
 
     loaded = load_program(reference)

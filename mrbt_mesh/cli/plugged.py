@@ -34,7 +34,7 @@ class ChosenViews:
     options: ViewerOptions
 
     def check(self) -> None:
-        """Raise InputError, before a team is started, for what cannot be shown."""
+        """Raise InputError, before a team is started, if a view cannot be opened."""
         if not self.viewers:
             views = ", ".join(f"--{name}" for name in VIEWS.names())
             refuse(f"for a view: give one of {views}", "--host", "--port", "--control", "--robot")
@@ -102,7 +102,7 @@ def check_exports(exports: Mapping[str, Path]) -> None:
 def exporting(
     exports: Mapping[str, Path], mission: Mission, began_us: int, began_unix_us: int
 ) -> Iterator[LookOn]:
-    """Open the files; yields what writes to them.
+    """Open the files; yields the function that writes to them.
 
     `began_us`: the time on the observer's clock that is the Unix time `began_unix_us`. Raises
     InputError for files that cannot be written.
@@ -127,7 +127,7 @@ def _opened(path: Path) -> Iterator[BinaryIO]:
     from mrbt_mesh.cli.terminal import reason
 
     try:
-        # Unbuffered: what was written is there, however the process ends.
+        # Unbuffered, so that nothing is lost however the process ends.
         file = path.open("wb", buffering=0)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {reason(error)}") from None

@@ -81,7 +81,7 @@ def warn(text: str) -> None:
 
 
 def print_done(word: str, text: str) -> None:
-    """Print a success on stdout: a word in green, and about what."""
+    """Print a success on stdout: a word in green, and its subject."""
     console.print(Text.assemble((word, "bold green"), f" {text}"), soft_wrap=True)
 
 

@@ -47,7 +47,7 @@ def print_where(address: TeamAddress, show: ShowOptions) -> None:
 
 
 def past_of(team: Team | None) -> Callable[[Observer], None] | None:
-    """What adds the recorded past of a team to an observer, if it has a run directory."""
+    """A function that adds a local team's recorded past to an observer."""
     if team is None:
         return None
     path, started_unix_s = team.run_dir.path, team.info.started_unix_s
@@ -76,11 +76,11 @@ def _is_live(show: ShowOptions) -> bool:
 class Session:
     """Watching a team.
 
-    Its methods raise TransportError if there is no way to attach, InputError for what cannot be
-    recorded, shown or served.
+    Its methods raise TransportError if there is no way to attach, InputError for files,
+    views and ports that cannot be opened.
 
     `team`: its processes, if they run on this machine. `overload`: by how much the team is too
-    large for it. `past` adds what happened before.
+    large for it. `past` adds earlier events.
     """
 
     address: TeamAddress
@@ -99,9 +99,8 @@ class Session:
         Prints the summary and writes summary.json; returns the exit status.
         """
         async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
-            addresses = _addresses(opened)
-            if addresses:
-                click.echo(_lines_of(addresses), err=self.show.as_json)
+            for line in _address_lines(opened):
+                click.echo(line, err=self.show.as_json)
             if self.team is not None:
                 group.start_soon(self.team.note_exits, watcher)
             async with self._display(watcher, opened) as refresh:
@@ -115,14 +114,14 @@ class Session:
         async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
             if self.team is not None:
                 if not self.team.living():
-                    # The run is over: what its journals hold is all there is to see.
+                    # The run is over, and only its journals are left.
                     self.team.result(watcher.observer, boottime_us())
                 group.start_soon(self.team.note_exits, watcher)
-            addresses = _addresses(opened)
             if self.show.as_json:
-                print_json(addresses)
-            elif addresses:
-                click.echo(_lines_of(addresses))
+                print_json({name: view.address for name, view in opened.items() if view.address})
+            else:
+                for line in _address_lines(opened):
+                    click.echo(line)
             sys.stdout.flush()
             await self._until_over(watcher, opened, look_on, lambda: None, is_endless=True)
             group.cancel_scope.cancel()
@@ -130,7 +129,7 @@ class Session:
 
     @contextlib.asynccontextmanager
     async def _opened(self) -> AsyncIterator[tuple[Watcher, dict[str, OpenView], LookOn]]:
-        """What watches, the open views by name, and what writes files for other programs."""
+        """The watcher, the open views by name, and the function that writes exported files."""
         async with contextlib.AsyncExitStack() as stack:
             watcher = await stack.enter_async_context(
                 watching(self.address, self.record, tell_past=self.past)
@@ -159,7 +158,7 @@ class Session:
             yield lambda: None
             return
         if _is_live(self.show):
-            notes = [f"{name}: {address}" for name, address in _addresses(opened).items()]
+            notes = _address_lines(opened)
             if self.overload is not None:
                 notes.append(f"{self.overload.robots} robots are too many for this machine")
             options = replace(self.views.options, has_control=False, notes=tuple(notes))
@@ -220,7 +219,7 @@ class Session:
                     if not is_endless and self.team is not None and not self.team.living():
                         why = "no robot is left"
             if not is_endless:
-                # A watcher that came late may know the result before what led to it.
+                # A watcher that came late may know the result before the events that led to it.
                 await watcher.catch_up(CATCH_UP_S)
                 update()
             group.cancel_scope.cancel()
@@ -253,9 +252,5 @@ class Session:
         return EXIT_OF_RESULT[result]
 
 
-def _addresses(opened: Mapping[str, OpenView]) -> dict[str, str]:
-    return {name: view.address for name, view in opened.items() if view.address}
-
-
-def _lines_of(addresses: Mapping[str, str]) -> str:
-    return "\n".join(f"{name}: {address}" for name, address in addresses.items())
+def _address_lines(opened: Mapping[str, OpenView]) -> list[str]:
+    return [f"{name}: {view.address}" for name, view in opened.items() if view.address]

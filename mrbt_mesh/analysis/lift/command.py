@@ -63,7 +63,7 @@ from mrbt_mesh.errors import InputError
 @click.option(
     "--units",
     metavar="auto|FILE",
-    help="Keep on one robot what shares a blackboard: found out, or as a file has it (.yaml).",
+    help="Keep on one robot nodes that share a blackboard: automatically, or by a file (.yaml).",
 )
 @json_option
 def lift(file: Path, robots: Path | None, folder: Path | None, as_json: bool, **how: Any) -> None:

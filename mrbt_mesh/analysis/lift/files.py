@@ -1,4 +1,4 @@
-"""What `mrbt tree lift` reads, and the mission that it writes."""
+"""The files that `mrbt tree lift` reads, and the mission that it writes."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def lift_files(request: LiftRequest) -> LiftedFiles:
 
 
 def print_lifted(done: LiftedFiles, output: Path | None, as_json: bool) -> None:
-    """Write the files, and print what was decided and why."""
+    """Write the files, and print the decisions with their reasons."""
     for path, text in done.files.items():
         write_file(path, text)
     for remark in done.mission.notes:
@@ -136,7 +136,7 @@ def library_and_tree(
 
 
 def units_by_hand(units: str) -> UnitsByHand | None:
-    """What `--units` names: a file, or None for `auto`. Raises FileError and InputError."""
+    """The file that `--units` names, None for `auto`. Raises FileError and InputError."""
     if units == "auto":
         return None
     if Path(units).suffix.lower() not in (".yaml", ".yml"):

@@ -1,7 +1,7 @@
 """A mission and a robot of one's own out of a BehaviorTree.CPP file: `mrbt tree lift --new`.
 
 The tree is lifted in units for three robots, and each of its leaves is a function that takes time
-and succeeds: what is to be filled in.
+and succeeds, to be filled in.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ TEAM = """\
 #
 #     mrbt tree lift {tree} --robots team.yaml --units auto -o mission.yaml
 #
-# Actions that declare nothing stay together on one robot. What they may declare, so that parts of
-# the tree can go to different robots, is in docs/how-to/lift.md.
+# Actions that declare nothing stay together on one robot. With declarations, parts of the
+# tree can go to different robots: docs/how-to/lift.md.
 
 mission: {name}
 program: robot.py
@@ -46,7 +46,7 @@ robot_types: {{robot: {{capabilities: {{}}}}}}
 robots: {{R1: robot, R2: robot, R3: robot}}
 """
 TEST = '''\
-"""What the team must do, in virtual time and with a fault. Run it with `pytest`.
+"""The mission in virtual time, also with a fault. Run it with `pytest`.
 
 A warning names each condition of robot.py that is not filled in yet, and answers True.
 """

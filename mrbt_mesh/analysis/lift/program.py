@@ -18,7 +18,7 @@ _VALUES = {"int": "1", "float": "1.0", "bool": "True", "str": '"..."', "object":
 # Names that the program uses itself.
 _RESERVED = {"robot", "anyio", "warnings", "warn_not_filled_in", "robot_pose", "robot_speed"}
 _RESERVED |= {"RobotProgram", "InOut", "NodeStatus", "Out", "TreeNode", *_VALUES}
-# Outputs by which Nav2's nodes say that nothing went wrong.
+# Outputs of Nav2's nodes for errors, with their values for success.
 _NO_ERROR = {"error_code_id": "0", "error_msg": '""'}
 _NUMBER = "1"
 
@@ -30,13 +30,13 @@ _COMPARED = r"(?<!\w){0}\s*[=!]=\s*'([^'\"\\]*)'|'([^'\"\\]*)'\s*[=!]=\s*{0}(?!\
 # Longer lines of a program are broken.
 WIDTH = 100
 _HEAD = '''\
-"""What a robot does for the leaves of {tree}: one function for each of them."""
+"""The leaves of {tree}: one function for each of them."""
 
 {warns}import anyio
 
 from mrbt_mesh import RobotProgram
 {imports}
-robot = RobotProgram(record_work=True)  # starts and ends stand in the run's events.jsonl
+robot = RobotProgram(record_work=True)  # starts and ends are in the run's events.jsonl
 '''
 _WARNS = '''\
 def warn_not_filled_in(condition: str) -> None:
@@ -46,8 +46,8 @@ def warn_not_filled_in(condition: str) -> None:
 _WORK = "    await anyio.sleep(1)  # in place of the robot's work; to fail, raise TaskFailedError"
 # In a ReactiveSequence two actions that take their time, one after the other, never end.
 _AT_ONCE = """\
-    # What follows it is asked only after this, at every tick. If that takes its time (`async`),
-    # this has to end at once. To fail, raise TaskFailedError."""
+    # The nodes after it are ticked only after this, at every tick. If one of them takes time
+    # (`async`), this has to end at once. To fail, raise TaskFailedError."""
 _SOURCES = {
     "robot_pose": """\
 @robot.source("robot_pose")
@@ -63,7 +63,7 @@ def robot_speed() -> float:
 _DECORATOR = '''\
 @robot.node("{name}")
 class {called}(TreeNode):
-    """In place of the decorator's own rule: what its child returns.{ports}"""
+    """In place of the decorator's own rule: its child's status.{ports}"""
 
     CHILDREN = (1, 1)
 
@@ -91,13 +91,13 @@ class {called}(TreeNode):
 
 @dataclass
 class _Needs:
-    """What a tree needs of a program. `uses`: its own nodes, by type.
+    """The requirements of a tree. `uses`: its own nodes, by type.
 
     `at_once`: types of nodes that are done at every tick. `in_scripts`: a value for each entry that
-    scripts read, with which they can be run. `entries`: what the tree only reads, with the type in
-    Python, if that is known. `enums`: names in scripts that look like an enum's. `sources`: what
-    Nav2's nodes ask for. `kinds`: types in Python of entries, as models and scripts have them;
-    `object` for what only scripts write.
+    scripts read, with which they can be run. `entries`: those that the tree only reads, with the
+    type in Python, if that is known. `enums`: names in scripts that look like an enum's. `sources`:
+    those of Nav2's nodes. `kinds`: types in Python of entries, as models and scripts have them;
+    `object` for those that only scripts write.
     """
 
     uses: dict[str, list[ExpandedNode]] = field(default_factory=dict)
@@ -178,7 +178,7 @@ def _needs(library: Library, root: ExpandedNode) -> _Needs:
 def program_text(library: Library, tree: str, file: str) -> str:
     """A robot's program: a function for each leaf of a tree, a class for other nodes of its own.
 
-    And what the tree asks the program for: entries that it only reads, enums, Nav2's sources.
+    And functions for entries that it only reads, enums, and Nav2's sources.
     """
     needs = _needs(library, expand(library, tree).root)
     parts = [f'robot.enum("{name}", {number})\n' for number, name in enumerate(needs.enums)]
@@ -208,7 +208,7 @@ def _class(name: str, uses: list[ExpandedNode], library: Library, needs: _Needs)
         for port, (direction, _, _) in ports.items()
         if direction is not Direction.OUTPUT
     )
-    told = f"\n\n    It may read {inputs}.\n    " if inputs else ""
+    reads = f"\n\n    It may read {inputs}.\n    " if inputs else ""
     writes = ""
     for port, (direction, kind, may_miss) in ports.items():
         if direction is Direction.OUTPUT:
@@ -217,7 +217,7 @@ def _class(name: str, uses: list[ExpandedNode], library: Library, needs: _Needs)
             writes += given + write
     called = needs.called(name, "Node")
     template = _CONTROL if uses[0].category is Category.CONTROL else _DECORATOR
-    return template.format(name=name, called=called, ports=told, writes=writes)
+    return template.format(name=name, called=called, ports=reads, writes=writes)
 
 
 def _entry(name: str, kind: str, needs: _Needs) -> str:
@@ -268,7 +268,7 @@ def _writes(ports: dict[str, tuple[Direction, str, bool]], asked: dict[str, str]
 
 
 def _value(name: str, kind: str, asked: str | None = None) -> str:
-    """What a function writes until it is filled in; `asked`: what a script compares it with."""
+    """The value of an output not filled in yet; `asked`: what a script compares it with."""
     if name in _NO_ERROR:
         return _NO_ERROR[name]
     if kind == "str" and asked == _NUMBER:

@@ -1,4 +1,4 @@
-"""What was decided when a tree was lifted, for people and as data."""
+"""The decisions of lifting a tree, for people and as data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mrbt_mesh.analysis.lift.units import Piece
 
 
 def lifted_data(found: LiftedMission, output: Path | None) -> dict[str, Any]:
-    """What `mrbt tree lift --json` prints; the keys are documented in docs/how-to/lift.md."""
+    """The output of `mrbt tree lift --json`; its keys are documented in docs/how-to/lift.md."""
     lifted = found.lifted
     return {
         "mission": str(output) if output is not None else None,
@@ -45,7 +45,7 @@ def _decision_data(decision: LiftDecision) -> dict[str, Any]:
 
 
 def render_lifted(lifted: Lifted) -> RenderableType:
-    """Every decision with its reasons, and what is gained at most."""
+    """Every decision with its reasons, and the largest possible gain."""
     lines = [line for decision in lifted.decisions for line in _decision(decision)]
     serial_s, critical_s = lifted.serial_us / 1e6, lifted.critical_us / 1e6
     gain = Text.assemble(
@@ -71,7 +71,7 @@ def _decision(decision: LiftDecision) -> list[Text]:
 
 
 def units_data(found: LiftedUnits) -> dict[str, Any]:
-    """What `--units --json` adds; the keys are documented in docs/how-to/lift.md."""
+    """The additions of `--units --json`; their keys are documented in docs/how-to/lift.md."""
     return {
         "units": [_unit_data(use) for use in found.tasks.uses],
         "cuts": [

@@ -24,7 +24,7 @@ from mrbt_mesh.cli.options import json_option, mission_argument
 def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> None:
     """Find the faults that a mission survives.
 
-    And what to add so that it survives more.
+    With advice on robots and capabilities to add.
 
     Example: mrbt analyze examples/vehicle_repair/mission.yaml
     """
@@ -39,8 +39,8 @@ def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> N
     loaded = load_mission(mission)
     prices = loaded.costs if costs is None else costs_from_file(costs, loaded)
     try:
-        with bar_of_steps("reading the mission") as say:
-            found = analyse(loaded, prices, limit, say)
+        with bar_of_steps("reading the mission") as update:
+            found = analyse(loaded, prices, limit, update)
     except TooLargeError as error:
         raise InputError(f"{mission}: {error}") from None
     if as_json:

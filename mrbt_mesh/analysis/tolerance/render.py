@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from rich import box
 from rich.console import Group, RenderableType
 from rich.panel import Panel
-from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.analysis.tolerance.advice import Additions
@@ -22,6 +20,7 @@ from mrbt_mesh.analysis.tolerance.analyse import (
 )
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.service import Fault
+from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.names import type_name
 
@@ -81,7 +80,7 @@ def additions_text(found: Additions) -> str:
 
 
 def advice_rows(advice: Advice) -> list[tuple[str, str, str]]:
-    """(way, what to add, cost)."""
+    """(way, addition, cost)."""
     rows = []
     for way, found in (
         ("cheapest", advice.cheapest),
@@ -116,43 +115,33 @@ def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
 
 def render_analysis(analysis: Analysis) -> RenderableType:
     """The whole report."""
-    parts: list[RenderableType] = [_headline(analysis), "", _figures(analysis)]
+    parts: list[RenderableType] = [_headline(analysis)]
     assumed = assumptions(analysis.mission)
-    if assumed is not ASSUMPTIONS:
-        parts.append(Text(assumed[0], "yellow"))
+    remarks = [Text(assumed[0], "yellow")] if assumed is not ASSUMPTIONS else []
     for name, result in analysis.readings.items():
         if result.question.obstacle:
-            parts.append(Text(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
-    parts += ["", _examples(analysis.main), "", _tasks(analysis)]
-    parts += ["", _advice(analysis)]
-    if analysis.cautions:
-        parts += ["", Text("Cautions", "bold")]
-        parts += [Text(f"- {line}", "yellow") for line in analysis.cautions]
+            remarks.append(Text(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
+    sections: dict[str, list[RenderableType]] = {
+        "How many faults": [_figures(analysis), *remarks],
+        "Which faults": [_examples(analysis.main)],
+        "Slack: robots that a global task can lose, whichever they are": [_tasks(analysis)],
+        "Advice: what to add": [_advice(analysis)],
+        "Cautions": [Text(f"- {line}", "yellow") for line in analysis.cautions],
+        "Assumed": [Text(f"- {line}", "dim") for line in assumed],
+    }
+    for title, rows in sections.items():
+        if rows:
+            parts += ["", Text(title, "bold"), *rows]
     if not analysis.is_complete:
         text = "Time ran out: ranges hold the true figures; a larger --limit narrows them."
         parts += ["", Text(text, "yellow")]
-    lines = "\n".join(f"- {line}" for line in assumed)
-    return Group(*parts, "", Text("Assumed", "bold"), Text(lines, "dim"))
+    return Group(*parts)
 
 
 def _mark(value: bool | None) -> Text:
     if value is None:
         return Text("not known", "yellow")
     return Text("yes", "bold green") if value else Text("no", "bold red")
-
-
-def _table(title: str, *columns: str) -> Table:
-    table = Table(
-        *columns,
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD,
-        header_style="dim",
-        pad_edge=False,
-    )
-    table.columns[0].no_wrap = True
-    return table
 
 
 def _headline(analysis: Analysis) -> RenderableType:
@@ -170,60 +159,53 @@ def _headline(analysis: Analysis) -> RenderableType:
 
 
 def _figures(analysis: Analysis) -> RenderableType:
-    table = _table("How many faults", "the mission ...", "faults", "of", "survives", "fatal from")
-    for column in table.columns[2:]:
-        column.justify = "right"
+    rows = table("the mission ...", "faults", "of", "survives", "fatal from", right=range(2, 5))
     for name, result in analysis.readings.items():
         for kind, found in (("robots", result.major), ("capabilities", result.minor)):
-            table.add_row(
+            rows.add_row(
                 READING_NAMES[name] if kind == "robots" else "",
                 kind,
                 str(found.total),
                 Text(figure(found.max_tolerated, True), "green"),
                 Text(figure(found.min_fatal, False), "red"),
             )
-    return table
+    return rows
 
 
 def _examples(main: ReadingResult) -> RenderableType:
-    table = _table("Which faults", "", "robots", "capabilities")
-    table.add_row(
-        "fatal alone", faults_text(main.major.critical), faults_text(main.minor.critical, "\n")
-    )
-    table.add_row(
-        "fatal together, fewest",
-        faults_text(main.major.min_fatal.chosen),
-        faults_text(main.minor.min_fatal.chosen, "\n"),
-    )
-    table.add_row(
-        "survived together, most",
-        faults_text(main.major.max_tolerated.chosen),
-        faults_text(main.minor.max_tolerated.chosen, "\n"),
-    )
-    return table
+    rows = table("", "robots", "capabilities")
+    for title, major, minor in (
+        ("fatal alone", main.major.critical, main.minor.critical),
+        ("fatal together, fewest", main.major.min_fatal.chosen, main.minor.min_fatal.chosen),
+        (
+            "survived together, most",
+            main.major.max_tolerated.chosen,
+            main.minor.max_tolerated.chosen,
+        ),
+    ):
+        rows.add_row(title, faults_text(major), faults_text(minor, "\n"))
+    return rows
 
 
 def _tasks(analysis: Analysis) -> RenderableType:
-    title = "Slack: robots that a global task can lose, whichever they are"
-    table = _table(title, "global task", "slack", "needs (of capable robots)", "")
-    table.columns[1].justify = "right"
+    listed = table("global task", "slack", "needs (of capable robots)", "", right=(1,))
     rows = sorted(task_groups(analysis.tasks), key=lambda row: row[1].slack)
     for name, each in rows[:MAX_TASKS]:
         style = "red" if each.slack <= 0 else "green"
-        needs = ", ".join(f"{least} of {able} {what}" for what, least, able in each.needs)
+        needs = ", ".join(f"{least} of {able} {task}" for task, least, able in each.needs)
         notes = [] if each.is_indispensable else ["has alternatives"]
         if each.is_exclusive:
             robots = analysis.mission.robots
             notes.append(f"exclusive: {majority(robots)} of {len(robots)} robots grant it")
-        table.add_row(name, Text(str(each.slack), style), needs, Text(", ".join(notes), "dim"))
+        listed.add_row(name, Text(str(each.slack), style), needs, Text(", ".join(notes), "dim"))
     if len(rows) > MAX_TASKS:
-        table.add_row(Text(f"and {len(rows) - MAX_TASKS} more rows: --json", "dim"))
-    return table
+        listed.add_row(Text(f"and {len(rows) - MAX_TASKS} more rows: --json", "dim"))
+    return listed
 
 
 def _advice(analysis: Analysis) -> RenderableType:
-    table = _table("Advice: what to add", "to make it", "", "add", "cost")
+    rows = table("to make it", "", "add", "cost")
     for name, advice in (("weakly", analysis.weak_advice), ("strongly", analysis.strong_advice)):
-        for number, (way, what, cost) in enumerate(advice_rows(advice)):
-            table.add_row(f"{name} fault tolerant" if number == 0 else "", way, what, cost)
-    return table
+        for number, (way, addition, cost) in enumerate(advice_rows(advice)):
+            rows.add_row(f"{name} fault tolerant" if number == 0 else "", way, addition, cost)
+    return rows

@@ -56,7 +56,7 @@ robot_options = options_as(
     solver_option,
     speed_option,
     click.option("--run-dir", type=PATH, metavar="DIR", help="Folder for journal, log and events."),
-    click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what it knows and does."),
+    click.option("--record", type=PATH, metavar="FILE.mcap", help="Record its facts and actions."),
     record_beats_option,
     keep_option,
     click.option("--takeover", is_flag=True, help="Replace a live robot of the same id."),

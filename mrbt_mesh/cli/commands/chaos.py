@@ -1,4 +1,4 @@
-"""`mrbt sim chaos`: many runs with random faults, and what must always hold."""
+"""`mrbt sim chaos`: many runs with random faults, and their invariants."""
 
 from __future__ import annotations
 

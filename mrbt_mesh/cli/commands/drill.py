@@ -1,8 +1,7 @@
-"""`mrbt drill`: real processes, faults at chosen moments, results from what was done."""
+"""`mrbt drill`: real processes, faults at chosen moments, and a judge."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
 
     from mrbt_mesh.drills.drill_file import Drill
     from mrbt_mesh.drills.model import Profile
-    from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
+    from mrbt_mesh.drills.runner import DrillRun
 
 
 @click.command(cls=MrbtCommand)
@@ -45,7 +44,7 @@ def drill(
     keep: bool,
     as_json: bool,
 ) -> None:
-    """Run drills: real processes, faults at chosen moments, judged by what the robots did.
+    """Run drills: real processes, faults at chosen moments, judged by the robots' actions.
 
     Exit status: 0 all green (or skipped, with the reason), 1 an expectation did not hold, 2 bad
     input.
@@ -102,15 +101,9 @@ class _Session:
     def __init__(
         self, drills: list[Drill], repeat: int, brief: bool, keep: bool, output: Console
     ) -> None:
-        self._plan = [
-            (each, profile)
-            for _ in range(repeat)
-            for each in drills
-            for profile in each.model.profiles
-        ]
-        self._brief = brief
-        self._keep = keep
-        self._output = output
+        all_runs = [(each, profile) for each in drills for profile in each.model.profiles]
+        self._plan = all_runs * repeat
+        self._brief, self._keep, self._output = brief, keep, output
 
     async def run(self) -> tuple[list[DrillRun], bool]:
         """(the runs, whether the operator stopped it before the end)."""
@@ -142,10 +135,15 @@ class _Session:
         from rich.text import Text
 
         from mrbt_mesh.cli.views.drill_view import headline, line_text, result_text, takeover_text
+        from mrbt_mesh.drills.judge import DrillResult
+        from mrbt_mesh.drills.namespaces import NamespaceError
+        from mrbt_mesh.drills.network import why_not
+        from mrbt_mesh.drills.runner import DrillRun, run_drill
         from mrbt_mesh.runtime.run_dir import state_dir
 
-        def show(line: str | Text) -> None:
-            self._output.print(line, soft_wrap=True)
+        def show(*lines: str | Text) -> None:
+            for line in lines:
+                self._output.print(line, soft_wrap=True)
 
         title = Text.assemble(
             (f"{number}/{len(self._plan)} ", "dim"), (found.label, "bold"), (f"  {profile}", "dim")
@@ -154,17 +152,21 @@ class _Session:
             show(title)
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         folder = state_dir() / "drills" / f"{found.model.name}-{stamp}"
-        tell = (lambda line: None) if self._brief else (lambda line: show(line_text(line)))
-        run = await _run_or_skip(found, profile, folder, tell)
+        reason = why_not(found)
+        if reason is not None:
+            run = DrillRun(found.label, profile, skipped=reason)
+        else:
+            on_line = (lambda _: None) if self._brief else (lambda line: show(line_text(line)))
+            try:
+                run = await run_drill(found, profile, folder, on_line)
+            except (InputError, NamespaceError) as error:
+                failed = DrillResult("the team could be run", False, str(error))
+                run = DrillRun(found.label, profile, results=[failed])
         if self._brief:
             show(Text.assemble(title, "  ", headline(run)))
-            for line in () if run.is_green else run.timeline:
-                show(line_text(line))
+            show(*map(line_text, () if run.is_green else run.timeline))
         if not self._brief or not run.is_green:
-            for takeover in run.takeovers:
-                show(takeover_text(takeover))
-            for result in run.results:
-                show(result_text(result))
+            show(*map(takeover_text, run.takeovers), *map(result_text, run.results))
             show(Text.assemble("  ", headline(run)))
         if run.is_green and not self._keep:
             shutil.rmtree(folder, ignore_errors=True)
@@ -172,25 +174,3 @@ class _Session:
         elif run.run_dir is not None:
             self._output.print(f"  kept: {run.run_dir}", style="dim", soft_wrap=True)
         return run
-
-
-async def _run_or_skip(
-    found: Drill, profile: Profile, folder: Path, tell: Callable[[TimelineEntry], None]
-) -> DrillRun:
-    from mrbt_mesh.drills.beside import BesideError
-    from mrbt_mesh.drills.judge import DrillResult
-    from mrbt_mesh.drills.namespaces import NamespaceError
-    from mrbt_mesh.drills.network import why_not
-    from mrbt_mesh.drills.routers import RoutersError
-    from mrbt_mesh.drills.runner import DrillRun, run_drill
-    from mrbt_mesh.runtime.run_dir import RunDirError
-    from mrbt_mesh.runtime.session_config import TransportError
-
-    reason = why_not(found)
-    if reason is not None:
-        return DrillRun(found.label, profile, skipped=reason)
-    try:
-        return await run_drill(found, profile, folder, tell)
-    except (TransportError, RunDirError, NamespaceError, RoutersError, BesideError) as error:
-        failed = DrillResult("the team could be run", False, str(error))
-        return DrillRun(found.label, profile, results=[failed])

@@ -169,7 +169,7 @@ def _order(team: TeamOptions, robot: str | None, command: str, argument: str = "
 
 
 def with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> NoReturn:
-    """Attach to a team, act once a robot is heard, and end the process with what `act` returns.
+    """Attach to a team, act once a robot is heard, and end the process with the status of `act`.
 
     Raises TransportError if there is no way to attach.
     """

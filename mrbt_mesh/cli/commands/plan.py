@@ -1,4 +1,4 @@
-"""`mrbt validate` and `mrbt plan`: a mission, and what its team would do."""
+"""`mrbt validate` and `mrbt plan`: a mission, and its team's plan."""
 
 from __future__ import annotations
 

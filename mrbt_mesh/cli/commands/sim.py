@@ -62,9 +62,9 @@ share_option = partial(click.option, type=FiniteNumber(0, 1), default=0.0)
     metavar="FILE",
     help="Faults and network as `mrbt sim chaos` wrote them.",
 )
-@click.option("--events", type=PATH, metavar="FILE", help="Write what the robots did (JSON lines).")
+@click.option("--events", type=PATH, metavar="FILE", help="Write the robots' actions (JSON lines).")
 @click.option("--log", type=PATH, metavar="FILE", help="Write every effect of every agent.")
-@click.option("--record", type=PATH, metavar="DIR", help="Record what robots know and do.")
+@click.option("--record", type=PATH, metavar="DIR", help="Record all that robots know and do.")
 @export_options
 @json_option
 def run(

@@ -1,4 +1,4 @@
-"""`mrbt status`: who does what, what is blocked, and whether all agree."""
+"""`mrbt status`: assignments, blocked requests, and whether all robots agree."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ REFUSALS_TIMEOUT_S = 1.0
 @team_options
 @json_option
 def status(team: TeamOptions, as_json: bool) -> None:
-    """Show who does what, what is blocked, and whether all robots agree.
+    """Show who does what, which requests are blocked, and whether all robots agree.
 
     Example: mrbt status --json
     """
@@ -38,7 +38,7 @@ def status(team: TeamOptions, as_json: bool) -> None:
     if summary is not None:
         print_finished(summary, as_json)
         return
-    # Only now what listens to the network: Zenoh, and what plans.
+    # Only a running team needs Zenoh and the planner.
     _print_status(team.find(), as_json)
 
 
@@ -53,7 +53,7 @@ def _print_status(team: TeamAddress, as_json: bool) -> NoReturn:
     async def act(watcher: Watcher) -> int:
         if team.run_dir is None and not watcher.observer.robots():
             fail(nobody(watcher), FAILURE)
-        # After two heartbeats it is known who is silent, and what the others say of it.
+        # After two heartbeats it is known which robots are silent or suspected.
         with anyio.move_on_after(SETTLE_BEATS * watcher.timing.heartbeat_us / SECOND_US):
             while True:
                 await watcher.wait_for_change(0.05)
@@ -69,7 +69,7 @@ def _print_status(team: TeamAddress, as_json: bool) -> NoReturn:
 
 
 async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
-    """What each living robot has refused, as far as it answers: "source: reason" -> how often."""
+    """The refused messages of each live robot that answers: "source: reason" -> how often."""
     import anyio
 
     from mrbt_mesh.core.agent.commands import REFUSALS

@@ -24,7 +24,7 @@ from mrbt_mesh.cli.plugged import ChosenViews, check_exports, export_options, vi
 @team_options
 @view_options
 @export_options
-@click.option("--record", type=PATH, metavar="FILE.mcap", help="Record what is heard.")
+@click.option("--record", type=PATH, metavar="FILE.mcap", help="Record all that is heard.")
 @record_beats_option
 @METRICS[0]
 @METRICS[1]

@@ -1,4 +1,4 @@
-"""Signs and styles of statuses and states: a sign and a word say all that a colour says."""
+"""Signs and styles of statuses and states; no meaning depends on a colour alone."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ STATE_MARKS = {
     "dead": ("✖", "bold red"),
     "left": ("○", "dim"),
 }
-# How work ended, as `WorkEnd` says it. A death has a mark of its own.
+# By `WorkEnd`. A death has a mark of its own.
 END_MARKS = {"done": ("✔", "green"), "failed": ("✘", "red"), "dropped": ("↷", "yellow")}

@@ -1,4 +1,4 @@
-"""A plan as people read it: the tree, who does what and why, what waits, who bid what."""
+"""A plan as people read it: the tree, the assignments with reasons, waiting requests, bids."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Ren
 
 
 def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
-    """a_j and b_j of what is requested (`DemandBounds.to_json`), its robots and performances."""
+    """a_j and b_j of each demand (`DemandBounds.to_json`), its robots and performances."""
     performances = ["p(i, l)"] if any("performances" in row for row in bounds) else []
     rows = table("local task", "for", "a_j", "b_j", "robots", *performances)
     for row in bounds:
@@ -62,7 +62,7 @@ def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _lines(plan: Plan) -> Table:
-    """Who does what and why."""
+    """The assignment of each robot, with its reason."""
     rows = table("robot", "does", "for", "why")
     bids = plan_bids(plan)
     for robot in sorted({*plan.assignments, *plan.idle}):
@@ -76,7 +76,7 @@ def _lines(plan: Plan) -> Table:
 
 
 def _bids(plan: Plan) -> Table:
-    """Who bid what, the best first and the chosen in bold, and who did not."""
+    """The bids, the best first and the chosen in bold, and the robots without one."""
     rows = table("local task", "for", "bids")
     for bidding in plan.biddings:
         made = {robot: bid for robot, bid in bidding.bids.items() if bid is not None}

@@ -63,10 +63,10 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
         parts += [Text(), _bids(summary["bids"])]
     story = sorted(_story(summary), key=lambda item: item[0])
     if story:
-        told = table("at", "what happened", right=(0,))
+        events = table("at", "what happened", right=(0,))
         for at_s, line in story:
-            told.add_row(_seconds(at_s), line)
-        parts += [Text(), told]
+            events.add_row(_seconds(at_s), line)
+        parts += [Text(), events]
     return Group(*parts)
 
 
@@ -110,7 +110,7 @@ def capability_changes(known: Mapping[str, Any]) -> Text:
 
 
 def _bids(biddings: Sequence[Mapping[str, Any]]) -> RenderableType:
-    """Who bid what, the best first, and in bold who did it."""
+    """The bids, the best first, and in bold those of the robots that did the task."""
     rows = table("local task", "bids")
     for bidding in biddings[:MOST_BIDS]:
         bids = bidding["bids"]
@@ -169,7 +169,7 @@ def problem_line(problem: Mapping[str, Any]) -> Text:
 
 
 def failure_line(end: Mapping[str, Any]) -> Text:
-    """Who failed at which task, and the reason if the program gave one."""
+    """The robot and the task that failed, with the reason if the program gave one."""
     whole = "" if end["local_task"] == end["global_task"] else f" for {end['global_task']}"
     return Text.assemble(
         (end["robot"], "bold"),

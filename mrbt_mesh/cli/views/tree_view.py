@@ -1,4 +1,4 @@
-"""Trees as people read them: status marks, and what has ended folded to one line."""
+"""Trees as people read them: status marks, and ended subtrees folded to one line."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def render_tree(
         branch = RichTree(label, guide_style="dim") if parent is None else parent.add(label)
         open_below = status is Status.RUNNING or not fold
         if fold and node.kind is Kind.SUBTREE:
-            # Its one child has the same status; the subtree's name says more.
+            # Its one child has the same status, and a less useful name.
             node = tree.nodes[node.children[0]]
         if node.kind not in LEAVES and open_below:
             for child in node.children:

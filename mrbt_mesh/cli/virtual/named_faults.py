@@ -35,7 +35,7 @@ def read_faults(
 ) -> list[NamedFault]:
     """The faults of all options, by time. `texts`: option -> its values; `at_s`: the default time.
 
-    Raises InputError for what is no fault of this mission's robots.
+    Raises InputError for a text that is no fault of this mission's robots.
     """
     when = "" if at_s is None else f"@{at_s:.6f}"
     found = [

@@ -33,7 +33,7 @@ def read_schedule(
         scenario = scenario_from_json(data)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {reason(error)}") from None
-    except (ScenarioError, ValueError, RecursionError) as error:  # also what JSON and UTF-8 raise
+    except (ScenarioError, ValueError, RecursionError) as error:  # also errors of JSON and UTF-8
         raise InputError(f"{path}: no schedule as `mrbt sim chaos` writes them: {error}") from None
     if mission is None and not isinstance(named, str):
         raise InputError(f"{path}: names no mission; give one as the argument MISSION")

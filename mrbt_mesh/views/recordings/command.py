@@ -1,4 +1,4 @@
-"""`mrbt recording`: what was recorded of runs."""
+"""`mrbt recording`: recorded runs."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def replay(
     """Show a recorded run again, at any speed, forwards and back.
 
     In the terminal, space pauses, comma and full stop go 5 s back or on, < and > change the speed,
-    q quits; ? lists all keys. Without a terminal it prints what happened. With --json, the whole
+    q quits; ? lists all keys. Without a terminal it prints the events. With --json, the whole
     state at a time, by default at the end; with --web too, the page's address.
 
     \b
@@ -107,11 +107,11 @@ def replay(
 )
 @json_option
 def verify(paths: tuple[Path, ...], keys: Path | None, as_json: bool) -> None:
-    """Verify from the recordings of a run what its robots did, and find falsifications.
+    """Verify a run from its recordings, and find falsifications.
 
-    Every plan is made again from the recorded facts; each robot must have done what its plans had;
-    every takeover must have a cause; what several robots have recorded must be the same; and where
-    the run had keys, every fact must be signed.
+    Every plan is made again from the recorded facts; each robot must have followed its plans; every
+    takeover must have a cause; the recordings of several robots must agree; and if the run had
+    keys, every fact must be signed.
 
     Exit status: 0 all is verified, 1 something is not, 2 bad input.
 
@@ -137,7 +137,7 @@ def verify(paths: tuple[Path, ...], keys: Path | None, as_json: bool) -> None:
     metavar="[FILE|RUN_DIR]...",
     type=PATH,
     nargs=-1,
-    help="Recordings, run directories, and what sim, up or drill printed with --json. Default: "
+    help="Recordings, run directories, and the output of sim, up or drill with --json. Default: "
     "the newest run.",
 )
 @click.option(

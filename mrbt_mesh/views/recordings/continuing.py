@@ -27,7 +27,7 @@ def continued(
     seed: int,
     timeout_s: float,
 ) -> dict[str, Any]:
-    """Both summaries, and what was assumed. Raises InputError for what does not fit together."""
+    """Both summaries, and the assumptions. Raises InputError for options that do not fit."""
     recording = read_recording(file)
     player = Player(recording)
     at_us = time_of(player, at_s)

@@ -17,7 +17,7 @@ def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
     """The recordings of files and run directories, by default of the run started last; and the
     folder of its keys, if it has one.
 
-    Raises InputError for a folder without any, RecordingError for what is none.
+    Raises InputError for a folder without any, RecordingError for a file that is none.
     """
     files: list[Path] = []
     keys: Path | None = None
@@ -35,7 +35,7 @@ def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
 
 
 def signature_check(folder: Path | None) -> WasSigned | None:
-    """What knows who signed what, by the manifest in the folder; raises KeysError."""
+    """A check of signatures by the manifest in the folder; raises KeysError."""
     if folder is None:
         return None
     from mrbt_mesh.runtime.key_folder import KeyFolder

@@ -38,7 +38,7 @@ def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
 
 
 def show_lines(player: Player, at_s: float) -> None:
-    """Print what happened from a time on; raises InputError as `time_of`."""
+    """Print the events from a time on; raises InputError as `time_of`."""
     from_us = time_of(player, at_s)
     player.seek(player.end_us)
     for at_us, text in player.observer.record.timeline:

@@ -56,7 +56,7 @@ def show(file: Path, mermaid: bool, robot: str | None, only: str | None, as_json
 @tree.command("check")
 @click.argument("file", type=PATH, help="BehaviorTree.CPP file (.xml), folder of them, or mission.")
 @click.option("--strict", is_flag=True, help="Every rule of BehaviorTree.CPP 4.10.")
-@click.option("--team", is_flag=True, help="Also what a team cannot carry out, or does otherwise.")
+@click.option("--team", is_flag=True, help="Also what a team cannot do.")
 @click.option("--assume-actions", is_flag=True, help="With --team: leaves without a model.")
 @json_option
 def check_(file: Path, strict: bool, team: bool, assume_actions: bool, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""What a drawn tree shows of each node, from BehaviorTree.CPP files and from missions."""
+"""The nodes of a drawn tree, from BehaviorTree.CPP files and from missions."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from mrbt_mesh.views.model.own_trees import local_tree_of
 from mrbt_mesh.views.model.program_trees import node_label, program_tree, programs_by_type
 
 MAX_NOTE = 60
-# How nodes are drawn, and the sign of those whose kind has none of its own. Of a team's nodes,
-# those that are none of these are decorators.
+# How nodes are drawn, with a sign for kinds that have none of their own. A node of a team that is
+# none of these is a decorator.
 LOOKS = {
     "control": "◆",
     "decorator": "◇",
@@ -95,8 +95,8 @@ def is_mission(path: Path) -> bool:
 def shapes_of(file: Path, only: str | None, robots: str | None) -> list[Shape]:
     """The trees of a file: all, `only` the one of an ID, or T_i of `robots` of a mission (`A1,B1`).
 
-    Raises InputError for what cannot be read or found. A file with errors is drawn as far as it
-    goes, with a warning.
+    Raises InputError for a file or tree that is missing or cannot be read. A file with errors is
+    drawn as far as it goes, with a warning.
     """
     if robots is not None:
         if not is_mission(file):
