@@ -100,3 +100,13 @@ async def cancelled_while_working(program: RobotProgram, task: TaskContext) -> b
             await anyio.lowlevel.checkpoint()
         scope.cancel()
     return scope.cancelled_caught
+
+
+class Told:
+    """A port that keeps what a program says."""
+
+    def __init__(self) -> None:
+        self.said: list[tuple[Any, ...]] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments: self.said.append((name, *arguments))

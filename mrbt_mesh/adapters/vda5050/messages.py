@@ -131,16 +131,16 @@ def read_state(message: Mapping[str, Any]) -> VehicleState:
     stop = safety.get("activeEmergencyStop", safety.get("eStop", "NONE"))
     instant = _listed(message, "instantActionStates")
     return VehicleState(
-        order_id=_text(message, "orderId"),
-        last_node=_text(message, "lastNodeId"),
-        last_sequence_id=_whole(message, "lastNodeSequenceId"),
-        nodes_left=len(_list(message, "nodeStates")),
-        edges_left=len(_list(message, "edgeStates")),
-        actions=_statuses(_list(message, "actionStates")),
-        results=_results(_list(message, "actionStates")),
+        order_id=_required(message, "orderId", str),
+        last_node=_required(message, "lastNodeId", str),
+        last_sequence_id=_required(message, "lastNodeSequenceId", int),
+        nodes_left=len(_required(message, "nodeStates", list)),
+        edges_left=len(_required(message, "edgeStates", list)),
+        actions=_statuses(_required(message, "actionStates", list)),
+        results=_results(_required(message, "actionStates", list)),
         instant_actions=_statuses(instant),
         errors=tuple(_error(each) for each in _listed(message, "errors")),
-        mode=_text(message, "operatingMode"),
+        mode=_required(message, "operatingMode", str),
         emergency_stop=stop if isinstance(stop, str) else "",
         charge_percent=_number(charge),
         is_charging=power.get("charging") is True,
@@ -165,7 +165,7 @@ def _statuses(states: list[Any]) -> dict[str, str]:
     for each in states:
         if not isinstance(each, dict):
             raise MessageError("an action state is not an object")
-        found[_text(each, "actionId")] = _text(each, "actionStatus")
+        found[_required(each, "actionId", str)] = _required(each, "actionStatus", str)
     return found
 
 
@@ -184,24 +184,20 @@ def _error(said: Any) -> VehicleError:
             references.append((str(each.get("referenceKey")), str(each.get("referenceValue"))))
     description = said.get("errorDescription")
     return VehicleError(
-        _text(said, "errorType"),
-        _text(said, "errorLevel"),
+        _required(said, "errorType", str),
+        _required(said, "errorLevel", str),
         description if isinstance(description, str) else "",
         tuple(references),
     )
 
 
-def _text(message: Mapping[str, Any], key: str) -> str:
-    value = message.get(key)
-    if not isinstance(value, str):
-        raise MessageError(f"{key} is not text: {value!r:.60}")
-    return value
+_KINDS = {str: "text", int: "a whole number", list: "a list"}
 
 
-def _whole(message: Mapping[str, Any], key: str) -> int:
+def _required(message: Mapping[str, Any], key: str, kind: type) -> Any:
     value = message.get(key)
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise MessageError(f"{key} is not a whole number: {value!r:.60}")
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise MessageError(f"{key} is not {_KINDS[kind]}: {value!r:.60}")
     return value
 
 
@@ -215,16 +211,9 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _list(message: Mapping[str, Any], key: str) -> list[Any]:
-    value = message.get(key)
-    if not isinstance(value, list):
-        raise MessageError(f"{key} is not a list: {value!r:.60}")
-    return value
-
-
 def _listed(message: Mapping[str, Any], key: str) -> list[Any]:
     """A list that may be missing, or null as some vehicles write it."""
-    return [] if message.get(key) is None else _list(message, key)
+    return [] if message.get(key) is None else _required(message, key, list)
 
 
 def _mapping(message: Mapping[str, Any], key: str, default: Any) -> Any:

@@ -4,7 +4,7 @@ other candidates.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -23,22 +23,13 @@ from mrbt_mesh.core.planning.plan import assignment_reason, plan_bids, shortened
 class Candidate:
     """A robot that can do a local task, or could. `performance` in units; None: it made no bid.
 
-    `is_chosen`: the plan has it there. `reason`: why, or why not.
+    `chosen`: the plan has it there. `reason`: why, or why not.
     """
 
     robot: str
     performance: float | None
-    is_chosen: bool
+    chosen: bool
     reason: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "robot": self.robot,
-            "performance": self.performance,
-            "chosen": self.is_chosen,
-            "reason": self.reason,
-        }
 
 
 def candidates(observer: Observer, activation: str, local_task: str) -> list[Candidate]:
@@ -52,7 +43,7 @@ def candidates(observer: Observer, activation: str, local_task: str) -> list[Can
     def order(each: Candidate) -> tuple[bool, float, str]:
         # Robots without a bid come last.
         number = float("-inf") if each.performance is None else each.performance
-        return not each.is_chosen, -number, each.robot
+        return not each.chosen, -number, each.robot
 
     return sorted(found, key=order)
 
@@ -136,7 +127,7 @@ def _answer(
     return {
         "subject": subject,
         "sentence": sentence,
-        "groups": [{"local_task": local_task, "candidates": [each.to_json() for each in found]}]
+        "groups": [{"local_task": local_task, "candidates": [asdict(each) for each in found]}]
         if found
         else [],
     }
@@ -188,7 +179,7 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
         {
             "local_task": need.local_task,
             "candidates": [
-                each.to_json() for each in candidates(observer, activation, need.local_task)
+                asdict(each) for each in candidates(observer, activation, need.local_task)
             ],
         }
         for need in known.needs

@@ -154,7 +154,7 @@ def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
         each.robot
         for need in observer.mission.global_tasks[waiting.global_task].needs
         for each in candidates(observer, waiting.activation, need.local_task)
-        if each.robot in lines and not each.is_chosen and each.performance is not None
+        if each.robot in lines and not each.chosen and each.performance is not None
     }
     return tuple(sorted(could))
 

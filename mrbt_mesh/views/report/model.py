@@ -113,6 +113,11 @@ class Disagreement:
     to_s: float
     robots: tuple[str, ...]
 
+    @property
+    def seconds(self) -> float:
+        """For how long."""
+        return self.to_s - self.from_s
+
 
 @dataclass(frozen=True)
 class ReportedPlan:
@@ -189,7 +194,7 @@ class RunReport:
         """How long not all robots reported the same plan."""
         if self.differences is None:
             return None
-        return sum(each.to_s - each.from_s for each in self.differences)
+        return sum(each.seconds for each in self.differences)
 
     def waited_s(self, kind: WaitKind) -> float | None:
         """How long all of one kind have waited together."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any, TypeVar
 
 from mrbt_mesh.core.observer.episodes import lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
     CampaignReport,
+    Disagreement,
     ReportedFault,
     ReportedPlan,
     RunReport,
@@ -35,6 +37,7 @@ SIGNS = {"good": "✔", "bad": "✘", "": "…"}
 SENTENCES, LONGEST = ("why", "who could", "found"), 100
 # Cells of a table that begin with a bar: (row, column) -> its length, 0 to 1.
 Bars = Mapping[tuple[int, int], float]
+_Lasting = TypeVar("_Lasting", Wait, Disagreement)
 
 
 def report_html(report: RunsReport) -> str:
@@ -216,18 +219,22 @@ def _waits(run: RunReport) -> str:
 
 
 def _longest_waits(kind: WaitKind, waits: list[Wait]) -> str:
-    """In the order in which they began."""
-    longest = sorted(waits, key=lambda wait: (-wait.seconds, wait.from_s, wait.who))[:MOST_ROWS]
-    shown = [wait for wait in longest if wait.seconds >= LEAST_S]
+    shown = _longest(waits, lambda wait: (wait.from_s, wait.who))
     left = len(waits) - len(shown)
     left_s = sum(wait.seconds for wait in waits) - sum(wait.seconds for wait in shown)
     rows = (
         (_seconds(w.from_s), _seconds(w.seconds), w.who, ", ".join(w.robots) or "–", w.reason)
-        for w in sorted(shown, key=lambda wait: (wait.from_s, wait.who))
+        for w in shown
     )
     who = "global task" if kind is WaitKind.TASK else "robot"
     note = f"{left} shorter ones, {left_s:.2f} s together" if left else ""
     return _table(("from", "for", who, "waited for", "why"), rows, note)
+
+
+def _longest(found: Sequence[_Lasting], order: Callable[[_Lasting], Any]) -> list[_Lasting]:
+    """At most `MOST_ROWS` that last at least `LEAST_S`, in this order."""
+    longest = sorted(found, key=lambda each: (-each.seconds, order(each)))[:MOST_ROWS]
+    return sorted((each for each in longest if each.seconds >= LEAST_S), key=order)
 
 
 def _idle(waits: list[Wait]) -> str:
@@ -261,7 +268,7 @@ def _agreement(run: RunReport) -> str:
     took = _spread(1e3 * _agreeing_s(plan) for plan in agreed)
     text = f"{len(plans)} plans; all robots agreed on {len(agreed)} of them, after {took}. "
     if run.differences:
-        longest_s = max(each.to_s - each.from_s for each in run.differences)
+        longest_s = max(each.seconds for each in run.differences)
         text += (
             f"{len(run.differences)} times some reported another plan than most, "
             f"{_ms(1e3 * (run.differing_s or 0))} in all, {_ms(1e3 * longest_s)} at most. "
@@ -297,11 +304,10 @@ def _slow_plans(plans: Sequence[ReportedPlan]) -> str:
 
 def _differences(run: RunReport) -> str:
     """The longest times in which robots reported different plans."""
-    found = sorted(run.differences or (), key=lambda each: each.from_s - each.to_s)
-    shown = [each for each in found[:MOST_ROWS] if each.to_s - each.from_s >= LEAST_S]
+    found = run.differences or ()
+    shown = _longest(found, lambda each: each.from_s)
     rows = (
-        (_seconds(each.from_s), _ms(1e3 * (each.to_s - each.from_s)), ", ".join(each.robots))
-        for each in sorted(shown, key=lambda each: each.from_s)
+        (_seconds(each.from_s), _ms(1e3 * each.seconds), ", ".join(each.robots)) for each in shown
     )
     left = len(found) - len(shown)
     note = f"{left} shorter ones" if left and shown else ""

@@ -26,6 +26,7 @@ from mrbt_mesh.formats.shipped import TEMPLATES
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.program import functions_of
 from tests.support import fake_port
+from tests.support.fake_port import Told
 from tests.support.paths import ROOT
 
 BINDINGS = """\
@@ -56,16 +57,6 @@ entries:
 position: {topic: /$robot/odom, type: test_robots/msg/Pose, x: m.x, y: m.y, heading: yaw(m.q)}
 """
 QUATERNION = {"q.x": 0.0, "q.y": 0.0, "q.z": 0.0, "q.w": 1.0}
-
-
-class Told:
-    """A port that keeps what a program says."""
-
-    def __init__(self) -> None:
-        self.said: list[tuple[Any, ...]] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *arguments: self.said.append((name, *arguments))
 
 
 OWN = ("go", "look", "plain", "wave")

@@ -22,23 +22,15 @@ from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support import fake_port
 from tests.support.extras import said_without
+from tests.support.fake_port import Told
 from tests.support.paths import EXAMPLES
 from tests.support.vda5050.model_agv import ModelAgv
 
 F2 = load_layout(EXAMPLES / "warehouse/agvs.yaml").addresses["F2"].topic("mrbt")
 
 
-class Told:
-    """A port that keeps what a program says."""
-
-    def __init__(self) -> None:
-        self.said: list[tuple[str, Any]] = []
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *arguments: self.said.append((name, *arguments))
-
-
 OWN = ("count", "deliver")
+STOPS = load_layout(EXAMPLES / "warehouse/agvs.yaml").local_tasks["count"].filled(("R1",)).stops
 
 
 def context(port: Any) -> TaskContext:
@@ -54,6 +46,14 @@ class Robot:
         self.member = ConnectedVehicle(self.file, "F1")
         self.member._background = context(self.told)
         self.agv = ModelAgv("W1", 0, 0)
+
+    @classmethod
+    def connected(cls) -> Robot:
+        """One whose vehicle has sent its state."""
+        robot = cls()
+        robot.connect()
+        robot.hear()
+        return robot
 
     def connect(self) -> None:
         self.member._apply(self.member.vehicle.linked)
@@ -129,11 +129,10 @@ async def test_a_vehicle_that_is_not_there_yet_is_no_fault_until_the_start_is_ov
 
 async def test_a_bid_waits_for_the_first_state() -> None:
     robot = Robot()
-    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
     bids: list[float | None] = []
 
     async def ask() -> None:
-        bids.append(await robot.member.bid(stops))
+        bids.append(await robot.member.bid(STOPS))
 
     async with anyio.create_task_group() as group:
         group.start_soon(ask)
@@ -143,17 +142,14 @@ async def test_a_bid_waits_for_the_first_state() -> None:
         robot.hear()
     assert bids == [-6.0]
     robot.hear(operatingMode="MANUAL")
-    assert await robot.member.bid(stops) is None
+    assert await robot.member.bid(STOPS) is None
 
 
 async def test_a_task_is_an_order_and_fails_with_a_reason() -> None:
-    robot = Robot()
-    robot.connect()
-    robot.hear()
-    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
+    robot = Robot.connected()
     port = Told()
     async with anyio.create_task_group() as group:
-        group.start_soon(robot.member.perform, context(port), stops)
+        group.start_soon(robot.member.perform, context(port), STOPS)
         await anyio.wait_all_tasks_blocked()
         robot.deliver()
         for _ in range(3):
@@ -163,15 +159,12 @@ async def test_a_task_is_an_order_and_fails_with_a_reason() -> None:
 
 
 async def test_a_refused_task_fails_with_the_vehicles_words() -> None:
-    robot = Robot()
-    robot.connect()
-    robot.hear()
+    robot = Robot.connected()
     robot.agv.refuses = True
-    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
 
     async def perform() -> None:
         with pytest.raises(TaskFailedError, match="refused the order: orderError"):
-            await robot.member.perform(context(Told()), stops)
+            await robot.member.perform(context(Told()), STOPS)
 
     async with anyio.create_task_group() as group:
         group.start_soon(perform)
@@ -181,15 +174,12 @@ async def test_a_refused_task_fails_with_the_vehicles_words() -> None:
 
 
 async def test_a_cancelled_task_ends_when_its_vehicle_has_stopped() -> None:
-    robot = Robot()
-    robot.connect()
-    robot.hear()
-    stops = robot.file.local_tasks["count"].filled(("R1",)).stops
+    robot = Robot.connected()
     ended = anyio.Event()
 
     async def perform() -> None:
         try:
-            await robot.member.perform(context(Told()), stops)
+            await robot.member.perform(context(Told()), STOPS)
         finally:
             ended.set()
 
@@ -242,9 +232,7 @@ def test_the_vehicle_of_a_robot_that_died_is_stopped_before_another_order_goes(
     broker = client()
 
     async def main() -> None:
-        robot = Robot()
-        robot.connect()
-        robot.hear()
+        robot = Robot.connected()
         async with anyio.create_task_group() as group:
             robot.member._adapters.hear(F2, GONE, group, broker)
             group.start_soon(robot.member.perform, context(robot.told), ())
@@ -264,9 +252,7 @@ def test_the_vehicle_of_a_robot_that_died_is_stopped_before_another_order_goes(
 
 
 async def test_a_broker_that_ends_with_all_last_wills_stops_and_loses_nothing() -> None:
-    robot, broker = Robot(), client()
-    robot.connect()
-    robot.hear()
+    robot, broker = Robot.connected(), client()
     robot.capabilities()
     broken = json.dumps({"connectionState": str(Link.BROKEN)}).encode()
     async with anyio.create_task_group() as group:

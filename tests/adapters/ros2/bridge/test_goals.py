@@ -39,6 +39,14 @@ def ready() -> GoalKeeper:
     return keeper
 
 
+def accepted(now_s: float = 0.1) -> GoalKeeper:
+    """One whose server has accepted goal ONE of run 7."""
+    keeper = ready()
+    keeper.start(7, ONE, {}, now_s)
+    keeper.answered(ONE, True, now_s)
+    return keeper
+
+
 def test_a_goal_from_begin_to_end() -> None:
     keeper = ready()
     assert keeper.start(7, ONE, {"x": 1}, 0.1) == [SendGoal(7, ONE, {"x": 1})]
@@ -72,9 +80,7 @@ def test_it_waits_for_a_server_that_is_not_there() -> None:
 
 
 def test_a_goal_that_is_cancelled_ends_when_the_server_has_stopped() -> None:
-    keeper = ready()
-    keeper.start(7, ONE, {}, 0.1)
-    keeper.answered(ONE, True, 0.1)
+    keeper = accepted()
     assert keeper.cancel(7, 0.2) == [CancelGoal(ONE)]
     # The next one waits for it.
     assert keeper.start(8, TWO, {}, 0.3) == []
@@ -98,9 +104,7 @@ def test_a_cancellation_that_comes_before_its_goal() -> None:
 
 
 def test_a_server_that_does_not_stop_is_no_use_until_it_has() -> None:
-    keeper = ready()
-    keeper.start(7, ONE, {}, 0.1)
-    keeper.answered(ONE, True, 0.1)
+    keeper = accepted()
     keeper.cancel(7, 0.2)
     told = [e for e in keeper.heard(0.2 + OBEY_S) if isinstance(e, ServerTold)]
     assert told == [ServerTold(False, "does not stop its cancelled goal")]
@@ -109,9 +113,7 @@ def test_a_server_that_does_not_stop_is_no_use_until_it_has() -> None:
 
 
 def test_a_silent_server_is_asked_then_lost_and_asked_for_the_goal_when_it_is_back() -> None:
-    keeper = ready()
-    keeper.start(7, ONE, {}, 0.0)
-    keeper.answered(ONE, True, 0.0)
+    keeper = accepted(0.0)
     effects = [e for tick in range(1, 21) for e in keeper.tick(tick * 0.05)]
     assert effects.count(AskLife()) >= 3
     assert effects[-1] == ServerTold(False, "does not answer")
@@ -121,9 +123,7 @@ def test_a_silent_server_is_asked_then_lost_and_asked_for_the_goal_when_it_is_ba
 
 
 def test_what_was_cancelled_while_the_server_was_silent_is_cancelled_before_it_is_of_use() -> None:
-    keeper = ready()
-    keeper.start(7, ONE, {}, 0.0)
-    keeper.answered(ONE, True, 0.0)
+    keeper = accepted(0.0)
     for tick in range(1, 25):
         keeper.tick(tick * 0.05)
     assert keeper.cancel(7, 1.3) == []
@@ -133,9 +133,7 @@ def test_what_was_cancelled_while_the_server_was_silent_is_cancelled_before_it_i
 
 
 def test_another_process_under_the_same_name_is_asked_for_the_goal() -> None:
-    keeper = ready()
-    keeper.start(7, ONE, {}, 0.1)
-    keeper.answered(ONE, True, 0.1)
+    keeper = accepted()
     assert keeper.servers(frozenset({b"a"})) == []
     assert keeper.servers(frozenset({b"a"})) == []
     assert keeper.servers(frozenset({b"a", b"b"})) == [AskResult(ONE)]
