@@ -202,7 +202,8 @@ class ActionRunner:
         try:
             return await run
         except anyio.get_cancelled_exc_class():
-            call.tell_late_failure()
+            if failure := call.late_failure:
+                self._tell_problem("when cancelled", call, failure)
             raise
         finally:
             del self._calls[call]

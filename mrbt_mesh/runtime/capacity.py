@@ -22,7 +22,7 @@ from mrbt_mesh.errors import InputError
 BEAT_COST_S = 0.009
 # Memory that goes up with one more robot; what processes share is counted once.
 ROBOT_MEMORY_MB = 30
-# Robots at rest may take so much of the processor: starting, plans and work need the rest.
+# The share of the processor for robots at rest: starting, plans and work need the rest.
 MOST_OF_CORES = 0.6
 MOST_OF_MEMORY = 0.8
 # Files and sockets that a process of a team has open: 27 with 2 robots, 42 with 6, and two for each
@@ -33,7 +33,7 @@ DETECTION_BEATS = 5
 
 
 def allow_open_files(robots: int) -> None:
-    """Let this process, and the robots that it starts, open what a team of so many needs.
+    """Let this process, and the robots that it starts, open the files that such a team needs.
 
     Raises InputError if the system's limit is lower.
     """
@@ -59,17 +59,15 @@ class Machine:
     @classmethod
     def here(cls) -> Machine:
         """This machine now."""
-        if hasattr(os, "sched_getaffinity"):
-            cores = len(os.sched_getaffinity(0))
-        else:
-            cores = os.cpu_count() or 1
+        has_affinity = hasattr(os, "sched_getaffinity")
+        cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
         return cls(cores, psutil.virtual_memory().available // 1_000_000)
 
 
 @dataclass(frozen=True)
 class Overload:
     """More robots than a machine carries. With a beat of `enough_beat_s` and a detection time of
-    `enough_detection_s` it would carry them; None: never, for want of memory.
+    `enough_detection_s` it would carry them; None: its memory does not suffice.
     """
 
     robots: int
@@ -83,7 +81,7 @@ class Overload:
 
 
 def overload(robots: int, beat_s: float, detection_s: float, machine: Machine) -> Overload | None:
-    """What is too much about so many robots with these knobs; None: the machine carries them."""
+    """The overload by so many robots with these timings; None: the machine carries them."""
     cores_s = machine.cores * MOST_OF_CORES
     by_processor = int(cores_s * beat_s / BEAT_COST_S)
     by_memory = int(machine.free_memory_mb * MOST_OF_MEMORY / ROBOT_MEMORY_MB)
@@ -95,13 +93,7 @@ def overload(robots: int, beat_s: float, detection_s: float, machine: Machine) -
         # Rounded up to tenths; not to binary fractions just above one.
         enough_beat_s = math.ceil(round(10 * robots * BEAT_COST_S / cores_s, 6)) / 10
         enough_detection_s = max(detection_s, round(DETECTION_BEATS * enough_beat_s, 1))
-    return Overload(
-        robots,
-        carried,
-        "memory" if by_memory < by_processor else "processor",
-        machine.cores,
-        machine.free_memory_mb,
-        beat_s,
-        enough_beat_s,
-        enough_detection_s,
-    )
+    limit: Literal["processor", "memory"] = "memory" if by_memory < by_processor else "processor"
+    cores, memory = machine.cores, machine.free_memory_mb
+    enough = enough_beat_s, enough_detection_s
+    return Overload(robots, carried, limit, cores, memory, beat_s, *enough)

@@ -262,8 +262,8 @@ class Driver:
             self._meter.take(event)
         effects = self._agent.handle(event, now_us)
         if self._recording is not None:
-            # What is said has been written down, whatever becomes of this process.
-            self._recording.step(event, effects, now_us)
+            # Recorded before it is sent, whatever becomes of this process.
+            self._recording.do(lambda recorder: recorder.step(event, effects, now_us))
         for effect in effects:
             if self._meter is not None:
                 self._meter.carry_out(effect)
@@ -413,12 +413,12 @@ class Driver:
 
     def _carry_out(self, effect: Effect) -> None:
         match effect:
+            case StartAction() | CancelAction() | RequestBid():
+                self._runner.carry_out(effect)
             case Publish(kind, data, to):
                 self._transport.publish(kind, data, to)
-            case Persist(entries, at_once, number):
-                self._journal.put(entries, number, at_once)
-            case Forget(keys):
-                self._journal.forget(keys)
+            case Persist() | Forget():
+                self._journal.carry_out(effect)
             case Ask(peer, data):
                 # An answer that comes late holds as much as any other.
                 timeout_s = LATE_ANSWERS * self._config.timing.ask_timeout_us / 1e6
@@ -427,23 +427,17 @@ class Driver:
                 self._transport.ask_router(effect)
             case Reply(query, pages):
                 self._transport.reply(query, pages)
-            case StartAction() | CancelAction() | RequestBid() | MakePlan():
-                self._work(effect)
+            case MakePlan():
+                self._group.start_soon(self._make_plan, effect)
             case DeclareToken(incarnation):
                 self._transport.declare_token(incarnation)
             case Log(level, event, fields):
                 self.log(level, event, **fields)
-            case Stop(code, reason):
-                if self._stop is None:
-                    self._stop = effect
-                    self.log("info" if code == 0 else "error", "stopped", code=code, reason=reason)
-                    self._stopped.set()
-
-    def _work(self, effect: StartAction | CancelAction | RequestBid | MakePlan) -> None:
-        if isinstance(effect, MakePlan):
-            self._group.start_soon(self._make_plan, effect)
-        else:
-            self._runner.carry_out(effect)
+            case Stop() if self._stop is None:
+                self._stop = effect
+                level, code = "error" if effect.code else "info", effect.code
+                self.log(level, "stopped", code=code, reason=effect.reason)
+                self._stopped.set()
 
     async def _make_plan(self, effect: MakePlan) -> None:
         try:

@@ -20,6 +20,7 @@ from typing import Any, TypeAlias
 
 import msgpack
 
+from mrbt_mesh.core.agent.effects import Forget, Persist
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 
 FORMAT = 3
@@ -29,6 +30,14 @@ PAGE_BYTES = 4096
 
 # What is to be written of an author's name: an entry, or that it is to be dropped.
 Changes: TypeAlias = Mapping[tuple[str, str], Entry | None]
+
+
+def changes_of(effect: Persist | Forget) -> dict[tuple[str, str], Entry | None]:
+    """The changes of a journal that an agent wants."""
+    if isinstance(effect, Persist):
+        return {(entry.author, entry.name): entry for entry in effect.entries}
+    return dict.fromkeys(effect.keys)
+
 
 _TABLES = {
     "meta": "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID",

@@ -8,19 +8,20 @@ import errno
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
+from mrbt_mesh.core.agent.effects import Forget, Persist
 from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.runtime.journal import Journal, reason_of
+from mrbt_mesh.runtime.journal import Journal, changes_of, reason_of
 
-# What others have said as well may wait so long.
+# How long facts that other robots have as well may wait.
 LAZY_COMMIT_S = 0.1
 RETRY_S = 1.0
 # How often a journal is looked for that nothing is written to.
 LOOK_S = 1.0
-# A write that takes longer is worth saying, until so many in a row were faster.
+# A write that takes longer is reported, until FAST_WRITES in a row were faster.
 SLOW_S = 0.25
 FAST_WRITES = 10
 SLOW = "journal is slow"
@@ -31,7 +32,7 @@ JournalNews: TypeAlias = JournalSynced | JournalReported | JournalOpened
 
 
 class Durations(Protocol):
-    """Is told how long each of something took."""
+    """Observes how long each of something took."""
 
     def observe(self, seconds: float) -> None: ...
 
@@ -39,9 +40,9 @@ class Durations(Protocol):
 class JournalWriter:
     """Writes to a journal; without one it does nothing.
 
-    `tell` is called in the writer's thread, with what the agent must know. `problem`: why the
-    journal could not be opened at the start, empty if it is open. `synced_s` is told how long each
-    write took.
+    `tell` is called in the writer's thread, with inputs for the agent. `problem`: why the journal
+    could not be opened at the start, empty if it is open. `synced_s` observes how long each write
+    took.
     """
 
     def __init__(
@@ -69,27 +70,20 @@ class JournalWriter:
         if self._journal is not None:
             self._thread.start()
 
-    def put(self, entries: Iterable[Entry], number: int, at_once: bool) -> None:
-        """Write entries, together with all that waits: at once, or a little later.
+    def carry_out(self, effect: Persist | Forget) -> None:
+        """Write entries, or drop them, together with all that waits: at once, or a little later.
 
-        JournalSynced tells when they and all before them are on disk, unless `number` is 0.
+        JournalSynced tells when they and all before them are on disk, if the effect has a number.
         """
-        self._put({(entry.author, entry.name): entry for entry in entries}, number, at_once)
-
-    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
-        """Drop entries, by author and name."""
-        self._put(dict.fromkeys(keys), 0, False)
-
-    def _put(
-        self, changes: dict[tuple[str, str], Entry | None], number: int, at_once: bool
-    ) -> None:
         if self._journal is None:
             return
+        is_urgent = isinstance(effect, Persist) and effect.at_once
         with self._changed:
-            self._pending |= changes
-            self._number = max(self._number, number)
+            self._pending |= changes_of(effect)
+            if isinstance(effect, Persist):
+                self._number = max(self._number, effect.number)
             if not self._is_failing:
-                due_s = time.monotonic() + (0 if at_once else LAZY_COMMIT_S)
+                due_s = time.monotonic() + (0 if is_urgent else LAZY_COMMIT_S)
                 self._due_s = due_s if self._due_s is None else min(due_s, self._due_s)
                 self._changed.notify()
 

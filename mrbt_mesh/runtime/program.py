@@ -28,9 +28,9 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar, cast, overload
 
 from mrbt_mesh.core.mission.names import ALL
 from mrbt_mesh.plugins import FILE_FORMATS, LeafRegistry, tree_format
@@ -68,6 +68,15 @@ _Task = TypeVar("_Task", bound=TaskFunction)
 _TaskType = TypeVar("_TaskType", bound=type[TaskClass])
 _Bid = TypeVar("_Bid", bound=BidFunction)
 _Background = TypeVar("_Background", bound=Background)
+
+
+class Decorate(Protocol):
+    """A decorator with a name, `@decorate("name")`, or with that of the function, `@decorate`."""
+
+    @overload
+    def __call__(self, target: str) -> Callable[[_F], _F]: ...
+    @overload
+    def __call__(self, target: _F) -> _F: ...
 
 
 class RegisterTask(Protocol):
@@ -192,47 +201,31 @@ class RobotProgram:
 
         return register if target is None else register(target)
 
-    # -- leaves of BehaviorTree.CPP trees -----------------------------------------------------
+    # -- leaves of BehaviorTree.CPP trees: `@robot.action`, or `@robot.action("Name")` --------
 
-    @overload
-    def action(self, target: str) -> Callable[[_F], _F]: ...
-    @overload
-    def action(self, target: _F) -> _F: ...
-
-    def action(self, target: Any) -> Any:
+    @property
+    def action(self) -> Decorate:
         """Register an action of BehaviorTree.CPP trees: a function of its ports.
 
         See `mrbt_mesh.btcpp.Leaves.action` and docs/how-to/robot-trees.md. Raises LeafError.
         """
-        return _decorated(target, lambda name, f: self._functions.leaves.action(name)(f))
+        return self._leaf("action")
 
-    @overload
-    def condition(self, target: str) -> Callable[[_F], _F]: ...
-    @overload
-    def condition(self, target: _F) -> _F: ...
-
-    def condition(self, target: Any) -> Any:
+    @property
+    def condition(self) -> Decorate:
         """Register a condition of such trees, which answers at once. Raises LeafError."""
-        return _decorated(target, lambda name, f: self._functions.leaves.condition(name)(f))
+        return self._leaf("condition")
 
-    @overload
-    def node(self, target: str) -> Callable[[_N], _N]: ...
-    @overload
-    def node(self, target: _N) -> _N: ...
-
-    def node(self, target: Any) -> Any:
+    @property
+    def node(self) -> Decorate:
         """Register a control or decorator of such trees, a subclass of `mrbt_mesh.btcpp.TreeNode`.
 
         Raises LeafError.
         """
-        return _decorated(target, lambda name, f: self._functions.leaves.node(name)(f))
+        return self._leaf("node")
 
-    @overload
-    def entry(self, target: str) -> Callable[[_F], _F]: ...
-    @overload
-    def entry(self, target: _F) -> _F: ...
-
-    def entry(self, target: Any) -> Any:
+    @property
+    def entry(self) -> Decorate:
         """Register a function for an entry of such trees that is only read; called before a tick.
 
             @robot.entry
@@ -240,16 +233,19 @@ class RobotProgram:
 
         None: no value. Raises LeafError.
         """
-        return _decorated(target, lambda name, f: self._functions.leaves.entry(name)(f))
+        return self._leaf("entry")
 
-    @overload
-    def source(self, target: str) -> Callable[[_F], _F]: ...
-    @overload
-    def source(self, target: _F) -> _F: ...
-
-    def source(self, target: Any) -> Any:
+    @property
+    def source(self) -> Decorate:
         """Register what Nav2's nodes ask for: see `mrbt_mesh.btcpp.Leaves.source`."""
-        return _decorated(target, lambda name, f: self._functions.leaves.source(name)(f))
+        return self._leaf("source")
+
+    def _leaf(self, kind: str) -> Decorate:
+        def register(name: str, target: Any) -> None:
+            getattr(self._functions.leaves, kind)(name)(target)
+
+        decorate: Any = partial(_decorated, register=register)
+        return cast(Decorate, decorate)
 
     def enum(self, name: str, number: int) -> None:
         """Give a name in the scripts of such trees its number."""

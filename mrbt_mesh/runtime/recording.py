@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.effects import Effect
-from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
@@ -40,63 +37,29 @@ class RecordTo:
     limit_bytes: int = DEFAULT_KEEP_BYTES
 
 
-class RobotRecording:
-    """What one robot's process records; `log` is told if it ends early."""
-
-    def __init__(self, recorder: RobotRecorder, log: Callable[..., None]) -> None:
-        self._recorder: RobotRecorder | None = recorder
-        self._log = log
-
-    def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
-        """The agent has taken in an input, and wants these effects."""
-        if self._recorder is not None:
-            try:
-                self._recorder.step(event, effects, now_us)
-            except OSError as error:
-                self._give_up(error)
-
-    def close(self) -> None:
-        """End the recording."""
-        if self._recorder is not None:
-            try:
-                self._recorder.close()
-            except OSError as error:
-                self._give_up(error)
-
-    def _give_up(self, error: OSError) -> None:
-        if self._recorder is not None:
-            self._recorder.abandon()
-            self._recorder = None
-        self._log("error", "recording_ended", reason=error.strerror or str(error))
+_Recorder = TypeVar("_Recorder", RobotRecorder, ObserverRecorder)
 
 
-class ObserverRecording:
-    """What one who watches records; `say` is told if it ends early."""
+class Recording(Generic[_Recorder]):
+    """A recorder that a full disk, or the limit of its file, ends; `report` gets the reason."""
 
-    def __init__(self, recorder: ObserverRecorder, say: Callable[[int, str], None]) -> None:
-        self._recorder: ObserverRecorder | None = recorder
-        self._say = say
+    def __init__(self, recorder: _Recorder, report: Callable[[str], None]) -> None:
+        self._recorder: _Recorder | None = recorder
+        self._report = report
 
-    def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
-        """A message has been taken in."""
-        self._do(now_us, lambda recorder: recorder.message(kind, source, data, now_us))
-
-    def update(self, now_us: int) -> None:
-        """The observer has been brought up to date."""
-        self._do(now_us, lambda recorder: recorder.update(now_us))
-
-    def close(self) -> None:
-        """End the recording."""
-        self._do(boottime_us(), ObserverRecorder.close)
-
-    def _do(self, now_us: int, step: Callable[[ObserverRecorder], None]) -> None:
+    def do(self, step: Callable[[_Recorder], None]) -> None:
+        """Record with the recorder, if it still records."""
         if self._recorder is not None:
             try:
                 step(self._recorder)
             except OSError as error:
                 self._recorder.abandon()
                 self._recorder = None
-                self._say(now_us, f"nothing is recorded any more: {error.strerror or error}")
+                self._report(error.strerror or str(error))
+
+    def close(self) -> None:
+        """End the recording."""
+        self.do(lambda recorder: recorder.close())
 
 
 def robot_recording(
@@ -105,7 +68,7 @@ def robot_recording(
     config: AgentConfig,
     view: AgentView,
     log: Callable[..., Any],
-) -> RobotRecording | None:
+) -> Recording[RobotRecorder] | None:
     """Begin to record a robot, before its first step; raises InputError if that cannot be."""
     path, beats = options.record, options.record_beats
     if path is None:
@@ -122,7 +85,7 @@ def robot_recording(
         recorder = RobotRecorder(writer, view, boottime_us(), beats=beats)
     except OSError as error:
         raise InputError(_cannot(path, error)) from None
-    return RobotRecording(recorder, log)
+    return Recording(recorder, lambda reason: log("error", "recording_ended", reason=reason))
 
 
 def observer_recording(
@@ -130,8 +93,7 @@ def observer_recording(
     observer: Observer,
     run: str,
     has_keys: bool,
-    say: Callable[[int, str], None],
-) -> ObserverRecording | None:
+) -> Recording[ObserverRecorder] | None:
     """Begin to record what an observer hears; raises InputError if that cannot be."""
     if to is None:
         return None
@@ -140,11 +102,22 @@ def observer_recording(
         writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats)
     except OSError as error:
         raise InputError(_cannot(to.path, error)) from None
-    return ObserverRecording(ObserverRecorder(writer, observer, beats=to.beats), say)
+    return to_observers_record(ObserverRecorder(writer, observer, beats=to.beats), observer)
+
+
+def to_observers_record(
+    recorder: ObserverRecorder, observer: Observer
+) -> Recording[ObserverRecorder]:
+    """A recording whose end is an entry of the observer's own record."""
+
+    def report(reason: str) -> None:
+        observer.record.say(boottime_us(), f"nothing is recorded any more: {reason}")
+
+    return Recording(recorder, report)
 
 
 def observer_metadata(observer: Observer, run: str, has_keys: bool) -> RunMetadata:
-    """What the recording of one who watches says of itself."""
+    """The metadata of an observer's recording."""
     found = _metadata(observer.mission, OBSERVER, run, observer.membership.timing)
     return replace(found, has_keys=has_keys)
 

@@ -18,6 +18,7 @@ from typing import Any
 
 from mrbt_mesh.runtime.user_code import (
     UserCall,
+    UserCodeError,
     failure_of,
     frames_of,
     is_interrupt,
@@ -30,6 +31,8 @@ from mrbt_mesh.runtime.user_code import (
 LOOKS = 5
 # A task that has failed has been asked for its exception by then, or nobody will ask.
 UNSEEN_S = 1.0
+# A task that the function has started, and nobody awaits, has failed.
+STRAY = "a task started by"
 
 _logger = logging.getLogger("mrbt_mesh")
 
@@ -44,7 +47,9 @@ class RobotTask(asyncio.Task[Any]):
         call = running_call.get()
         if call is None or self in UserCall.tasks:
             return super().cancel(msg)
-        call.tell_foreign_cancellation(frames_of(sys._getframe(1)))
+        where = place_of(call.function, frames_of(sys._getframe(1)))
+        text = f"cancels tasks of the robot, which go on ({where}): cancel only your own"
+        call.report("cancellation in", call, UserCodeError(text))
         return False
 
 
@@ -102,7 +107,7 @@ class RobotLoop(asyncio.SelectorEventLoop):
         """Tell of a task whose failure nobody has asked for; asyncio waits until it is deleted."""
         call = self.owner_of(task)
         if call is not None and _is_unseen(task) and (error := task.exception()) is not None:
-            call.stray_failure(failure_of(error, call.function))
+            call.report(STRAY, call, failure_of(error, call.function))
 
     def owner_of(self, task: Any) -> UserCall | None:
         """The call of the program that has started a task."""
@@ -123,7 +128,7 @@ def _tell_owner(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> Non
     if call is None or error is None:
         loop.default_exception_handler(context)
     else:
-        call.stray_failure(failure_of(error, call.function))
+        call.report(STRAY, call, failure_of(error, call.function))
 
 
 class LoopWatchdog:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from mrbt_mesh.runtime.session_config import (
     RETRY,
     Certificates,
     TransportError,
+    close_session,
     common_settings,
     open_session,
     tls_settings,
@@ -210,9 +210,7 @@ class Router:
 
     def close(self) -> None:
         """Close it, without waiting for long."""
-        thread = threading.Thread(target=self._session.close, daemon=True)
-        thread.start()
-        thread.join(CLOSE_TIMEOUT_S)
+        close_session(self._session, CLOSE_TIMEOUT_S)
 
 
 def write_config(path: Path, config: RouterConfig) -> None:

@@ -6,9 +6,11 @@ Why it is so is measured: see `zenoh_transport`, and `router` for what stands in
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import os
 import secrets
+import threading
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -202,6 +204,18 @@ def zenoh_config(settings: Mapping[str, Any]) -> zenoh.Config:
             shown = "what it was given" if "tls" in key else repr(value)
             raise TransportError(f"Zenoh refuses {key} = {shown}: {error}") from error
     return result
+
+
+def close_session(session: zenoh.Session, timeout_s: float) -> None:
+    """Close a session, waiting at most `timeout_s`; an isolated one takes 10 s, and may raise."""
+
+    def close() -> None:
+        with contextlib.suppress(zenoh.ZError):
+            session.close()
+
+    thread = threading.Thread(target=close, daemon=True)
+    thread.start()
+    thread.join(timeout_s)
 
 
 def open_session(settings: zenoh.Config, where: Iterable[str]) -> zenoh.Session:

@@ -1,8 +1,8 @@
 """Calls the functions of a robot's program so that nothing they do ends the robot.
 
-Whatever comes out of a function is an answer: its result, a failure with its reason and place, or
-the end of a cancellation that the runtime asked for. A function that cancels, exits or interrupts
-itself has failed, as one that raises any other exception.
+Each call ends in a result, a failure with its reason and place, or a cancellation by the runtime.
+A function that cancels, exits or interrupts itself has failed, like one that raises any other
+exception.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterator
 from contextvars import ContextVar, copy_context
 from functools import partial
 from pathlib import Path
-from types import CodeType, FrameType, TracebackType
+from types import CodeType, FrameType
 from typing import Any, ClassVar, NoReturn, TypeVar
 
 import anyio
@@ -29,7 +29,7 @@ from mrbt_mesh.core.mission.failure_reasons import MAX_REASON, one_line
 from mrbt_mesh.errors import TaskFailedError
 
 MAX_DETAILS = 2_000
-# So many exceptions of a group are named in a reason.
+# The number of exceptions of a group that a reason names.
 MAX_NAMED = 3
 # A function that swallows this many cancellations in a row will not stop by itself.
 MAX_SWALLOWED = 1_000
@@ -58,9 +58,9 @@ class UserCodeError(Exception):
 class UserCall:
     """One call of `function`, made by `call`. `name` is what it does: a local task, a bid.
 
-    `tell` hears of failures beside its result: what failed, the call, how. `stepping` is the call
-    whose code runs now, in the `steps`-th step of any; `tasks` carry out calls. `blocked`: where it
-    kept the simulator waiting in real time, which has made it fail.
+    `report` is called for failures beside its result: the kind, the call, the failure. `stepping`
+    is the call whose code runs now, in the `steps`-th step of any; `tasks` carry out calls.
+    `blocked`: where it kept the simulator waiting in real time, which has made it fail.
     """
 
     stepping: ClassVar[UserCall | None] = None
@@ -72,13 +72,13 @@ class UserCall:
         name: str,
         function: Callable[..., Any],
         call: Callable[[], Any],
-        tell: Callable[[str, UserCall, UserCodeError], None] = lambda *_: None,
+        report: Callable[[str, UserCall, UserCodeError], None] = lambda *_: None,
     ) -> None:
         self.name = name
         self.function = function
         self.blocked = ""
+        self.report = report
         self._call = call
-        self._tell = tell
         self._task: asyncio.Task[Any] | None = None
         self._driven: _Driven | None = None
         self._result: Any = None
@@ -103,7 +103,7 @@ class UserCall:
             # The function itself raises nothing here: this is anyio's, of scopes left open.
             self._error = self._error or leftovers
         if self._error is not None:
-            raise self._failure(self._error) from None
+            raise failure_of(self._error, self.function) from None
         return self._result
 
     @property
@@ -111,20 +111,12 @@ class UserCall:
         """Whether a cancellation has reached the function."""
         return self._driven is not None and self._driven.cancellations > 0
 
-    def tell_late_failure(self) -> None:
-        """Tell what it raised in place of the cancellation, if anything."""
-        if self._error is not None and not isinstance(self._error, asyncio.CancelledError):
-            self._tell("when cancelled", self, self._failure(self._error))
-
-    def stray_failure(self, failure: UserCodeError) -> None:
-        """Tell of a task that the function has started and nobody awaits."""
-        self._tell("a task started by", self, failure)
-
-    def tell_foreign_cancellation(self, frames: list[tuple[str, int]]) -> None:
-        """Tell that it has tried to cancel a task that is not its own; `frames`: where."""
-        where = place_of(self.function, frames)
-        text = f"cancels tasks of the robot, which go on ({where}): cancel only your own"
-        self._tell("cancellation in", self, UserCodeError(text))
+    @property
+    def late_failure(self) -> UserCodeError | None:
+        """What it raised in place of the cancellation, if anything."""
+        if self._error is None or isinstance(self._error, asyncio.CancelledError):
+            return None
+        return failure_of(self._error, self.function)
 
     def abandon(self) -> None:
         """End it, whatever it shields itself from."""
@@ -136,9 +128,6 @@ class UserCall:
         """Where the function waits now: `robot.py:12`."""
         frames = self._driven.frames() if self._driven is not None else []
         return place_of(self.function, frames)
-
-    def _failure(self, error: BaseException) -> UserCodeError:
-        return failure_of(error, self.function)
 
     async def _carry_out(self) -> None:
         self._task = asyncio.current_task()
@@ -257,14 +246,15 @@ def failure_of(error: BaseException, function: Callable[..., Any]) -> UserCodeEr
 
 def _failure(error: BaseException, function: Callable[..., Any]) -> UserCodeError:
     raised = list(_exceptions_in(error))
-    told = next((each for each in raised if isinstance(each, TaskFailedError)), None)
-    if told is not None:
-        reason = str(told)
+    declared = next((each for each in raised if isinstance(each, TaskFailedError)), None)
+    if declared is not None:
+        reason = str(declared)
         return UserCodeError(reason, reason or "failed")
     details = "".join(traceback.format_exception(error, limit=-8))[-MAX_DETAILS:]
     # A cancellation beside other exceptions of a group came from these.
     real = [each for each in raised if not isinstance(each, asyncio.CancelledError)] or raised
-    named = [_one_failure(each, function, len(real[:MAX_NAMED])) for each in real[:MAX_NAMED]]
+    count = min(len(real), MAX_NAMED)
+    named = [_one_failure(each, function, count) for each in real[:count]]
     if len(real) > MAX_NAMED:
         named.append(f"{len(real) - MAX_NAMED} more")
     return UserCodeError("; ".join(named), details)
@@ -333,23 +323,17 @@ def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str
     folder = Path(code.co_filename).parent if code is not None else None
     others = [place for place in frames if not _is_ours(Path(place[0]))]
     own = [place for place in others if folder is not None and Path(place[0]).parent == folder]
-    outside = [place for place in others if not _is_library(Path(place[0]))]
-    if own or outside:
-        file, line = (own or outside)[-1]
-    elif code is not None:
-        file, line = code.co_filename, code.co_firstlineno
-    else:
-        file, line = others[-1] if others else ("?", 0)
+    own = own or users_frames(frames)
+    if not own and code is not None:
+        own = [(code.co_filename, code.co_firstlineno)]
+    file, line = (own or others or [("?", 0)])[-1]
     return f"{Path(file).name}:{line}"
 
 
 def users_frames(frames: list[tuple[str, int]]) -> list[tuple[str, int]]:
     """Those that are neither Python's nor this package's."""
-    return [
-        (file, line)
-        for file, line in frames
-        if not _is_library(Path(file)) and not _is_ours(Path(file))
-    ]
+    files = {file: Path(file) for file, _ in frames}
+    return [(f, line) for f, line in frames if not _is_library(files[f]) and not _is_ours(files[f])]
 
 
 def _is_ours(file: Path) -> bool:
@@ -371,18 +355,12 @@ def frames_of(frame: FrameType | None) -> list[tuple[str, int]]:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether somebody has pressed Ctrl-C: not what a program raised itself."""
+    """Whether Ctrl-C was pressed, and the program has not raised this itself."""
     if not isinstance(error, KeyboardInterrupt):
         return False
     if threading.current_thread() is not threading.main_thread():
         return False
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         return True
-    return _innermost(error.__traceback__) == "_on_sigint"
-
-
-def _innermost(found: TracebackType | None) -> str:
-    name = ""
-    for frame, _ in traceback.walk_tb(found):
-        name = frame.f_code.co_name
-    return name
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return bool(frames) and frames[-1].f_code.co_name == "_on_sigint"

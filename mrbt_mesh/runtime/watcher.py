@@ -33,10 +33,10 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.recording import (
-    ObserverRecording,
     RecordTo,
     observer_metadata,
     observer_recording,
+    to_observers_record,
 )
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -66,9 +66,7 @@ class Watcher:
         self.observer = Observer(
             address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
         )
-        recording = observer_recording(
-            record, self.observer, address.run, keys is not None, self.observer.record.say
-        )
+        recording = observer_recording(record, self.observer, address.run, keys is not None)
         self._recordings = [recording] if recording is not None else []
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
@@ -101,9 +99,9 @@ class Watcher:
         """
         observer, has_keys = self.observer, self._guard is not None
         sink = open_sink(observer_metadata(observer, self.address.run, has_keys))
-        recording = ObserverRecording(ObserverRecorder(sink, observer), observer.record.say)
+        recording = to_observers_record(ObserverRecorder(sink, observer), observer)
         self._recordings.append(recording)
-        recording.update(boottime_us())
+        recording.do(lambda recorder: recorder.update(boottime_us()))
 
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
@@ -112,7 +110,7 @@ class Watcher:
         replica = self.observer.replica
         self.observer.update(now_us)
         for recording in self._recordings:
-            recording.update(now_us)
+            recording.do(lambda recorder: recorder.update(now_us))
         peers = self.observer.membership.peers
         fresh = [
             r for r, p in peers.items() if p.heartbeat and (r, p.incarnation) not in self._asked
@@ -183,7 +181,7 @@ class Watcher:
     def _message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         self.observer.message(kind, source, data, now_us)
         for recording in self._recordings:
-            recording.message(kind, source, data, now_us)
+            recording.do(lambda recorder: recorder.message(kind, source, data, now_us))
 
     def _sealed(self, data: bytes, to: str) -> bytes:
         return self._guard.seal(data, (to,)) if self._guard is not None else data

@@ -52,6 +52,7 @@ from mrbt_mesh.runtime.flood_gate import AN_ANSWER, NO_SOURCE, NOBODY, Deliver
 from mrbt_mesh.runtime.session_config import (
     TransportConfig,
     TransportError,
+    close_session,
     open_session,
     session_config,
 )
@@ -99,7 +100,11 @@ class ZenohTransport:
 
     def open(self) -> None:
         """Open the session and subscribe; raises TransportError. Blocks: call it in a thread."""
-        session = self._open_client() if self._config.routers else self._open_peer()
+        config = self._config
+        if config.routers:
+            session = self._open_client()
+        else:
+            session = open_session(session_config(config), config.listen)
         keys = [(f"{kind}/*", kind) for kind in (MessageKind.HEARTBEAT, MessageKind.FACT)]
         # What goes to some goes once more to whoever watches.
         to = f"to/{self._config.robot}/*" if self._config.robot else "watch/*"
@@ -139,9 +144,6 @@ class ZenohTransport:
                 before.undeclare()
                 self._list_tokens(session)
 
-    def _open_peer(self) -> zenoh.Session:
-        return open_session(session_config(self._config), self._config.listen)
-
     def _open_client(self) -> zenoh.Session:
         """Wait for a router."""
         settings = session_config(self._config)
@@ -159,18 +161,8 @@ class ZenohTransport:
     def close(self, timeout_s: float) -> None:
         """Close the session, waiting at most `timeout_s`; an isolated one takes 10 s."""
         session, self._session, self._token = self._session, None, None
-        if session is None:
-            return
-
-        def finish() -> None:
-            try:
-                session.close()
-            except zenoh.ZError:
-                return  # nobody is left to tell
-
-        thread = threading.Thread(target=finish, daemon=True)
-        thread.start()
-        thread.join(timeout_s)
+        if session is not None:
+            close_session(session, timeout_s)
 
     def reopen(self) -> None:
         """Replace the session by a new one: the only repair for a split one.

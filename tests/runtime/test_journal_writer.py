@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.agent.effects import Forget, Persist
 from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.runtime import journal_writer
@@ -89,7 +90,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_to_be_known_is_told_once_it_is_on_disk() -> None:
     with Writing() as at:
         at.disk.free.clear()
-        at.writer.put([entry(1)], 1, at_once=True)
+        at.writer.carry_out(Persist((entry(1),), True, 1))
         assert at.disk.began.get(timeout=TIMEOUT_S) == 1
         assert at.has_no_news()
         at.disk.free.set()
@@ -100,12 +101,12 @@ def test_what_is_to_be_known_is_told_once_it_is_on_disk() -> None:
 def test_all_that_waits_is_written_together() -> None:
     with Writing() as at:
         at.disk.free.clear()
-        at.writer.put([entry(1)], 1, at_once=True)
+        at.writer.carry_out(Persist((entry(1),), True, 1))
         at.disk.began.get(timeout=TIMEOUT_S)
         for number in range(2, 9):
             other = parse_entry(f"B{number}", "claim", Version(Incarnation(1, "n"), 1), None)
-            at.writer.put([other], number, at_once=True)
-        at.writer.forget([("A1", "claim")])
+            at.writer.carry_out(Persist((other,), True, number))
+        at.writer.carry_out(Forget((("A1", "claim"),)))
         at.disk.free.set()
         assert [at.news(), at.news()] == [JournalSynced(1), JournalSynced(8)]
         assert at.disk.writes == [1, 8]
@@ -116,7 +117,7 @@ def test_what_fails_is_said_once_and_tried_again() -> None:
     full = OSError(28, "No space left on device")
     with Writing() as at:
         at.disk.errors = [full, full, full]
-        at.writer.put([entry(1)], 1, at_once=True)
+        at.writer.carry_out(Persist((entry(1),), True, 1))
         text = "journal cannot be written: No space left on device"
         assert at.news() == JournalReported(text, is_failing=True)
         assert at.news() == JournalReported("")
@@ -128,9 +129,9 @@ def test_what_is_put_while_a_write_fails_replaces_it() -> None:
     with Writing() as at:
         at.disk.free.clear()
         at.disk.errors = [OSError(28, "No space left on device")]
-        at.writer.put([entry(1)], 1, at_once=True)
+        at.writer.carry_out(Persist((entry(1),), True, 1))
         at.disk.began.get(timeout=TIMEOUT_S)
-        at.writer.put([entry(2)], 2, at_once=True)
+        at.writer.carry_out(Persist((entry(2),), True, 2))
         at.disk.free.set()
         assert isinstance(at.news(), JournalReported)
         assert [at.news(), at.news()] == [JournalReported(""), JournalSynced(2)]
@@ -140,7 +141,7 @@ def test_what_is_put_while_a_write_fails_replaces_it() -> None:
 def test_whatever_goes_wrong_is_said() -> None:
     with Writing() as at:
         at.disk.errors = [ZeroDivisionError("surprise")]
-        at.writer.put([entry(1)], 1, at_once=True)
+        at.writer.carry_out(Persist((entry(1),), True, 1))
         assert at.news() == JournalReported("journal cannot be written: surprise", is_failing=True)
 
 
@@ -148,7 +149,7 @@ def test_a_journal_that_could_not_be_opened_is_opened_later() -> None:
     at = Writing("journal cannot be written: it is locked by another process")
     at.disk.entries = {("B1", "claim"): entry(7)}
     at.disk.errors = [OSError(0, "it is locked by another process")] * 3
-    at.writer.put([entry(1)], 1, at_once=True)
+    at.writer.carry_out(Persist((entry(1),), True, 1))
     with at:
         assert at.news() == JournalOpened((entry(7),))
         assert [at.news(), at.news()] == [JournalReported(""), JournalSynced(1)]
@@ -175,7 +176,7 @@ def test_a_slow_disk_is_said_until_it_is_fast_again() -> None:
 
 def test_at_the_end_what_waits_is_written() -> None:
     with Writing() as at:
-        at.writer.put([entry(1)], 0, at_once=False)
+        at.writer.carry_out(Persist((entry(1),), False, 0))
         assert at.writer.close() == 0
         assert at.disk.entries["A1", "claim"] == entry(1)
         assert not at.disk.is_open
@@ -185,7 +186,7 @@ def test_the_end_waits_for_no_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(journal_writer, "CLOSE_TIMEOUT_S", 0.01)
     with Writing() as at:
         at.disk.free.clear()
-        at.writer.put([entry(1)], 0, at_once=True)
+        at.writer.carry_out(Persist((entry(1),), True, 0))
         at.disk.began.get(timeout=TIMEOUT_S)
         began_s = time.monotonic()
         assert at.writer.close() == 1
@@ -195,6 +196,6 @@ def test_the_end_waits_for_no_disk_that_hangs(monkeypatch: pytest.MonkeyPatch) -
 def test_without_a_journal_nothing_happens() -> None:
     nowhere = JournalWriter(None, lambda news: None)
     nowhere.start()
-    nowhere.put([entry(1)], 1, at_once=True)
-    nowhere.forget([("A1", "claim")])
+    nowhere.carry_out(Persist((entry(1),), True, 1))
+    nowhere.carry_out(Forget((("A1", "claim"),)))
     assert nowhere.close() == 0

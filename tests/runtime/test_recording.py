@@ -28,6 +28,11 @@ CONFIG = AgentConfig(
 )
 
 
+def record(recording: Any, agent: Agent, event: Any, now_us: int) -> None:
+    effects = agent.handle(event, now_us)
+    recording.do(lambda recorder: recorder.step(event, effects, now_us))
+
+
 def full(*_: Any) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -47,14 +52,12 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(
     )
     assert recording is not None
     for now_us in (1_000, 2_000_000, 4_000_000):
-        event = TimerFired()
-        recording.step(event, agent.handle(event, now_us), now_us)
+        record(recording, agent, TimerFired(), now_us)
     with monkeypatch.context() as broken:
         broken.setattr(RecordingWriter, "flush", full)
         broken.setattr(RecordingWriter, "write", full)
         for now_us in (6_000_000, 8_000_000):
-            event = TimerFired()
-            recording.step(event, agent.handle(event, now_us), now_us)
+            record(recording, agent, TimerFired(), now_us)
     recording.close()
     assert told == [("error", "recording_ended", {"reason": "No space left on device"})]
     found = read_recording(tmp_path / "a.mcap")
@@ -66,16 +69,16 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(
 def test_one_who_watches_says_that_nothing_is_recorded_any_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    said: list[str] = []
     observer = Observer(MISSION, "r1", Timing(), default_solver)
     to = RecordTo(tmp_path / "run.mcap")
-    recording = observer_recording(to, observer, "r1", True, lambda _, text: said.append(text))
+    recording = observer_recording(to, observer, "r1", True)
     assert recording is not None
-    recording.update(1)
+    recording.do(lambda recorder: recorder.update(1))
     monkeypatch.setattr(RecordingWriter, "flush", full)
-    recording.update(2)
-    recording.update(3)
+    recording.do(lambda recorder: recorder.update(2))
+    recording.do(lambda recorder: recorder.update(3))
     recording.close()
+    said = [text for _, text in observer.record.timeline]
     assert said == ["nothing is recorded any more: No space left on device"]
     metadata = read_recording(to.path).metadata
     assert (metadata.robot, metadata.has_keys) == ("", True)
@@ -93,7 +96,7 @@ def test_nothing_is_recorded_where_nothing_is_asked_for() -> None:
     agent = Agent(MISSION, CONFIG, 0)
     assert robot_recording(RobotOptions(), MISSION, CONFIG, agent.view, full) is None
     observer = Observer(MISSION, "r1", Timing(), default_solver)
-    assert observer_recording(None, observer, "r1", False, full) is None
+    assert observer_recording(None, observer, "r1", False) is None
 
 
 def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
@@ -102,7 +105,7 @@ def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
     recording = robot_recording(to, MISSION, CONFIG, agent.view, full)
     assert recording is not None
     for now_us in range(0, 4_000_000, 200_000):
-        recording.step(TimerFired(), agent.handle(TimerFired(), now_us), now_us)
+        record(recording, agent, TimerFired(), now_us)
     recording.close()
     beats = [
         each.data for each in read_recording(tmp_path / "a.mcap").records if each.topic == "/beats"
@@ -124,7 +127,7 @@ def test_a_recording_that_is_long_enough_ends_and_says_so(tmp_path: Path) -> Non
     while not told:
         now_us += 100_000
         event = PositionReported(Position(now_us, 0, None))
-        recording.step(event, agent.handle(event, now_us), now_us)
+        record(recording, agent, event, now_us)
     recording.close()
     assert told == [{"reason": "it has come to 1 MiB (--keep)"}]
     assert 1 << 20 < path.stat().st_size < 2 << 20

@@ -158,17 +158,15 @@ async def test_exceptions_that_are_hard_to_tell(error: Exception) -> None:
 
 async def cancelled(function: Callable[..., Any]) -> str:
     """What a function says in place of its cancellation."""
-    told: list[str] = []
-    call = UserCall("work", function, function, lambda *said: told.append(said[2].reason))
+    call = UserCall("work", function, function)
     async with anyio.create_task_group() as group:
         group.start_soon(call.run)
         for _ in range(3):
             await anyio.lowlevel.checkpoint()
         group.cancel_scope.cancel()
     assert group.cancel_scope.cancelled_caught
-    call.tell_late_failure()
-    (reason,) = told
-    return reason
+    assert call.late_failure is not None
+    return call.late_failure.reason
 
 
 # Python says so of what ignores that it is closed.

@@ -6,11 +6,13 @@ synced together; what is not on disk yet is lost with the process.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
+from mrbt_mesh.core.agent.effects import Forget, Persist
 from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.runtime.journal import changes_of
 from mrbt_mesh.runtime.journal_writer import LAZY_COMMIT_S, RETRY_S, JournalNews
 from mrbt_mesh.sim.world.clock import MICRO, VirtualClock
 from mrbt_mesh.sim.world.pace import Pace
@@ -79,19 +81,14 @@ class SimJournalWriter:
         if self._is_failing:
             self._commit_by(self._clock.now_us + RETRY_US)
 
-    def put(self, entries: Iterable[Entry], number: int, at_once: bool) -> None:
-        """Write entries, and what waits: at once, or a little later."""
-        self._put({(entry.author, entry.name): entry for entry in entries}, number, at_once)
-
-    def forget(self, keys: Iterable[tuple[str, str]]) -> None:
-        """Drop entries, a little later."""
-        self._put(dict.fromkeys(keys), 0, False)
-
-    def _put(self, changes: Changes, number: int, at_once: bool) -> None:
-        self._pending.update(changes)
-        self._number = max(self._number, number)
+    def carry_out(self, effect: Persist | Forget) -> None:
+        """Write entries, or drop them, with all that waits: at once, or a little later."""
+        self._pending.update(changes_of(effect))
+        is_urgent = isinstance(effect, Persist) and effect.at_once
+        if isinstance(effect, Persist):
+            self._number = max(self._number, effect.number)
         if not self._is_failing:
-            self._commit_by(self._clock.now_us + (0 if at_once else LAZY_COMMIT_US))
+            self._commit_by(self._clock.now_us + (0 if is_urgent else LAZY_COMMIT_US))
 
     def end(self) -> None:
         """The process ends by itself: what waits is written, if that is possible."""

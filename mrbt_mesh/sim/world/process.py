@@ -275,10 +275,8 @@ class SimProcess:
         match effect:
             case Publish():
                 world.published(self, effect)
-            case Persist(entries, at_once, number):
-                self._journal.put(entries, number, at_once)
-            case Forget(keys):
-                self._journal.forget(keys)
+            case Persist() | Forget():
+                self._journal.carry_out(effect)
             case Ask():
                 world.bus.ask(self, effect)
             case AskRouter():

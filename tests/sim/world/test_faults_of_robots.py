@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalSynced
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
@@ -69,10 +70,19 @@ class Writing:
 
 def test_a_crash_loses_what_was_not_written() -> None:
     at = Writing()
-    at.writer.put([entry("a", 1)], 1, at_once=True)
+    at.writer.carry_out(Persist((entry("a", 1),), True, 1))
     at.pass_ms(1)
     at.journal.sync_us = 300_000
-    at.writer.put([entry("a", 2), entry("b", 3)], 2, at_once=True)
+    at.writer.carry_out(
+        Persist(
+            (
+                entry("a", 2),
+                entry("b", 3),
+            ),
+            True,
+            2,
+        )
+    )
     at.pass_ms(200)
     at.pace.end()
     at.pass_ms(1_000)
@@ -84,7 +94,7 @@ def test_a_slow_disk_syncs_together_what_waits() -> None:
     at = Writing()
     at.journal.sync_us = 300_000
     for number in (1, 2, 3):
-        at.writer.put([entry("a", number)], number, at_once=True)
+        at.writer.carry_out(Persist((entry("a", number),), True, number))
         at.pass_ms(1)
     at.pass_ms(700)
     assert at.news == [(300, JournalSynced(1)), (600, JournalSynced(3))]
@@ -93,7 +103,7 @@ def test_a_slow_disk_syncs_together_what_waits() -> None:
 def test_a_disk_that_fails_is_tried_again() -> None:
     at = Writing()
     at.journal.fails = True
-    at.writer.put([entry("a", 1)], 1, at_once=True)
+    at.writer.carry_out(Persist((entry("a", 1),), True, 1))
     at.pass_ms(2_500)
     at.journal.fails = False
     at.pass_ms(1_000)
@@ -104,10 +114,10 @@ def test_a_disk_that_fails_is_tried_again() -> None:
 def test_what_is_put_while_a_slow_disk_fails_is_tried_again_too() -> None:
     at = Writing()
     at.journal.sync_us = 300_000
-    at.writer.put([entry("a", 1)], 1, at_once=True)
+    at.writer.carry_out(Persist((entry("a", 1),), True, 1))
     at.pass_ms(100)
     at.journal.fails = True
-    at.writer.put([entry("b", 2)], 2, at_once=True)
+    at.writer.carry_out(Persist((entry("b", 2),), True, 2))
     at.pass_ms(1_000)
     at.journal.fails = False
     at.pass_ms(1_000)
