@@ -102,7 +102,7 @@ class ViewerOptions:
 @dataclass(frozen=True)
 class OpenView:
     """A view that is open: the `address` that it is served at, if any; `update` is called after
-    every change, in the event loop; `closed` is set when the person who watches closes it.
+    every change, in the event loop; `closed` is set when the user closes it.
     """
 
     address: str

@@ -123,7 +123,7 @@ class NetworkQuality:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A robot has failed at a local task. `reason`: what its program said, empty if nothing."""
+    """A robot has failed at a local task. `reason`: that of its program, empty if it gave none."""
 
     at_s: float
     robot: str
@@ -134,7 +134,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class ObservedFault:
-    """A fault as the team has seen it: `major`, a robot is gone; `minor`, it lost `local_tasks`
+    """A fault as the team has seen it: `major`, a robot is dead; `minor`, it lost `local_tasks`
     for `reason`.
 
     `until_s` is None if it has not ended.
@@ -186,7 +186,7 @@ class MissionRun:
 
     @property
     def failures(self) -> Sequence[Failure]:
-        """Who failed at what, when and why, in order."""
+        """The failures of local tasks, in order."""
         return [Failure(**each) for each in self.summary["failures"]]
 
     @property
@@ -198,22 +198,22 @@ class MissionRun:
         ]
 
     def started(self, local_task: str | None = None) -> list[str]:
-        """Who began a local task (ground, or a type; None: any), in order.
+        """The robots that began a local task (ground, or a type; None: any), in order.
 
         This and the next three raise InputError for a local task that the mission never asks for.
         """
         return self._robots(self.starts, local_task, None)
 
     def succeeded(self, local_task: str | None = None) -> list[str]:
-        """Who ended it with success, in order."""
+        """The robots that ended it with success, in order."""
         return self._robots(self.ends, local_task, "success")
 
     def failed(self, local_task: str | None = None) -> list[str]:
-        """Who ended it with failure, in order."""
+        """The robots that ended it with failure, in order."""
         return self._robots(self.ends, local_task, "failure")
 
     def cancelled(self, local_task: str | None = None) -> list[str]:
-        """Whose work on it was cancelled, in order."""
+        """The robots whose work on it was cancelled, in order."""
         return self._robots(self.ends, local_task, "cancelled")
 
     def _robots(
@@ -368,7 +368,7 @@ def _load(mission: Mission, reference: str | None) -> RobotProgram:
     return load_program(reference)
 
 
-# What an event of the programs' record says of the outcome; None: its own word.
+# The outcome of an event of the programs' record; None: that of the event.
 _OUTCOMES = {"start": None, "end": None, "cancel": "cancelled"}
 
 

@@ -20,12 +20,12 @@ MAX_SAID = 300
 
 
 class BesideError(InputError):
-    """A process that does not start; the message says which and why."""
+    """A process that does not start; the message has its name and the reason."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """What a command said that was asked at the end of a drill; `status` None: nothing in time."""
+    """The answer of a command at the end of a drill; `status` None: none in time."""
 
     command: str
     status: int | None
@@ -68,7 +68,7 @@ class Beside:
         self._processes.append((command, process, path))
 
     def ended(self) -> list[str]:
-        """Those that run no longer, each with its status and what it said last."""
+        """Those that run no longer, each with its status and its last output."""
         return [
             f"{command} has ended with status {process.returncode}: {_tail(path.read_bytes())}"
             for command, process, path in self._processes
@@ -95,7 +95,7 @@ class Beside:
         return Check(command, done.returncode, _tail(done.stdout))
 
     def end(self) -> None:
-        """SIGTERM for all, and SIGKILL for those that do not mind it."""
+        """SIGTERM for all, and SIGKILL for those that ignore it."""
         for _, process, _ in self._processes:
             process.terminate()
         for _, process, _ in self._processes:

@@ -1,5 +1,6 @@
-"""What may be done by hand to a team that is watched: faults to processes of this machine, words to
-robots, drills. The live page and `mrbt watch --top` offer it.
+"""Orders to a team that is watched: faults of processes of this machine, commands, drills.
+
+The live page and `mrbt watch --top` offer them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
-# What can be done to a process of this machine: order -> key of a drill's step, what it says.
+# What can be done to a process of this machine: order -> (key of a drill's step, description).
 FAULTS = {
     "kill": ("kill", "Kill the process (SIGKILL). The others notice, and one takes its work over."),
     "freeze": ("stop", "Freeze the process (SIGSTOP). It falls silent and is replaced."),
@@ -39,7 +40,7 @@ ORDERS = {
 
 
 class OrderError(Exception):
-    """An order that was not carried out; the message says why."""
+    """An order that was not carried out; the message has the reason."""
 
 
 class Control:

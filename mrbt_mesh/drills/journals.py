@@ -1,4 +1,4 @@
-"""What the robots' journals say was done."""
+"""The successes in the robots' journals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Done:
 def read(
     run_dir: Path, robots: Iterable[str], mission: str, run: str
 ) -> dict[str, frozenset[Done]]:
-    """Robot -> the successes that its journal holds, whoever's they are."""
+    """Robot -> the successes, of any robot, that its journal holds."""
     return {
         robot: frozenset(
             Done(entry.author, *entry.parts[1:])

@@ -271,7 +271,7 @@ def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -
         }
         own = any(done.robot == span.robot and not done.coalition for done in known)
         together = Counter(done.coalition for done in known)
-        # Where nobody has to help, nobody who does is one too many.
+        # Where help is optional, a helper is never one too many.
         needed = least.get((span.global_task, span.ground), 1)
         enough = 0 < needed <= max(together.values(), default=0)
         if own or enough:

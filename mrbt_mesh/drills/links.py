@@ -1,4 +1,4 @@
-"""Links as the robots' own logs tell of them: which fell silent, and when they came back."""
+"""Links in the robots' own logs: which fell silent, and when they came back."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class LinkLine:
 
 
 def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
-    """What the logs of a run say of links, in order of time."""
+    """The entries about links in the logs of a run, in order of time."""
     found = []
     for robot in robots:
         try:
@@ -40,7 +40,7 @@ def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
 
 
 def silent_at_the_end(lines: Iterable[LinkLine]) -> list[LinkLine]:
-    """The last word on each link that was not heard again."""
+    """The last entry about each link that was not heard again."""
     last = {(line.robot, line.peer): line for line in lines}
     return [line for line in last.values() if not line.back]
 

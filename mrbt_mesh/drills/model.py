@@ -130,7 +130,7 @@ class _Words(string.Formatter):
 class RoleModel(FileModel):
     """Robots by what they do or what befell them: `{performing: fix_hw(2)}`, `{replacement}`.
 
-    performing: those that run a global or local task now, or if nobody does, are about to.
+    performing: those that run a global or local task now, or if none does, are about to.
     replacement: the one that took over last. killed, stopped, left: those that this has been
     done to, and not undone. thawed: those that were stopped and go on.
     """
@@ -265,7 +265,7 @@ class PerformanceModel(FileModel):
 
 
 class DecisionModel(FileModel):
-    """The operator's word on an exclusive task that is in doubt."""
+    """The operator's decision on an exclusive task that is in doubt."""
 
     global_task: GlobalTask
     decision: _in(tuple(Decision))  # type: ignore[valid-type]
@@ -303,7 +303,7 @@ def _fault(sentence: str, key: str | None = None) -> Any:
 class StepModel(FileModel):
     """Faults, and the moment: `at` (s from the start of the run), `when`, `after` (s).
 
-    `after` counts from the trigger, or, where it stands alone, from the step before. Steps are
+    `after` counts from the trigger, or without one from the step before. Steps are
     carried out one after the other, in the order of the list. A task that the next step waits to
     see running does not end before that step, nor does one that it names as `performing` without
     a trigger: the simulated robots of `agents/` hold it, so that no step comes too late.
@@ -423,7 +423,7 @@ StepOrCycle: TypeAlias = Annotated[
 class DoneModel(FileModel):
     """How often a local task was done (its action ended in success, all robots counted).
 
-    A type stands for each of its ground tasks that was started, of which there must be one.
+    A type means each of its ground tasks that was started, of which there must be one.
     `times` is both bounds at once.
     """
 
@@ -452,7 +452,7 @@ class DoneModel(FileModel):
 class NeverModel(FileModel):
     """No more than this many robots perform a local task at the same time, at any time.
 
-    A type stands for each of its ground tasks.
+    A type means each of its ground tasks.
     """
 
     local_task: LocalTask
@@ -463,7 +463,7 @@ class ExpectModel(FileModel):
     """What must hold at the end. Beside it, all steps must have been carried out.
 
     `links_back_within_s`: every link that fell silent is heard again so soon after the heal
-    before. `stalls`: at most so many links fall silent that no step has disturbed. `checks`:
+    before. `stalls`: the most links that fall silent though no step disturbed them. `checks`:
     commands that end with 0 when the team has ended, before what is beside it does.
     """
 
@@ -501,10 +501,10 @@ Profiles: TypeAlias = Annotated[
 class DrillModel(FileModel):
     """A mission, faults with their moments, and what must hold at the end.
 
-    `for_each` makes one drill per combination of its values; `$name` stands for a value.
-    `quick`: part of the short set. `routers`: so many, numbered from 1 on, of which all robots are
-    clients; they try the first one first. `beside`: commands that run beside the team from before
-    its start until after its end, in the drill file's folder.
+    `for_each` makes one drill per combination of its values; `$name` is replaced by a value.
+    `quick`: part of the short set. `routers`: their number; they are numbered from 1 on, and all
+    robots are clients, which try the first one first. `beside`: commands that run beside the team
+    from before its start until after its end, in the drill file's folder.
     """
 
     name: Annotated[str, Field(pattern=_DRILL)]

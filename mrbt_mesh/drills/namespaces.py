@@ -40,7 +40,7 @@ _numbers = itertools.count()
 
 
 class NamespaceError(Exception):
-    """The kernel or a tool refuses what is needed; the message says which and why."""
+    """The kernel or a tool refuses a command; the message has both, and the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +260,7 @@ def firewall(faults: Mapping[str, Fault], *, with_loss: bool) -> str:
 def shaping_base(port: str) -> list[str]:
     """Commands for tc: classes by source at the bridge's port to one robot.
 
-    Not at the sender, whose TCP is told at once of a packet lost in its own queue.
+    Not at the sender, whose TCP notices at once that a packet is lost in its own queue.
     """
     return [
         f"qdisc add dev {port} root handle 1: htb default 1 r2q 100000",

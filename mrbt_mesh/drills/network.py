@@ -12,7 +12,7 @@ from mrbt_mesh.runtime.run_dir import Place
 
 
 class LinkFaults(Protocol):
-    """Faults on links, each direction on its own; `loss_tool` says how packets are lost."""
+    """Faults on links, each direction on its own; `loss_tool`: how packets are lost."""
 
     loss_tool: str
 

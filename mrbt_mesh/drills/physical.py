@@ -1,7 +1,7 @@
 """The physical truth of a run: what the robots recorded in events.jsonl, as intervals.
 
 A robot's program writes one line for each start of a local task and one for its end or its
-cancellation; the mesh writes none (agents/simulated.py says how).
+cancellation; the mesh writes none (see agents/simulated.py).
 """
 
 from __future__ import annotations

@@ -13,11 +13,11 @@ from mrbt_mesh.runtime.launcher import free_endpoints
 
 
 class RoutersError(InputError):
-    """A router does not start; the message has what it said."""
+    """A router does not start; the message has its output."""
 
 
 class DrillRouters:
-    """So many routers, numbered from 1 on; each connects to those before it.
+    """A number of routers, numbered from 1 on; each connects to those before it.
 
     `endpoints`: what robots are given, in the order in which they try them.
     """

@@ -35,7 +35,7 @@ from mrbt_mesh.runtime.team import Team, address_of, new_run
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 FRAME_S = 0.1
-# Names the file that says what simulated robots hold: agents/simulated.py.
+# Names the file that lists the tasks which simulated robots hold: agents/simulated.py.
 HOLD_VARIABLE, HOLD_FILE = "MRBT_HOLD", "hold"
 
 
@@ -51,7 +51,7 @@ class TimelineEntry:
 
 @dataclass
 class DrillRun:
-    """How one run of a drill went. `skipped` says why it was not run at all."""
+    """How one run of a drill went. `skipped`: why it was not run at all."""
 
     label: str
     profile: Profile
@@ -134,7 +134,7 @@ async def run_drill(
 
 
 class _Run:
-    """One run of a drill. The simulated robots do not go on with what stands in the file `hold`."""
+    """One run of a drill. The simulated robots do not go on with tasks in the file `hold`."""
 
     def __init__(
         self,
@@ -239,7 +239,7 @@ class _Run:
     # -- the timeline ---------------------------------------------------------------------
 
     def _news(self, observer: Observer) -> None:
-        """Tell what is new in the observer's record."""
+        """Show the new entries of the observer's record."""
         record = observer.record
         for at_us, text in record.timeline[self._told :]:
             robot, _, rest = text.partition(" ")

@@ -117,7 +117,7 @@ def chosen(robots: Robots, snapshot: Snapshot, fault_log: FaultLog) -> list[str]
 
 
 def _performing(task: str | None, snapshot: Snapshot) -> list[str]:
-    """Who runs it; while nobody does, who has claimed it. Claims may clash until all agree."""
+    """The robots that run it, or else have claimed it. Claims may clash until all agree."""
     found = [
         (robot, claim.phase is Phase.RUNNING)
         for robot, claim in sorted(snapshot.claims.items())

@@ -1,6 +1,6 @@
 """The steps of drill files, carried out on the team that is being watched.
 
-`mrbt drill` starts a team of its own and judges it; here one looks on.
+`mrbt drill` starts a team of its own and judges it; this team is not judged.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
 LOOK_S = 0.05
-# What may go wrong with one fault; the team and whoever watches it go on.
+# What may go wrong with one fault; the team and its observers go on.
 REFUSALS = (InputError, OSError, psutil.Error)
 
 

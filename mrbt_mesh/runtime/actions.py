@@ -240,7 +240,7 @@ class ActionRunner:
             self._group.start_soon(self._tell_bids)
 
     async def _tell_bids(self) -> None:
-        # Those that are about to end come along: one message tells them all.
+        # One message has all bids that end now.
         await anyio.lowlevel.checkpoint()
         bids, self._bids = tuple(self._bids), []
         self._host.submit(BidsMade(bids))

@@ -32,7 +32,7 @@ class BackgroundRunner:
 
     `costs`: the capabilities that are lost from a failure on. They come back when the function has
     run again for as long as the pause before was. When it has run for MAX_PAUSE_S more, the pause
-    is FIRST_PAUSE_S again. Without `costs` a failure is a problem that the team is told of.
+    is FIRST_PAUSE_S again. Without `costs` a failure is reported as a problem.
     """
 
     def __init__(

@@ -68,12 +68,12 @@ CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 0.25
 LOOKS_PER_LEASE = 8
-# An answer is taken in for so many times as long as it takes to ask again.
+# An answer is awaited for this many times the pause before the next question.
 LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
 # Inputs from others wait no longer than this to be taken in together.
 MAX_SPACING_US = 20_000
-# A link on which so many beats are missing is silent, but not before a dead one lost its lease.
+# A link is silent when this many beats are missing, but not before a dead one lost its lease.
 SILENT_BEATS = 5
 
 
@@ -149,7 +149,7 @@ class Driver:
         """Run until the agent stops; raises TransportError if the session cannot be opened,
         InputError if metrics cannot be served.
 
-        The robot leaves when its `launcher` is gone. The session is closed in the background at
+        The robot leaves when its `launcher` has ended. The session is closed in the background at
         the end: end the process with `os._exit`.
         """
         selector = FencingSelector(self._config.timing.fence_us)
@@ -237,7 +237,7 @@ class Driver:
     def submit(self, event: Input) -> None:
         """Hand one input to the agent and carry out what comes back.
 
-        Nothing is taken before all is there that effects need, however long that takes.
+        No input is taken before everything that effects need has been started.
         """
         self._take_quiet_beats()
         self._step(event, boottime_us())
@@ -350,7 +350,7 @@ class Driver:
             await anyio.sleep(WATCH_S)
 
     async def _watch_manifest(self) -> None:
-        """Take over what has changed of the team's members."""
+        """Take over changes of the team's members."""
         manifest = self._setup.manifest
         while manifest is not None:
             await anyio.sleep(WATCH_S)
@@ -364,7 +364,7 @@ class Driver:
                 self.log("info", "manifest_taken_over")
 
     async def _look_for_metrics(self) -> None:
-        """Look regularly at what nobody tells: how late the loop is, whether all agree."""
+        """Measure regularly how late the loop is, and whether all agree."""
         loop, meter = asyncio.get_running_loop(), self._meter
         while meter is not None:
             due_s = loop.time() + WATCH_S
@@ -372,7 +372,7 @@ class Driver:
             meter.look(loop.time() - due_s, self._agent.view.agrees())
 
     async def _watch_links(self) -> None:
-        """Tell which links fall silent and come back; reopen a session that is split."""
+        """Log which links fall silent and come back; reopen a session that is split."""
         lease_us = self._setup.transport.lease_ms * 1_000
         watch = LinkWatch(max(lease_us, SILENT_BEATS * self._config.timing.heartbeat_us))
         while True:

@@ -1,4 +1,4 @@
-"""What stops a flood: messages that nobody of the team has sealed go no further than here.
+"""Stops a flood: messages that no member of the team has sealed do not pass.
 
 It works before the inbox, on Zenoh's threads, so that a robot has time left for its own. Tags are
 checked here, those of published messages once and for all. Signatures take a hundred times as long:
@@ -7,7 +7,7 @@ is opened by the agent, with all its other rules.
 
 What is beyond that is not only dropped: the thread that brought it waits a little. Zenoh reads each
 link on a thread of its own, so this slows down the link over which the flood comes, and no other;
-the sender's side of it fills up and drops the rest before it costs anybody here anything.
+the sender's side of it fills up and drops the rest, at no cost here.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ CHECKS_PER_S = 100
 CHECKS_AT_ONCE = 200
 # And of all together, in bytes.
 BYTES_AT_ONCE = BYTES_PER_S = MAX_MESSAGE_BYTES
-# So many sources are told apart until the counts are taken.
+# The number of sources that are counted apart until the counts are taken.
 MAX_REFUSED = 100
 # Whose message it is that comes under no member's name.
 NO_SOURCE, AN_ANSWER, NOBODY = "a query", "an answer", "a stranger"
 TOO_MUCH = "too much to check"
 # How long a thread waits that has brought too much, and how many may wait at once: fewer than Zenoh
-# has (`ZENOH_RUNTIME` in `zenoh_transport`), or nobody would read the links of the others.
+# has (`ZENOH_RUNTIME` in `session_config`), or the links of the others would not be read.
 HOLD_S = 0.005
 MAX_HELD = 12
 
@@ -77,7 +77,7 @@ class FloodGate:
     team without `keys` every message may be.
 
     Its methods may be called from any thread. `life`: this member's own, as commands name it.
-    `hold` makes a thread wait for so many seconds; never where a flood would come over the same
+    `hold` makes a thread wait for a number of seconds; never where a flood would come over the same
     link as the team's own messages (`is_link_shared`).
     """
 

@@ -56,7 +56,7 @@ class Inbox:
     def put(self, event: Input, key: str | None = None) -> bool:
         """Add an input; may be called from any thread, never blocks for long, never raises.
 
-        Returns True: nothing here tells what cannot be believed.
+        Returns True: messages are not checked here.
         """
         with self._lock:
             if key is not None and self.are_beats_quiet:

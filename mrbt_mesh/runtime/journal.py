@@ -86,7 +86,7 @@ def _code(error: sqlite3.Error) -> int:
 class Journal:
     """The journal of one robot in one run, used by one thread at a time.
 
-    `log(level, event, **fields)` is told what is unusual about the file.
+    `log(level, event, **fields)` is called for anything unusual about the file.
     """
 
     def __init__(

@@ -43,7 +43,7 @@ OPERATOR = "operator"
 
 
 class KeysError(InputError):
-    """Keys that are missing, damaged or not to be changed; the message says what to do."""
+    """Keys that are missing, damaged or not to be changed; the message has the remedy."""
 
 
 class KeyFolder:
@@ -78,7 +78,7 @@ class KeyFolder:
     def add(self, members: Mapping[str, Role], *, replaces: bool = False) -> Manifest:
         """Give keys to new members; `replaces`: also to those that have one, or had.
 
-        What a member signed with a key that is replaced stands.
+        Facts that a member signed with a replaced key remain valid.
         """
         manifest = self.manifest()
         known = [name for name in sorted(members) if name in manifest.members]
@@ -178,7 +178,7 @@ class KeyFolder:
             raise KeysError(f"{path} is of an older version, {text}") from None
 
     def reader(self) -> str:
-        """Who watches with this folder: an operator whose key is here, else an observer."""
+        """The name to watch with: an operator whose key is here, else an observer."""
         return self._holder("operator's and no observer's", Role.OPERATOR, Role.OBSERVER)
 
     def router(self) -> str:

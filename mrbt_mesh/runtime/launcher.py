@@ -158,7 +158,7 @@ def lower_dials(robots: Iterable[str]) -> dict[str, list[str]]:
 
 
 def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
-    """The run with a robot at a new endpoint: it dials everybody, nobody dials it.
+    """The run with a robot at a new endpoint: it dials all others, and none dials it.
 
     Raises RunDirError if the run has places, and none for this robot.
     """

@@ -1,6 +1,6 @@
-"""The lock by which robots know that their launcher is there: it holds it, they wait for it.
+"""The lock by which robots know that their launcher lives: it holds the lock, they wait for it.
 
-The kernel gives the lock (flock) free however the launcher ends, so nobody compares pids or looks
+The kernel frees the lock (flock) however the launcher ends, so no process compares pids or looks
 again and again; and a robot that joins a run waits for the run's launcher, not for what started it.
 """
 
@@ -22,7 +22,7 @@ LEAVE_LIMIT_S = 10.0
 
 @contextlib.contextmanager
 def launched_from_here(run_dir: RunDir) -> Iterator[None]:
-    """Robots of this run that are started within leave as soon as this process is gone.
+    """Robots of this run that are started within leave as soon as this process has ended.
 
     Raises RunDirError if another process has launched them, or the file cannot be locked.
     """
@@ -60,7 +60,7 @@ def is_launched(run_dir: RunDir) -> bool:
 
 
 class LauncherWatch:
-    """Says when nobody holds the lock on `file` any more, also while the event loop stands still.
+    """Reports when no process holds the lock on `file` any more, even if the event loop is blocked.
 
     Raises OSError if the file cannot be opened. The process ends `limit_s` later at the latest.
     """
@@ -72,7 +72,7 @@ class LauncherWatch:
         threading.Thread(target=self._wait, name="launcher watch", daemon=True).start()
 
     def call_when_gone(self, tell: Callable[[], None]) -> None:
-        """Call `tell`, on a thread of its own, once the launcher is gone, or now if it is."""
+        """Call `tell`, on a thread of its own, once the launcher has ended, or now if it has."""
         self._gone.add_done_callback(lambda _: tell())
 
     def _wait(self) -> None:

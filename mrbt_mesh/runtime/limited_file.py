@@ -54,7 +54,7 @@ def _set_aside(path: Path, descriptor: int) -> bool:
 class LimitedLog:
     """Where a log writes its lines: a file that fails costs lines.
 
-    `lost`, of how many and why, makes the line that says so once the file can be written again.
+    `lost` makes a line of their number and the reason once the file can be written again.
     """
 
     def __init__(self, path: Path, limit_bytes: int, lost: Callable[[int, str], str]) -> None:

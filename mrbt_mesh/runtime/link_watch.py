@@ -2,7 +2,7 @@
 
 A link is *split* when its transport looks alive and nothing comes over it: Zenoh can do that
 for good (see `zenoh_transport`), and nothing but a new session repairs it. A process that
-hangs looks the same from here, but then nobody has news of it.
+hangs looks the same from here, but then no robot has news of it.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class _Link:
 class LinkWatch:
     """Call `look` regularly, then `split`.
 
-    After `lease_us` of silence a link is told to be silent; it must be long enough for a dead
+    After `lease_us` of silence a link is reported as silent; it must be long enough for a dead
     one to have lost its transport. After two leases with a transport and without a beat it is
-    split, if others have news of the robot; after five and more if nobody has. Each further
+    split, if others have news of the robot; after five and more if none has. Each further
     reopening must wait twice as long, until no link is split.
     """
 

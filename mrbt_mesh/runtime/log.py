@@ -7,7 +7,7 @@ every robot. They are hidden while it is imported, and there for everybody else 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ finally:
 def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KEEP_BYTES) -> None:
     """JSON lines to the run directory's `<robot>.log`, or readable lines to the terminal.
 
-    Whatever cannot be written is dropped; the file says how much once it can be written again.
+    Lines that cannot be written are dropped, and counted in the file once it can be written again.
     """
     stamp = structlog.processors.TimeStamper(fmt="iso", utc=True)
     file: Any = sys.stderr
@@ -57,21 +57,13 @@ class StandardLog:
 
         self._logger = logging.getLogger(f"mrbt_mesh.{robot}")
 
-    def debug(self, event: str, **fields: Any) -> None:
-        self._logger.debug(_line(event, fields))
+    def __getattr__(self, level: str) -> Callable[..., None]:
+        write: Callable[[str], None] = getattr(self._logger, level)
 
-    def info(self, event: str, **fields: Any) -> None:
-        self._logger.info(_line(event, fields))
+        def log(event: str, **fields: Any) -> None:
+            write(" ".join([event, *(f"{name}={value!r}" for name, value in fields.items())]))
 
-    def warning(self, event: str, **fields: Any) -> None:
-        self._logger.warning(_line(event, fields))
-
-    def error(self, event: str, **fields: Any) -> None:
-        self._logger.error(_line(event, fields))
-
-
-def _line(event: str, fields: Mapping[str, Any]) -> str:
-    return " ".join([event, *(f"{name}={value!r}" for name, value in fields.items())])
+        return log
 
 
 def robot_logger(robot: str) -> Any:

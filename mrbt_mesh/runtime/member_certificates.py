@@ -1,7 +1,7 @@
 """X.509 certificates for links that are encrypted: one of the team, which signs its members'.
 
 All of it follows from the secrets in a folder of keys. A member's common name is its name, so that
-Zenoh's access control can tell who is at the other end of a link.
+Zenoh's access control knows the member at the other end of a link.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def member_certificate(team_secret: bytes, name: str, member_secret: bytes) -> s
     builder = (
         builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
-        # TLS wants one; whoever connects does not compare it with anything.
+        # TLS wants one; it is not compared with anything.
         .add_extension(x509.SubjectAlternativeName([x509.DNSName("mrbt-member")]), critical=False)
     )
     return _signed(builder, team)

@@ -30,15 +30,15 @@ MAX_MEMBERS = 10_000
 
 
 class ManifestError(InputError):
-    """A manifest that cannot be used; the message says why."""
+    """A manifest that cannot be used; the message has the reason."""
 
 
 @dataclass(frozen=True)
 class PublicKeys:
     """Those of one member: `sign` (Ed25519) and `agree` (X25519), 32 bytes each.
 
-    `former`: keys that it signed with before. `is_revoked`: nothing it says counts any more, but
-    what it had written stands.
+    `former`: keys that it signed with before. `is_revoked`: its messages are refused; facts that
+    it wrote before remain valid.
     """
 
     role: Role
@@ -50,7 +50,7 @@ class PublicKeys:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The members of a team by name. `authority`: the public key of whoever signs it."""
+    """The members of a team by name. `authority`: the public key that its signature belongs to."""
 
     version: int
     authority: bytes
@@ -172,7 +172,7 @@ def link_key(secret: bytes) -> Ed25519PrivateKey:
 
 
 def public_member(secret: bytes, role: Role) -> PublicKeys:
-    """What the manifest says of whoever holds this secret."""
+    """The entry of the manifest for the holder of this secret."""
     sign, agree = _private_keys(secret)
     return PublicKeys(
         role, sign.public_key().public_bytes_raw(), agree.public_key().public_bytes_raw()

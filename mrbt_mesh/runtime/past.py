@@ -45,7 +45,7 @@ def tell_past(
 
 
 def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]) -> int | None:
-    """Until when the recording tells; None if it is of another run, or tells nothing.
+    """The time of the recording's end; None if it is empty, or of another run.
 
     `epoch_us`: the Unix time at which this machine's clock was 0. Raises RecordingError.
     """
@@ -66,9 +66,9 @@ def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]
 
 
 def _by_worth(run_dir: Path) -> Iterator[Path]:
-    """The recordings of a folder, the one that tells most first.
+    """The recordings of a folder, the fullest first.
 
-    One who watched has heard all robots; of robots it is the one that was there longest.
+    An observer has heard all robots; of robots, the one that was there longest comes first.
     """
     watched, robots = observer_files(run_dir), robot_files(run_dir)
     times = {path: path.stat().st_mtime for path in (*watched, *robots)}

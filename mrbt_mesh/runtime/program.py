@@ -6,7 +6,7 @@
     async def replace_hw(task: TaskContext, part: str) -> None:
         await arm.swap(part)                     # raise, or return False: the local task failed
 
-    @robot.bid("replace_hw")                     # where the mission says `performance: bid`
+    @robot.bid("replace_hw")                     # where the mission has `performance: bid`
     def seconds_needed(part: str) -> float:
         return -arm.seconds_to(part)             # larger is better; a cost is a negative number
 
@@ -162,7 +162,7 @@ class RobotProgram:
     def bid(self, target: Any) -> Any:
         """Register a function, async or not, for this robot's performance in a local task.
 
-        It is called once per activation where the mission says `performance: bid`, also while the
+        It is called once per activation where the mission has `performance: bid`, also while the
         robot is busy, and has to answer soon. It returns a number from -1e6 to 1e6, larger is
         better; a cost is a negative performance. None or an exception is no bid: this robot is the
         last to be chosen. Arguments are converted as those of local tasks. `"*"` serves every local

@@ -30,7 +30,7 @@ def load_program(reference: str) -> RobotProgram:
     """The program in `path/to/file.py` or `path/to/file.py:name`; the name is `robot` by default.
 
     The file's folder stays on `sys.path`, so that it may import its neighbours, also later.
-    Raises ProgramError that says what would be right, with the line where the file itself fails.
+    Raises ProgramError with the remedy, and with the line where the file itself fails.
     """
     match = _REFERENCE.fullmatch(reference)
     if match is None:

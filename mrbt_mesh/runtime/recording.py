@@ -40,7 +40,7 @@ class RecordTo:
 _Recorder = TypeVar("_Recorder", RobotRecorder, ObserverRecorder)
 
 
-class Recording(Generic[_Recorder]):
+class GuardedRecorder(Generic[_Recorder]):
     """A recorder that a full disk, or the limit of its file, ends; `report` gets the reason."""
 
     def __init__(self, recorder: _Recorder, report: Callable[[str], None]) -> None:
@@ -68,7 +68,7 @@ def robot_recording(
     config: AgentConfig,
     view: AgentView,
     log: Callable[..., Any],
-) -> Recording[RobotRecorder] | None:
+) -> GuardedRecorder[RobotRecorder] | None:
     """Begin to record a robot, before its first step; raises InputError if that cannot be."""
     path, beats = options.record, options.record_beats
     if path is None:
@@ -85,7 +85,7 @@ def robot_recording(
         recorder = RobotRecorder(writer, view, boottime_us(), beats=beats)
     except OSError as error:
         raise InputError(_cannot(path, error)) from None
-    return Recording(recorder, lambda reason: log("error", "recording_ended", reason=reason))
+    return GuardedRecorder(recorder, lambda reason: log("error", "recording_ended", reason=reason))
 
 
 def observer_recording(
@@ -93,7 +93,7 @@ def observer_recording(
     observer: Observer,
     run: str,
     has_keys: bool,
-) -> Recording[ObserverRecorder] | None:
+) -> GuardedRecorder[ObserverRecorder] | None:
     """Begin to record what an observer hears; raises InputError if that cannot be."""
     if to is None:
         return None
@@ -107,13 +107,13 @@ def observer_recording(
 
 def to_observers_record(
     recorder: ObserverRecorder, observer: Observer
-) -> Recording[ObserverRecorder]:
+) -> GuardedRecorder[ObserverRecorder]:
     """A recording whose end is an entry of the observer's own record."""
 
     def report(reason: str) -> None:
         observer.record.say(boottime_us(), f"nothing is recorded any more: {reason}")
 
-    return Recording(recorder, report)
+    return GuardedRecorder(recorder, report)
 
 
 def observer_metadata(observer: Observer, run: str, has_keys: bool) -> RunMetadata:

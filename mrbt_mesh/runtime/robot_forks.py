@@ -23,7 +23,7 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 # Elsewhere a fork without an exec may break what the system's libraries keep.
 CAN_FORK = sys.platform == "linux"
 CHUNK = 1 << 16
-# The end of a robot that is gone is told at once; only a server that hangs is not waited for.
+# The server reports the end of a robot at once; this is the limit for a server that hangs.
 NEWS_TIMEOUT_S = 10.0
 START_TIMEOUT_S = 120.0
 # Who starts robots looks so often whether another thread has read what is awaited.
@@ -31,7 +31,7 @@ LOOK_S = 0.1
 
 
 class ForkedRobot:
-    """A robot's process; another process is its parent, which tells how it ended."""
+    """A robot's process. Its parent is another process, which reports how it ended."""
 
     def __init__(self, forks: RobotForks, pid: int) -> None:
         self._forks = forks

@@ -1,8 +1,8 @@
 """An event loop that a robot's program does not end, and a thread that notices when it blocks.
 
 Code that blocks keeps the whole event loop of a robot from running. The thread names the place
-while it does: the loop itself can say so only afterwards, and by then the team has taken the robot
-for dead.
+while it does: the loop itself could report it only afterwards, and by then the team has declared
+the robot dead.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from mrbt_mesh.runtime.user_code import (
     users_frames,
 )
 
-# So many looks of the watchdog find the same step before it is said to block.
+# A step in which the watchdog finds the loop this many times in a row blocks it.
 LOOKS = 5
-# A task that has failed has been asked for its exception by then, or nobody will ask.
+# If the exception of a failed task has not been retrieved by then, it will not be.
 UNSEEN_S = 1.0
-# A task that the function has started, and nobody awaits, has failed.
+# A task that the function has started, and that is not awaited, has failed.
 STRAY = "a task started by"
 
 _logger = logging.getLogger("mrbt_mesh")
@@ -64,7 +64,7 @@ class RobotLoop(asyncio.SelectorEventLoop):
     What ends a loop from inside (`sys.exit` in a task of asyncio's, `stop`) does not end this one.
     A program does not cancel the robot's tasks.
     A task that a program starts by itself belongs to the call of the program that started it, which
-    is told how it failed.
+    reports how it failed.
     """
 
     def __init__(self, *arguments: Any) -> None:
@@ -104,7 +104,7 @@ class RobotLoop(asyncio.SelectorEventLoop):
             self.call_later(UNSEEN_S, self._look, task)
 
     def _look(self, task: asyncio.Task[Any]) -> None:
-        """Tell of a task whose failure nobody has asked for; asyncio waits until it is deleted."""
+        """Report a failure that was not retrieved; asyncio would wait until the task is deleted."""
         call = self.owner_of(task)
         if call is not None and _is_unseen(task) and (error := task.exception()) is not None:
             call.report(STRAY, call, failure_of(error, call.function))
@@ -120,7 +120,7 @@ def _is_unseen(task: asyncio.Task[Any]) -> bool:
 
 
 def _tell_owner(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """asyncio's exception handler: a task has failed that nobody awaits, a callback has raised."""
+    """asyncio's exception handler: a task that is not awaited, or a callback, has failed."""
     assert isinstance(loop, RobotLoop)
     task, error = context.get("future") or context.get("task"), context.get("exception")
     scheduled = getattr(context.get("handle"), "_context", None)
@@ -161,7 +161,7 @@ class LoopWatchdog:
         self._thread.join()
 
     def _watch(self) -> None:
-        """Looks are counted, not seconds: a machine that stands still as a whole blocks nobody."""
+        """Looks are counted, not seconds: when the whole machine stops, no robot is blamed."""
         seen, looks = self._step(), 0
         while not self._over.wait(self._limit_s / LOOKS):
             now = self._step()

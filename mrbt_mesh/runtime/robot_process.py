@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.key_folder import ManifestWatch
     from mrbt_mesh.runtime.member_keys import MemberKeys
 
-# From so many on, planning may take longer than the event loop may stand still.
+# From these sizes on, planning may take longer than the event loop may be blocked.
 LARGE_ROBOTS = 100
 LARGE_NODES = 2_000
 

@@ -1,8 +1,8 @@
 """A router: passes messages on between robots that are its clients, and to and from other routers.
 
 It is a Zenoh session in router mode and knows nothing of teams; `deploy/zenohd.json5` makes Zenoh's
-own program the same. With keys it lets in who has a certificate of the team, and Zenoh's access
-control lets each robot say only what is said under its name.
+own program the same. With keys it admits members with a certificate of the team, and Zenoh's
+access control lets each robot publish only under its own name.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _ALL = [
 
 @dataclass(frozen=True)
 class RouterConfig:
-    """Endpoints are Zenoh locators. `members`: name -> role of who may link, None for everybody.
+    """Endpoints are Zenoh locators. `members`: name -> role of those that may link; None: all may.
 
     Raises TransportError.
     """
@@ -96,7 +96,7 @@ def router_settings(config: RouterConfig) -> dict[str, Any]:
         "transport/link/protocols": sorted(protocols),
         "transport/link/tx/lease": ROUTER_LEASE_MS,
         **common_settings(),
-        # Here robots ask which links there are, when a token is gone.
+        # Here robots ask which links there are, when a token has disappeared.
         "adminspace": {"enabled": True, "permissions": {"read": True, "write": False}},
     }
     if config.certificates is not None:
@@ -118,7 +118,7 @@ def as_json(settings: Mapping[str, Any]) -> str:
     return json.dumps(data, indent=2)
 
 
-# -- who may say what, by the common name of the certificate at the other end of a link ---------
+# -- permissions, by the common name of the certificate at the other end of a link ---------------
 
 
 def access_control(members: Mapping[str, Role]) -> dict[str, Any]:

@@ -33,14 +33,13 @@ import psutil
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.robot_options import RobotOptions
 
+KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
-TARGETS_FILE = "metrics-targets.json"
-KEYS_FOLDER, LOCK_FILE = "keys", "launcher.lock"
 _STATE = "MRBT_STATE_DIR"
 
 
 class RunDirError(InputError):
-    """A run directory that is missing or cannot be used; the message says what to do."""
+    """A run directory that is missing or cannot be used; the message has the remedy."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def state_dir() -> Path:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file that nobody ever sees half written. Raises OSError."""
+    """Write a file that is never seen half written. Raises OSError."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         temporary.write_text(text)
@@ -109,6 +108,11 @@ class RunDir:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.mission_path = path / MISSION_FILE
+        self.keys_path = path / KEYS_FOLDER
+        self.launcher_lock_path = path / "launcher.lock"
+        self.metrics_targets_path = path / "metrics-targets.json"
+        self.fork_server_output_path = path / "fork_server.out"
 
     @classmethod
     def create(cls, path: Path, info: RunInfo, compiled_mission: str) -> RunDir:
@@ -179,34 +183,9 @@ class RunDir:
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
 
-    @property
-    def mission_path(self) -> Path:
-        """The compiled mission."""
-        return self.path / MISSION_FILE
-
-    @property
-    def fork_server_output_path(self) -> Path:
-        """What the process printed that forks the robots."""
-        return self.path / "fork_server.out"
-
     def output_path(self, robot: str) -> Path:
         """What a robot printed."""
         return self.path / f"{robot}.out"
-
-    @property
-    def launcher_lock_path(self) -> Path:
-        """What the launcher of the robots locks."""
-        return self.path / LOCK_FILE
-
-    @property
-    def metrics_targets_path(self) -> Path:
-        """Where the robots serve metrics."""
-        return self.path / TARGETS_FILE
-
-    @property
-    def keys_path(self) -> Path:
-        """The folder with the keys of all members."""
-        return self.path / KEYS_FOLDER
 
     # -- processes ------------------------------------------------------------------------
 

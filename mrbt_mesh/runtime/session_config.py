@@ -1,6 +1,6 @@
 """How a robot's or an observer's Zenoh session is configured: who dials whom, how long it waits.
 
-Why it is so is measured: see `zenoh_transport`, and `router` for what stands in between.
+The reasons are measurements: see `zenoh_transport`, and `router` for the routers in between.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RETRY = {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 
 
 
 class TransportError(InputError):
-    """The session cannot be opened; the message says why and what to change."""
+    """The session cannot be opened; the message has the reason and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ class TransportConfig:
 
     @property
     def lease_ms(self) -> int:
-        """After so long without a word a link is given up; four are said in that time.
+        """A link that is silent for this long is given up; four messages are sent in that time.
 
-        Every robot has a link to every other one, so in a larger team less is said over each.
+        Every robot has a link to every other one, so in a larger team fewer are sent over each.
         """
         robots = 1 if self.routers else self.robots
         return LEASE_MS * max(1, robots // FULL_LEASE_ROBOTS)
@@ -165,7 +165,7 @@ def _client_settings(config: TransportConfig) -> dict[str, Any]:
 
 
 def common_settings() -> dict[str, Any]:
-    """What holds for every session, whoever it belongs to."""
+    """The settings that all sessions have in common."""
     return {
         "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
         # A killed process would leave its segments behind; loopback is fast enough.
@@ -174,9 +174,9 @@ def common_settings() -> dict[str, Any]:
 
 
 def tls_settings(certificates: Certificates) -> dict[str, Any]:
-    """Both sides of a link show a certificate that the team has signed: who has none stays out.
+    """Both sides of a link must show a certificate that the team has signed.
 
-    Certificates say nothing of addresses, so names are not compared with them.
+    Certificates have no addresses, so names are not compared with them.
     """
     certificate, private = _encoded(certificates.certificate), _encoded(certificates.private)
     return {
@@ -219,7 +219,7 @@ def close_session(session: zenoh.Session, timeout_s: float) -> None:
 
 
 def open_session(settings: zenoh.Config, where: Iterable[str]) -> zenoh.Session:
-    """Open a session; raises TransportError, which says `where` it was to listen or to connect."""
+    """Open a session; raises TransportError that names `where` it was to listen or to connect."""
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:

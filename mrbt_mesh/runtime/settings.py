@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
-# A robot that is the first of its team to be there waits so long for the others to start.
+# How long the first robot of a team waits for the others to start.
 DEFAULT_GATHER_S = 10.0
-# Of the robots of a large team each takes so long to start, on a machine that has them all.
+# How long each robot of a large team takes to start, on a machine that has them all.
 START_S_PER_ROBOT = 0.5
 # The size at which files of a robot begin anew, or end (`limited_file`, `recording`).
 MIB, DEFAULT_KEEP_MIB = 1 << 20, 256
@@ -17,7 +17,7 @@ KEYS_VARIABLE = "MRBT_KEYS"
 WARNING = "mrbt: warning:"
 
 WIRED, WIRELESS = "wired", "wireless"
-# Transport profile -> protocols of its endpoints; docs/how-to/network.md says when to use which.
+# Transport profile -> protocols of its endpoints; see docs/how-to/network.md.
 PROTOCOLS = {WIRED: ("tcp", "tls"), WIRELESS: ("quic",)}
 ENCRYPTED = frozenset({"tls", "quic"})
 

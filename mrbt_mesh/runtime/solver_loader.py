@@ -56,7 +56,7 @@ def load_solver(named: str | None, constrained: bool, is_small: bool = False) ->
 
     `constrained`: it will be given side constraints. `is_small`: the problems will be so small
     that the default solver, without constraints, needs no library, and none is loaded. Raises
-    SolverError that says what would be right, with the line where a user's module itself fails.
+    SolverError with the remedy, and with the line where a user's module itself fails.
     """
     solver = default_solver if named is None else SOLVERS.get(named) or _users_solver(named)
     if constrained and not supports_constraints(solver):

@@ -1,4 +1,4 @@
-"""What is behind a task's context: checks what the program says, and hands it to the agent."""
+"""Behind a task's context: checks the program's reports, and hands them to the agent."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def truth(value: Any, what: str) -> bool:
 class AgentPort:
     """Behind one TaskContext; collects the conditions that go with the outcome.
 
-    `own` are the robot's local conditions. `whole` is the port of the local task in whose tree this
-    one's action stands.
+    `own` are the robot's local conditions. `whole` is the port of the local task to whose tree this
+    one's action belongs.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class AgentPort:
                 self._keep(kept, name, value)
 
     def _keep(self, values: dict[str, bool], name: str, value: bool) -> None:
-        """Keep a condition until the outcome is told."""
+        """Keep a condition until the outcome is reported."""
         if self._is_over:
             raise RuntimeError(f"{name!r} is set after the local task has ended: use at_once=True")
         values[name] = value

@@ -50,7 +50,7 @@ from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
-# So many robots are started at once, and so long waited for them before the next ones.
+# The number of robots started at once, and how long to wait for them before the next ones.
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
 MAX_PORT = 65_535
@@ -219,7 +219,7 @@ class Team:
     ) -> list[str]:
         """Wait until these have opened their sessions: many that start at once starve each other.
 
-        No longer than `timeout_s`: one that ends, or hangs, holds up nobody.
+        No longer than `timeout_s`: robots that end or hang do not hold up the others.
         """
         waiting, begun_ns = set(robots), dict.fromkeys(robots, before_ns)
         with anyio.move_on_after(timeout_s):
@@ -237,7 +237,7 @@ class Team:
         return sorted(waiting)
 
     def process(self, robot: str) -> psutil.Process | None:
-        """The robot's process, whoever started it, also one that is only just starting."""
+        """The robot's process, wherever it was started, also one that is only just starting."""
         started = self.processes.get(robot)
         if started is not None and started.returncode is None:
             # It writes its pid to the run directory only once it has got so far.
@@ -279,7 +279,7 @@ class Team:
         return found
 
     def _settle(self) -> None:
-        """Hear how those ended that have ended."""
+        """Take in the exit statuses of robots that have ended."""
         for process in self.processes.values():
             if isinstance(process, ForkedRobot):
                 process.settle()
@@ -305,7 +305,7 @@ class Team:
         return found
 
     async def note_exits(self, watcher: Watcher) -> None:
-        """Tell the record exactly when processes end, whoever started them, and what blocks them.
+        """Note in the record exactly when processes end, and what blocks them.
 
         Never returns.
         """

@@ -15,7 +15,7 @@ from mrbt_mesh.runtime.session_config import Certificates, TransportConfig
 
 
 class AddressError(InputError):
-    """What a team is looked for by cannot be right; the message says what would be."""
+    """An address of a team that cannot be right; the message has the remedy."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> Te
 
 
 def certificates_of(keys: Path | None, robot: str) -> Certificates | None:
-    """What a robot, or whoever reads (no robot), shows on its links; raises KeysError."""
+    """The certificates of a robot, or of an observer (no robot); raises KeysError."""
     if keys is None:
         return None
     # The library is large.

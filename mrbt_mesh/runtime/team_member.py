@@ -5,8 +5,8 @@
         await member.until(lambda: member.result is not None)
 
 It shares the program's event loop and process. So it installs no signal handlers, configures no
-log but its own, and ends nothing but itself: when it stops, the program goes on. A loop that stands
-still for longer than the detection time is what a stopped process is: the robot fences itself off.
+log but its own, and ends nothing but itself: when it stops, the program goes on. A loop that is
+blocked for longer than the detection time is like a stopped process: the robot fences itself off.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
 class NotInTeamError(InputError):
-    """The robot has stopped before what was waited for; the message says why."""
+    """The robot has stopped before the awaited event; the message has the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Assignment:
 class TeamMember:
     """A robot of a team, to be read from the program around it.
 
-    What it says is what this robot knows now; `until` waits for what is to come.
+    Its properties are what this robot knows now; `until` waits for changes.
     """
 
     def __init__(self, driver: Driver, running: asyncio.Task[Stop]) -> None:
@@ -138,7 +138,7 @@ class TeamMember:
 
     @property
     def waiting(self) -> Mapping[str, str]:
-        """Global task -> why nobody does it, for what the tree asks for in vain."""
+        """Global task -> reason, for tasks that the tree requests and no robot performs."""
         plan = self._view.plan
         return {w.global_task: w.reason for w in plan.waiting} if plan is not None else {}
 

@@ -1,14 +1,14 @@
-"""Who holds the liveliness token of a robot's life: the robot itself, and perhaps somebody else.
+"""The holders of the liveliness token of a robot's life: the robot, and perhaps strangers.
 
-Anybody on the network may show a token in a robot's name and take it down again, as often as he
-likes; nobody can take down another session's. So a token is gone once nobody holds it any more: a
+Any session on the network may show a token in a robot's name and take it down again, as often as
+it likes, but not that of another session. So a token has disappeared once no session holds it: a
 stranger can keep one up, and no more than that. A robot that has found another router, or opened
 its session anew, shows a new token before the old one ends.
 
 Tokens are hints, so a bounded amount of work and memory is spent on them: on those of robots that
-may be there, a few lives of each, and of each robot so many changes a second. Once something of a
-robot was passed over, it is not known any more who holds its token, and the end of its token is not
-told, until there was less for a while and all tokens have been listed again (`must_list_again`).
+may be there, a few lives of each, and a number of changes a second for each robot. Once a change of
+a robot was passed over, the holders of its token are not known any more, and the end of its token
+is not reported, until all tokens have been listed again after a quiet time (`must_list_again`).
 Heartbeats decide meanwhile.
 """
 
@@ -29,7 +29,7 @@ from mrbt_mesh.runtime.flood_gate import Budget
 CHANGES_AT_ONCE, CHANGES_PER_S = 20, 5
 MAX_LIVES, MAX_HOLDERS = 8, 8
 MAX_ROBOTS = 1_000
-# The name under which those who only watch show their tokens.
+# The name under which observers show their tokens.
 OBSERVER = "observer"
 # How long nothing was passed over before all tokens are listed again.
 QUIET_US = 30_000_000
@@ -41,7 +41,7 @@ LifeOf = Callable[[str], Incarnation | None]
 
 
 def life_of(peers: Callable[[], Mapping[str, Peer]], keys: Keys | None) -> LifeOf:
-    """The lives of these peers; others may be there if they have keys, or if nobody has any."""
+    """The lives of these peers; others may be there if they have keys, or if the team has none."""
 
     def find(robot: str) -> Incarnation | None:
         peer = peers().get(robot)
@@ -62,7 +62,7 @@ class Holder(NamedTuple):
 
 class Change(enum.Enum):
     """What a change means: the token of the robot's present life is held (perhaps by one more), or
-    is gone; nothing; or it was passed over, because there is too much or nobody of that name.
+    has disappeared; nothing; or it was passed over: there are too many, or there is no such robot.
     """
 
     HELD = enum.auto()
@@ -160,7 +160,7 @@ class TokenHolders:
         )
 
     def clear(self) -> None:
-        """All tokens are about to be told anew."""
+        """All tokens are about to be listed anew."""
         self._robots.clear()
         self._passed_over_us = None
 

@@ -285,7 +285,7 @@ def _one_failure(error: BaseException, function: Callable[..., Any], count: int)
 
 
 def wrong_result(function: Callable[..., Any], result: Any, expected: str) -> UserCodeError:
-    """A function returned what it must not; `expected` says what would be right."""
+    """The failure of a function that returned a wrong value; `expected` is the remedy."""
     code = code_of(function)
     name = code.co_name if code is not None else "the function"
     where = place_of(function, [])

@@ -133,7 +133,7 @@ class Watcher:
         if manifest.problem:
             self.observer.record.say(now_us, f"the new manifest is refused: {manifest.problem}")
         elif manifest.is_revoked:
-            text = "the key of whoever watches has been revoked or replaced: start again"
+            text = "the observer's own key has been revoked or replaced: start again"
             self.observer.record.say(now_us, text)
 
     async def wait_for_change(self, timeout_s: float) -> None:
@@ -143,7 +143,7 @@ class Watcher:
             await self.changed.wait()
         self.changed = anyio.Event()
         self._looked_us = boottime_us()
-        # As a robot does: what came meanwhile may be unread, so nobody is suspected for it.
+        # As a robot does: messages may be unread, so no robot is suspected for its own lag.
         lag_us = self._looked_us - before_us - round(timeout_s * SECOND_US)
         if lag_us > self.timing.heartbeat_us // 2:
             self.observer.membership.allow_for_own_lag(lag_us, self._looked_us)
@@ -235,7 +235,7 @@ class Watcher:
         return False, doubtful
 
     def _opened_answer(self, answer: bytes, robot: str) -> tuple[bytes, bool]:
-        """(answer, whether it is authentic): who does not know our key answers without one."""
+        """(answer, whether it is authentic): robots that do not know our key answer without one."""
         if self._guard is None:
             return answer, True
         try:

@@ -13,10 +13,10 @@ Facts that shaped it (eclipse-zenoh 1.10, measured):
 - Closing an isolated session may take 10 s and raise: it happens on a daemon thread.
 - A closed QUIC session may hold its port for a second or two.
 - A client with several routers is linked to one, and to the next within some ms of its end; peers
-  with the same endpoints are not. It loses everybody's tokens then, and gets them back. Whoever is
-  linked to another router loses those of the dead one's clients, as if they had been killed: only a
-  router can say which it is, in its administration space.
-- A client that waits for its first router does not try the second: it is told not to wait.
+  with the same endpoints are not. It loses all tokens then, and gets them back. Sessions
+  linked to another router lose those of the dead one's clients, as if they had been killed: which
+  it is, only a router knows, in its administration space.
+- A client that waits for its first router does not try the second: it does not wait.
 - BLOCK can stall the caller and then drop the link: everything is sent with DROP; lost facts
   are repaired by the agents.
 """
@@ -59,9 +59,9 @@ from mrbt_mesh.runtime.session_config import (
 from mrbt_mesh.runtime.token_holders import OBSERVER, Change, Holder, LifeOf, TokenHolders
 
 REOPEN_CLOSE_TIMEOUT_S = 1.0
-# So long a robot waits for the first router to answer, and whoever only watches.
+# How long a robot, and an observer, wait for the first router to answer.
 ROUTER_WAIT_S, OBSERVER_WAIT_S, ROUTER_RETRY_S = 30.0, 3.0, 0.25
-# So long a router may take to say which links it has, in so many bytes.
+# How long a router may take to list its links, and the largest list.
 ROUTER_ANSWER_S = 0.5
 MAX_ROUTER_ANSWER_BYTES = 1 << 20
 NO_ROUTER = "direct"
@@ -106,7 +106,7 @@ class ZenohTransport:
         else:
             session = open_session(session_config(config), config.listen)
         keys = [(f"{kind}/*", kind) for kind in (MessageKind.HEARTBEAT, MessageKind.FACT)]
-        # What goes to some goes once more to whoever watches.
+        # Messages to some robots are sent once more for observers.
         to = f"to/{self._config.robot}/*" if self._config.robot else "watch/*"
         for key, kind in [*keys, (to, MessageKind.HEARTBEAT)]:
             session.declare_subscriber(
@@ -124,7 +124,7 @@ class ZenohTransport:
             self.declare_token(self._incarnation)
 
     def _list_tokens(self, session: zenoh.Session) -> None:
-        """Have all tokens told that there are, and from then on their changes."""
+        """Have all tokens delivered, and from then on their changes."""
         with self._lock:
             self._holders.clear()
         listed = threading.Event()
@@ -194,7 +194,7 @@ class ZenohTransport:
     # -- sending --------------------------------------------------------------------------
 
     def publish(self, kind: MessageKind, data: bytes, to: tuple[str, ...] | None = None) -> None:
-        """Send to these robots and to whoever watches, or to everybody.
+        """Send to these robots and to observers, or to all.
 
         What is sent while the session is being reopened is lost.
         """
@@ -252,7 +252,7 @@ class ZenohTransport:
                 Callback(on_reply, on_end, indirect=False),
                 payload=data,
                 timeout=timeout_s,
-                # Or Zenoh would ask only whoever says that he knows all, who may be anybody.
+                # Or Zenoh would ask only a session that claims to know all, perhaps a stranger's.
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -382,7 +382,7 @@ class ZenohTransport:
                 self._deliver(InputRefused(source, TOO_MANY_TOKENS, 1), None)
         elif change is not Change.NOTHING and token is not None:
             event = TokenChanged(robot, incarnation, change is Change.HELD, holder.router)
-            # What comes after it says more of that life.
+            # A later change of that life replaces it.
             self._deliver(event, f"token/{robot}/{incarnation}")
 
     def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
@@ -405,7 +405,7 @@ class ZenohTransport:
 
 
 def _parse_token(name: str) -> tuple[str, Incarnation, Holder] | None:
-    """What the key of a token says behind the team; None: it is no robot's."""
+    """The parts of a token's key behind the team; None: it is no robot's."""
     parts = name.split("/")
     if len(parts) != 5 or not is_robot_id(parts[0]):
         return None
