@@ -14,7 +14,6 @@ from mrbt_mesh.core.agent.inputs import BidMade, BidsMade, Input
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.program_loader import check_program
 from tests.support.action_host import Host
@@ -110,16 +109,6 @@ def test_an_exception_is_no_bid_with_its_traceback() -> None:
     assert "ZeroDivisionError" in answer(broken).error
     assert "the map server" in answer(late).error
     assert "takes 0 arguments besides the context, found 1" in answer(lambda: 1.0).error
-
-
-def test_who_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def never(task: TaskContext, parcel: str) -> float:
-        await anyio.sleep_forever()
-        return 1.0
-
-    monkeypatch.setattr(actions, "BID_LIMIT_S", 0.01)
-    made = answer(never)
-    assert (made.performance, made.reason) == (None, "no answer within 0.01 s")
 
 
 def test_bids_that_are_made_at_once_are_told_at_once() -> None:

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.records import Outcome
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.runtime import journal as journal_module
 from mrbt_mesh.runtime.journal import Journal, reason_of
@@ -89,17 +88,6 @@ def test_the_proof_of_a_batch_is_kept_as_long_as_an_entry_of_it_stands(
     assert [each.proof for each in journal(path).open()] == [proofs[1], proofs[1], None]
     (rows,) = sqlite3.connect(path).execute("SELECT COUNT(*) FROM proofs").fetchone()
     assert rows == 1
-
-
-def test_a_newer_entry_of_a_key_replaces_the_older_one(tmp_path: Path) -> None:
-    path = tmp_path / "A1.journal"
-    first = journal(path)
-    first.open()
-    put(first, entry(sequence=1))
-    put(first, entry(sequence=2, value=["run1:1:a::0", "a", "a", 2, 5, ""]))
-    first.close()
-    (found,) = journal(path).open()
-    assert found.version.sequence == 2
 
 
 def test_what_is_forgotten_is_gone_and_may_come_back(tmp_path: Path) -> None:
@@ -338,15 +326,3 @@ def test_a_folder_that_cannot_be_written_leaves_a_robot_without_a_journal(tmp_pa
     lost = journal(tmp_path / "nowhere" / "A1.journal")
     assert lost.begin() == ((), "it cannot be opened")
     lost.close()
-
-
-def test_the_reason_of_a_failure_is_kept(tmp_path: Path) -> None:
-    path = tmp_path / "A1.journal"
-    first = journal(path)
-    first.open()
-    told = entry(name="outcome/run1:1:a::1/a", sequence=1, value=[False, None, "no path"])
-    earlier = entry(name="outcome/run1:1:a::2/a", sequence=2, value=[False, {"n": 1}])
-    put(first, told, earlier)
-    found = {each.name: each.record for each in journal(path).open()}
-    assert found[told.name] == Outcome(False, None, "no path")
-    assert found[earlier.name] == Outcome(False, {"n": 1}, "")

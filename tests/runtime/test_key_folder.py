@@ -29,13 +29,6 @@ def test_secrets_are_their_owners_alone(folder: KeyFolder) -> None:
         assert json.loads(path.read_text())["private"] not in folder.manifest_path.read_text()
 
 
-def test_members_know_each_other(folder: KeyFolder) -> None:
-    one, other = folder.keys_of("A"), folder.keys_of("B")
-    assert other.is_signed("A", b"x", one.sign(b"x"))
-    assert one.tag("B", b"x") == other.tag("A", b"x")
-    assert {name: one.role_of(name) for name in one.members()} == MEMBERS
-
-
 def test_a_robots_machine_needs_two_files(folder: KeyFolder, tmp_path: Path) -> None:
     there = tmp_path / "robot"
     there.mkdir()

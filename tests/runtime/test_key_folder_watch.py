@@ -49,12 +49,6 @@ def test_who_is_revoked_or_replaced_is_told(folder: KeyFolder, watch: ManifestWa
     assert watch.is_revoked
 
 
-def test_another_key_of_the_same_name(folder: KeyFolder, watch: ManifestWatch) -> None:
-    folder.add({"A": Role.ROBOT}, replaces=True)
-    watch.look()
-    assert watch.is_revoked
-
-
 def test_an_older_version_is_refused(
     folder: KeyFolder, keys: MemberKeys, watch: ManifestWatch
 ) -> None:

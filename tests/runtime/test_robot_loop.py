@@ -20,29 +20,6 @@ def in_robot_loop(main: Callable[[], Any]) -> Any:
     return anyio.run(main, backend_options={"loop_factory": RobotLoop})
 
 
-async def exits(delay_s: float = 0.0) -> None:
-    await asyncio.sleep(delay_s)
-    raise SystemExit(3)
-
-
-def test_a_task_that_exits_does_not_end_the_loop() -> None:
-    async def main() -> str:
-        task = asyncio.ensure_future(exits())
-        await asyncio.wait((task,))
-        return repr(task.exception())
-
-    assert in_robot_loop(main) == "SystemExit(3)"
-
-
-def test_a_program_cannot_stop_the_loop() -> None:
-    async def main() -> str:
-        with pytest.raises(RuntimeError, match="cannot stop the event loop"):
-            asyncio.get_running_loop().stop()
-        return "goes on"
-
-    assert in_robot_loop(main) == "goes on"
-
-
 def test_ctrl_c_ends_it_as_any_other() -> None:
     async def main() -> None:
         signal.raise_signal(signal.SIGINT)
@@ -55,29 +32,6 @@ def test_ctrl_c_ends_it_as_any_other() -> None:
             in_robot_loop(main)
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def test_what_nobody_awaits_is_told_to_the_call_that_began_it() -> None:
-    told: list[str] = []
-    heard = anyio.Event
-
-    async def main() -> None:
-        done = heard()
-        kept = []
-
-        async def work() -> None:
-            kept.append(asyncio.ensure_future(exits()))
-
-        def tell(what: str, call: UserCall, failure: Exception) -> None:
-            told.append(f"{what} {call.name}: {failure}")
-            done.set()
-
-        await UserCall("local task mow", work, work, tell).run()
-        await done.wait()
-
-    in_robot_loop(main)
-    (text,) = told
-    assert text.startswith("a task started by local task mow: SystemExit: 3 (test_robot_loop.py:")
 
 
 def test_the_watchdog_names_a_step_that_does_not_end_once() -> None:

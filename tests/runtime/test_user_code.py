@@ -11,7 +11,7 @@ import pytest
 
 from mrbt_mesh import TaskFailedError
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
-from mrbt_mesh.runtime.user_code import MAX_SWALLOWED, UserCall, UserCodeError, shown
+from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, shown
 
 HERE = "test_user_code.py"
 
@@ -32,69 +32,6 @@ def line(function: Callable[..., Any], offset: int) -> str:
     return f"({HERE}:{function.__code__.co_firstlineno + offset})"
 
 
-async def cancelled_future() -> None:
-    future = asyncio.get_running_loop().create_future()
-    asyncio.get_running_loop().call_soon(future.cancel)
-    await future
-
-
-async def cancels_itself() -> None:
-    current = asyncio.current_task()
-    assert current is not None
-    current.cancel()
-    await asyncio.sleep(0)
-
-
-async def cancels_itself_and_returns() -> str:
-    current = asyncio.current_task()
-    assert current is not None
-    current.cancel()
-    return "done"
-
-
-async def leaves_a_scope_open() -> str:
-    anyio.CancelScope().__enter__()
-    return "done"
-
-
-async def exits() -> None:
-    raise SystemExit(3)
-
-
-async def interrupts() -> None:
-    raise KeyboardInterrupt
-
-
-async def closes() -> None:
-    raise GeneratorExit
-
-
-@pytest.mark.parametrize(
-    ("function", "named", "offset"),
-    [
-        (cancelled_future, "CancelledError: the program cancelled it", 3),
-        (cancels_itself, "CancelledError", 4),
-        (exits, "SystemExit: 3", 1),
-        (interrupts, "KeyboardInterrupt", 1),
-        (closes, "GeneratorExit", 1),
-    ],
-)
-async def test_what_is_no_exception_of_a_program_is_its_failure(
-    function: Callable[..., Any], named: str, offset: int
-) -> None:
-    reason = await reason_of(function)
-    assert reason.startswith(named)
-    assert reason.endswith(line(function, offset))
-
-
-async def test_what_a_function_leaves_behind_ends_with_it() -> None:
-    with anyio.CancelScope() as scope:
-        call = UserCall("work", cancels_itself_and_returns, cancels_itself_and_returns)
-        assert await call.run() == "done"
-        assert "cancel scope" in await reason_of(leaves_a_scope_open)
-    assert not scope.cancelled_caught
-
-
 async def test_a_plain_function_and_any_awaitable() -> None:
     future = asyncio.get_running_loop().create_future()
     future.set_result(4)
@@ -103,18 +40,6 @@ async def test_a_plain_function_and_any_awaitable() -> None:
 
 
 async def test_groups_are_opened() -> None:
-    async def worker(number: int) -> None:
-        await anyio.lowlevel.checkpoint()
-        raise ValueError(f"number {number}")
-
-    async def work() -> None:
-        async with anyio.create_task_group() as group:
-            group.start_soon(worker, 1)
-            group.start_soon(worker, 2)
-
-    where = line(worker, 2)
-    assert await reason_of(work) == f"ValueError: number 1 {where}; ValueError: number 2 {where}"
-
     def nested() -> None:
         inner = ExceptionGroup("inner", [KeyError(n) for n in range(4)])
         raise BaseExceptionGroup(
@@ -154,49 +79,6 @@ async def test_exceptions_that_are_hard_to_tell(error: Exception) -> None:
         raise error
 
     assert type(error).__name__ in await reason_of(work)
-
-
-async def cancelled(function: Callable[..., Any]) -> str:
-    """What a function says in place of its cancellation."""
-    call = UserCall("work", function, function)
-    async with anyio.create_task_group() as group:
-        group.start_soon(call.run)
-        for _ in range(3):
-            await anyio.lowlevel.checkpoint()
-        group.cancel_scope.cancel()
-    assert group.cancel_scope.cancelled_caught
-    assert call.late_failure is not None
-    return call.late_failure.reason
-
-
-# Python says so of what ignores that it is closed.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("swallowed", [asyncio.CancelledError, BaseException])
-async def test_one_that_swallows_every_cancellation_is_ended(
-    swallowed: type[BaseException],
-) -> None:
-    count = 0
-
-    async def work() -> None:
-        nonlocal count
-        while True:
-            try:
-                await anyio.sleep_forever()
-            except swallowed:
-                count += 1
-
-    assert "was ended: raise the cancellation again" in await cancelled(work)
-    assert count >= MAX_SWALLOWED
-
-
-async def test_what_fails_while_it_is_cancelled_is_told() -> None:
-    async def work() -> None:
-        try:
-            await anyio.sleep_forever()
-        finally:
-            raise ValueError("the gripper is stuck")
-
-    assert (await cancelled(work)).startswith("ValueError: the gripper is stuck")
 
 
 async def test_one_that_ends_before_the_cancellation_reaches_it_has_ended() -> None:
