@@ -269,23 +269,16 @@ class DrillInjector:
         pairs = [(s, t) for s in sources for t in targets if s != t]
         if name != "unblock":
             self.injected.disturbed |= {frozenset(pair) for pair in pairs}
-        act: Callable[..., None] = network.unblock
-        more: tuple[int, ...] = ()
-        text = "open again"
         match fault:
             case LossModel(permille=permille):
-                act, more = network.lose, (permille,)
+                changes: dict[str, Any] = {"loss_permille": permille}
                 text = f"{permille / 10:g} % loss ({network.loss_tool})"
             case DelayModel(ms=delay_ms):
-                act, more, text = network.delay, (delay_ms,), f"{delay_ms} ms delay"
-            case _ if name == "block":
-                act, text = network.block, "blocked"
-
-        def disturb_all() -> None:
-            for pair in pairs:
-                act(*pair, *more)
-
-        await anyio.to_thread.run_sync(disturb_all)
+                changes, text = {"delay_ms": delay_ms}, f"{delay_ms} ms delay"
+            case _:
+                changes = {"blocked": name == "block"}
+                text = "blocked" if name == "block" else "open again"
+        await anyio.to_thread.run_sync(lambda: network.disturb(pairs, **changes))
         self._note(name, (), f"{' '.join(sources)} → {' '.join(targets)}: {text}")
 
     def _groups(self, fault: list[Robots], snapshot: Snapshot) -> list[list[str]]:

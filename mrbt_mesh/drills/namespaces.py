@@ -23,10 +23,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 # Set aside for measurements between networks (RFC 2544): no machine's network lives there.
 RANGE = ipaddress.IPv4Network("198.18.0.0/15")
@@ -51,6 +52,10 @@ class Fault:
     loss_permille: int = 0
     delay_ms: int = 0
 
+    def __post_init__(self) -> None:
+        if not 0 <= self.loss_permille <= 1000:
+            raise ValueError(f"loss {self.loss_permille}: 0 to 1000 permille")
+
 
 WELL = Fault()
 
@@ -72,7 +77,7 @@ def _trial() -> str | None:
     """Make a pair of namespaces and a fault: containers may forbid what root may do elsewhere."""
     try:
         with Namespaces(["a", "b"], "trial") as pair:
-            pair.lose("a", "b", 500)
+            pair.disturb([("a", "b")], loss_permille=500)
     except NamespaceError as error:
         return str(error)
     return None
@@ -183,52 +188,38 @@ class Namespaces:
 
     # -- faults ---------------------------------------------------------------------------
 
-    def block(self, source: str, target: str) -> None:
-        """Nothing that `source` sends reaches `target` any more; the other way is left alone."""
-        self._change([(source, target)], lambda f: replace(f, blocked=True))
+    def disturb(self, pairs: Iterable[tuple[str, str]], **changes: Any) -> None:
+        """Change the fields of a Fault for packets from the first to the second of each pair.
 
-    def unblock(self, source: str, target: str) -> None:
-        """Take `block` back."""
-        self._change([(source, target)], lambda f: replace(f, blocked=False))
+        The other direction is left alone. A delay needs `can_delay`.
+        """
+        targets = set()
+        for pair in pairs:
+            if pair[0] == pair[1] or not {*pair} <= {*self._robots}:
+                raise ValueError(f"{pair[0]} to {pair[1]}: not two robots of {self._robots}")
+            fault = replace(self._faults.get(pair, WELL), **changes)
+            if fault.delay_ms and not self.can_delay:
+                raise NamespaceError("this kernel cannot delay packets: it lacks sch_netem")
+            self._faults[pair] = fault
+            targets.add(pair[1])
+        for target in sorted(targets):
+            self._apply(target)
 
     def partition(self, *groups: Iterable[str]) -> None:
         """Block every pair of robots of different groups, both ways; one step per robot."""
-        sets = [frozenset(group) for group in groups]
+        sets = [sorted(set(group)) for group in groups]
         pairs = [
-            (source, target)
+            pair
             for one, other in itertools.permutations(sets, 2)
-            for source in sorted(one)
-            for target in sorted(other)
+            for pair in itertools.product(one, other)
         ]
-        self._change(pairs, lambda f: replace(f, blocked=True))
-
-    def lose(self, source: str, target: str, permille: int) -> None:
-        """Lose packets from `source` to `target` at random, each for itself."""
-        if not 0 <= permille <= 1000:
-            raise ValueError(f"loss {permille}: 0 to 1000 permille")
-        self._change([(source, target)], lambda f: replace(f, loss_permille=permille))
-
-    def delay(self, source: str, target: str, delay_ms: int) -> None:
-        """Delay packets from `source` to `target`; needs `can_delay`."""
-        if not self.can_delay:
-            raise NamespaceError("this kernel cannot delay packets: it lacks sch_netem")
-        self._change([(source, target)], lambda f: replace(f, delay_ms=delay_ms))
+        self.disturb(pairs, blocked=True)
 
     def heal(self) -> None:
         """Take all faults back."""
         faulty = {target for _, target in self._faults}
         self._faults.clear()
         for target in sorted(faulty):
-            self._apply(target)
-
-    def _change(self, pairs: Iterable[tuple[str, str]], change: Callable[[Fault], Fault]) -> None:
-        targets = set()
-        for pair in pairs:
-            if pair[0] == pair[1] or not {*pair} <= {*self._robots}:
-                raise ValueError(f"{pair[0]} to {pair[1]}: not two robots of {self._robots}")
-            self._faults[pair] = change(self._faults.get(pair, WELL))
-            targets.add(pair[1])
-        for target in sorted(targets):
             self._apply(target)
 
     def _apply(self, target: str) -> None:

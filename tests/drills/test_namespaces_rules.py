@@ -53,6 +53,6 @@ def test_faults_are_between_two_robots_of_the_team() -> None:
     space = Namespaces(["A1", "B1"], "test")
     for source, target in (("A1", "A1"), ("A1", "Z9")):
         with pytest.raises(ValueError, match="not two robots of"):
-            space.block(source, target)
+            space.disturb([(source, target)], blocked=True)
     with pytest.raises(ValueError, match="0 to 1000 permille"):
-        space.lose("A1", "B1", 1001)
+        space.disturb([("A1", "B1")], loss_permille=1001)

@@ -108,9 +108,9 @@ class Crew:
     def cut_one_sided(self, source: str, target: str) -> None:
         """The target's lease expires, and the source cannot be told; then all is well again."""
         pause = threading.Event()
-        self.space.block(source, target)
+        self.space.disturb([(source, target)], blocked=True)
         pause.wait(1.0)
-        self.space.block(target, source)
+        self.space.disturb([(target, source)], blocked=True)
         pause.wait(1.5)
         self.space.heal()
 

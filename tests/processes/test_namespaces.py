@@ -75,8 +75,8 @@ def received(space: Namespaces, target: str) -> dict[str, int]:
 
 
 def test_cuts_and_losses_have_a_direction_and_heal(space: Namespaces) -> None:
-    space.block("B1", "A1")
-    space.lose("C1", "A1", 500)
+    space.disturb([("B1", "A1")], blocked=True)
+    space.disturb([("C1", "A1")], loss_permille=500)
     at_a = received(space, "A1")
     assert at_a["B1"] == 0
     assert COUNT // 4 < at_a["C1"] < 3 * COUNT // 4, "about half of them, six sigma and more"
@@ -90,7 +90,7 @@ def test_a_partition_separates_its_groups_both_ways_and_nobody_else(space: Names
     space.partition(["A1"], ["B1", "C1"])
     assert received(space, "A1") == {"B1": 0, "C1": 0, "observer": COUNT}
     assert received(space, "B1") == {"A1": 0, "C1": COUNT, "observer": COUNT}
-    space.unblock("A1", "B1")
+    space.disturb([("A1", "B1")], blocked=False)
     assert received(space, "B1") == {"A1": COUNT, "C1": COUNT, "observer": COUNT}
 
 
