@@ -65,15 +65,3 @@ def test_robots_and_who_watches_serve_metrics(team: Team) -> None:
     team.end()
     _, problems = watch.communicate(timeout=60)
     assert problems == ""
-
-
-def test_a_port_that_is_taken_ends_the_robot_with_a_message(team: Team) -> None:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
-        words = ("--mission", str(EXPLORE), "--robot", "R1", "--insecure")
-        done = team.command("agent", *words, "--metrics-port", str(port))
-    assert done.returncode == 2
-    assert f"mrbt agent: metrics cannot be served on 127.0.0.1:{port}: Address" in done.stderr
-    assert "Traceback" not in done.stderr

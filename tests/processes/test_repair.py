@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
-
 import pytest
 
-from mrbt_mesh.drills.physical import of, spans
+from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import (
     check_paper,
     go_on_as_in_the_paper,
@@ -53,21 +51,6 @@ def test_a_frozen_robot_is_replaced_and_yields_when_it_thaws(team: Team) -> None
     ends = [e for e in team.events() if e["activation"] == victim["activation"]]
     assert [e["robot"] for e in ends if e["outcome"] == "success"] == [replacement["robot"]]
     assert summary["robots"][robot]["state"] == "alive"
-
-
-def test_a_robot_that_leaves_hands_its_work_over(team: Team) -> None:
-    team.hold("replace_hw")
-    team.up()
-    victim = team.wait_for_event("replace_hw")
-    team.signal(victim["robot"], signal.SIGTERM)
-    team.wait_for_replacement(victim)
-    team.release()
-    code, summary = team.end()
-    assert code == 0, team.logs()
-    assert summary["robots"][victim["robot"]]["state"] == "left"
-    assert summary["takeovers"] == summary["faults"] == []
-    done = [s for s in of(spans(team.events()), "replace_hw") if s.end == "success"]
-    assert len(done) == 2
 
 
 def test_minor_fault_and_restore(team: Team) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
 
 import pytest
 
-from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
@@ -52,29 +51,6 @@ def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: T
     team.release()
     code, _ = team.end()
     assert code == 0, team.logs()
-
-
-@pytest.mark.slow
-def test_another_mission_is_refused_on_both_sides(team: Team) -> None:
-    team.hold("use_screwdriver")
-    team.up(REPAIR, "--insecure")
-    team.wait_for_event("use_screwdriver", robot="C1")
-    run = json.loads((team.run_dir / "run.json").read_text())["options"]["run"]
-    stranger = team.agent(EXPLORE, "R1", "--run", run, *endpoints(team))
-    _, problems = stranger.communicate()
-    assert stranger.returncode == 2
-    assert "mission 'vehicle_repair' with digest" in problems
-    assert "all robots of a team need the same mission file" in problems
-
-    def refusals() -> list[dict[str, str]]:
-        return [line for line in team.log("C1") if line["event"] == "robot_refused"]
-
-    team.wait_until(refusals, "C1 refuses the stranger")
-    team.release()
-    code, _ = team.end()
-    assert code == 0, team.logs()
-    assert [line["source"] for line in refusals()] == ["R1"]
-    assert "mission 'explore' with digest" in refusals()[0]["reason"]
 
 
 def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team) -> None:
@@ -170,23 +146,6 @@ def test_a_run_that_ends_before_its_team_has_gathered_has_not_started(team: Team
     assert summary["robots"] == {}
     assert summary == json.loads((team.run_dir / "summary.json").read_text())
     assert team.running() == []
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be taken away")
-def test_a_team_that_is_too_large_for_the_machine_is_told_so_and_starts(team: Team) -> None:
-    """Two robots on one core, with a hundred beats a second."""
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})
-    try:
-        options = ["--json", "--run-dir", str(team.run_dir), "--speed", "10"]
-        done = team.command("up", str(EXPLORE), *options, "--beat", "0.01", "--detection", "5")
-    finally:
-        os.sched_setaffinity(0, cores)
-    assert done.returncode == 0, done.stderr + team.logs()
-    assert "warning: 2 robots are too many for this machine: about 1 fit 1 core " in done.stderr
-    found = json.loads(done.stdout)["overload"]
-    assert (found["robots"], found["carried"], found["limit"]) == (2, 1, "processor")
-    assert found["enough_beat_s"] > 0.01
 
 
 def test_a_run_that_is_stopped_on_its_way_is_not_finished(team: Team) -> None:

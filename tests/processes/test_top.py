@@ -36,15 +36,6 @@ def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
     assert summary["robots"][robot]["state"] == "dead"
 
 
-def test_a_team_that_is_over_is_still_shown(team: Team) -> None:
-    team.up(EXPLORE)
-    assert team.end()[0] == 0
-    with Terminal("watch", "--top", environment=team.environment, size=(80, 24)) as terminal:
-        terminal.wait_for("✔ success")
-        terminal.press("q")
-        assert terminal.wait_for_end() == 0, terminal.text
-
-
 def test_up_shows_the_team_then_its_summary_and_a_recording_is_replayed(team: Team) -> None:
     arguments = (str(EXPLORE), "--speed", "5", "--run-dir", str(team.run_dir))
     with Terminal("up", *arguments, environment=team.environment) as terminal:
