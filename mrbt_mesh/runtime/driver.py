@@ -45,7 +45,7 @@ from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import QUIET_S, Inbox
 from mrbt_mesh.runtime.journal import Journal
-from mrbt_mesh.runtime.journal_writer import JournalNews, JournalWriter
+from mrbt_mesh.runtime.journal_writer import JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.limited_file import append
 from mrbt_mesh.runtime.link_watch import LinkWatch, Sighting
@@ -113,7 +113,7 @@ class Driver:
         self._meter = setup.meter
         self._journal = JournalWriter(
             setup.journal,
-            self._tell,
+            lambda news: self._from_thread(self.submit, news),
             setup.config.journal_problem,
             self._meter.sync_s if self._meter else None,
         )
@@ -175,9 +175,10 @@ class Driver:
 
     async def _live(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         self._stopped = anyio.Event()
-        config, transport = self._setup.config, self._setup.transport
+        self._loop = asyncio.get_running_loop()
+        setup, config, transport = self._setup, self._config, self._setup.transport
         self._inbox = inbox = Inbox(
-            asyncio.get_running_loop(), lambda: self._wake(inbox, gate), are_beats_quiet=True
+            self._loop, lambda: self._wake(inbox, gate), are_beats_quiet=True
         )
         is_shared = bool(transport.routers)
         gate = FloodGate(config.keys, config.run, inbox.put, config.life, is_link_shared=is_shared)
@@ -187,33 +188,25 @@ class Driver:
         try:
             async with anyio.create_task_group() as group:
                 self._group = group
-                setup, config = self._setup, self._config
-                own = tuple(sorted(config.capabilities))
-                identity = RobotIdentity(
-                    config.robot, config.type, os.getpid(), setup.options.speed, own
-                )
+                own, speed = tuple(sorted(config.capabilities)), setup.options.speed
+                identity = RobotIdentity(config.robot, config.type, os.getpid(), speed, own)
                 self._runner = ActionRunner(group, setup.program, setup.mission, identity, self)
                 self._runner.start_background()
-                group.start_soon(self._watch_links)
-                group.start_soon(self._mark_alive)
-                group.start_soon(self._look_for_quiet_beats)
-                if not self._setup.is_guest:
+                for task in (self._watch_links, self._look_regularly, self._look_for_quiet_beats):
+                    group.start_soon(task)
+                if not setup.is_guest:
                     group.start_soon(self._watch_signals)
-                group.start_soon(self._watch_manifest)
-                group.start_soon(self._look_for_metrics)
                 self._is_ready = True
-                self._loop = asyncio.get_running_loop()
                 self._journal.start()
                 self.begun.set()
                 self.submit(TimerFired())
                 self._drain(inbox, gate)
                 if launcher is not None:
-                    loop = asyncio.get_running_loop()
-                    launcher.call_when_gone(lambda: self._lose_launcher(loop))
+                    launcher.call_when_gone(lambda: self._from_thread(self._lose_launcher))
                 with loop_watchdog(self, config, self._run_dir, selector.step):
                     await self._stopped.wait()
                 group.cancel_scope.cancel()
-                asyncio.get_running_loop().call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
+                self._loop.call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
         finally:
             if self._timer is not None:
                 self._timer.cancel()
@@ -271,11 +264,11 @@ class Driver:
         self._inbox.are_beats_quiet = self._agent.view.is_calm
         self.on_step()
 
-    def _tell(self, news: JournalNews) -> None:
-        """Called by the thread that writes the journal."""
+    def _from_thread(self, call: Callable[..., None], *arguments: Any) -> None:
+        """Have the event loop call this; for other threads."""
         # A loop that is closed: the process is about to end.
         with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self.submit, news)
+            self._loop.call_soon_threadsafe(call, *arguments)
 
     def _wake(self, inbox: Inbox, gate: FloodGate) -> None:
         """Take in what others have sent, in a large team what comes shortly after one another
@@ -327,15 +320,10 @@ class Driver:
             async for _ in signals:
                 await self.leave()
 
-    def _lose_launcher(self, loop: asyncio.AbstractEventLoop) -> None:
-        def leave() -> None:
-            if self._stop is None:
-                self.log("warning", "launcher_gone")
-                self._group.start_soon(self.leave)
-
-        # A loop that is closed: the process is about to end.
-        with contextlib.suppress(RuntimeError):
-            loop.call_soon_threadsafe(leave)
+    def _lose_launcher(self) -> None:
+        if self._stop is None:
+            self.log("warning", "launcher_gone")
+            self._group.start_soon(self.leave)
 
     async def leave(self) -> None:
         """Hand the work over and stop; at most LEAVE_TIMEOUT_S."""
@@ -344,17 +332,17 @@ class Driver:
             await self._stopped.wait()
         self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
-    async def _mark_alive(self) -> None:
-        while self._run_dir is not None:
-            self._run_dir.mark_alive(self._config.robot)
-            await anyio.sleep(WATCH_S)
-
-    async def _watch_manifest(self) -> None:
-        """Take over changes of the team's members."""
-        manifest = self._setup.manifest
-        while manifest is not None:
-            await anyio.sleep(WATCH_S)
-            if not manifest.look():
+    async def _look_regularly(self) -> None:
+        """Show a sign of life, measure how late the loop is, take over changes of the members."""
+        while True:
+            if self._run_dir is not None:
+                self._run_dir.mark_alive(self._config.robot)
+            due_s = self._loop.time() + WATCH_S
+            await anyio.sleep_until(due_s)
+            if self._meter is not None:
+                self._meter.look(self._loop.time() - due_s, self._agent.view.agrees())
+            manifest = self._setup.manifest
+            if manifest is None or not manifest.look():
                 continue
             if manifest.problem:
                 self.log("error", "manifest_refused", reason=manifest.problem)
@@ -362,14 +350,6 @@ class Driver:
                 self._carry_out(Stop(2, "its key has been revoked or replaced"))
             else:
                 self.log("info", "manifest_taken_over")
-
-    async def _look_for_metrics(self) -> None:
-        """Measure regularly how late the loop is, and whether all agree."""
-        loop, meter = asyncio.get_running_loop(), self._meter
-        while meter is not None:
-            due_s = loop.time() + WATCH_S
-            await anyio.sleep_until(due_s)
-            meter.look(loop.time() - due_s, self._agent.view.agrees())
 
     async def _watch_links(self) -> None:
         """Log which links fall silent and come back; reopen a session that is split."""
