@@ -33,6 +33,7 @@ from mrbt_mesh.runtime.settings import (
     START_S_PER_ROBOT,
     WIRED,
 )
+from mrbt_mesh.runtime.team_address import certificates_of
 
 HOST = "127.0.0.1"
 PORT = 7447
@@ -90,10 +91,7 @@ def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
     connect = () if info.options.routers else tuple(info.endpoints.values())
     certificates = None
     if any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in connect):
-        from mrbt_mesh.runtime.key_folder import KeyFolder
-
-        folder = KeyFolder(run_dir.keys_path)
-        certificates = folder.certificates_of(folder.reader())
+        certificates = certificates_of(run_dir.keys_path)
     return TransportConfig(
         info.team,
         "",

@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from mrbt_mesh import plugins
 from mrbt_mesh.core.agent.config import AgentConfig
@@ -33,12 +33,8 @@ from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.solver_loader import chosen_engine, solver_for
-from mrbt_mesh.runtime.team_address import on_network
+from mrbt_mesh.runtime.team_address import keys_of, on_network
 from mrbt_mesh.version import __version__
-
-if TYPE_CHECKING:
-    from mrbt_mesh.runtime.key_folder import ManifestWatch
-    from mrbt_mesh.runtime.member_keys import MemberKeys
 
 # From these sizes on, planning may take longer than the event loop may be blocked.
 LARGE_ROBOTS = 100
@@ -157,17 +153,6 @@ def _expected(options: RobotOptions, mission: Mission) -> frozenset[str]:
         if not is_robot_id(robot):
             raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
     return frozenset(expected)
-
-
-def keys_of(folder: Path | None, robot: str) -> tuple[MemberKeys | None, ManifestWatch | None]:
-    """A robot's keys, and what looks for a newer manifest of them; raises KeysError."""
-    if folder is None:
-        return None, None
-    # The library is large.
-    from mrbt_mesh.runtime.key_folder import KeyFolder, ManifestWatch
-
-    keys = KeyFolder(folder).keys_of(robot)
-    return keys, ManifestWatch(KeyFolder(folder), keys)
 
 
 def open_journal(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission
@@ -12,6 +13,10 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.robot_options import NetworkOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import Certificates, TransportConfig
+
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.key_folder import ManifestWatch
+    from mrbt_mesh.runtime.member_keys import MemberKeys
 
 
 class AddressError(InputError):
@@ -65,7 +70,7 @@ def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> Te
     )
 
 
-def certificates_of(keys: Path | None, robot: str) -> Certificates | None:
+def certificates_of(keys: Path | None, robot: str = "") -> Certificates | None:
     """The certificates of a robot, or of an observer (no robot); raises KeysError."""
     if keys is None:
         return None
@@ -74,6 +79,20 @@ def certificates_of(keys: Path | None, robot: str) -> Certificates | None:
 
     folder = KeyFolder(keys)
     return folder.certificates_of(robot or folder.reader())
+
+
+def keys_of(keys: Path | None, robot: str = "") -> tuple[MemberKeys | None, ManifestWatch | None]:
+    """The keys of a robot, or of an observer, and what looks for a newer manifest of them.
+
+    Raises KeysError.
+    """
+    if keys is None:
+        return None, None
+    from mrbt_mesh.runtime.key_folder import KeyFolder, ManifestWatch
+
+    folder = KeyFolder(keys)
+    found = folder.keys_of(robot or folder.reader())
+    return found, ManifestWatch(folder, found)
 
 
 def timing_of(beat_s: float, detection_s: float, mission: Mission) -> Timing:

@@ -39,14 +39,13 @@ from mrbt_mesh.runtime.recording import (
     to_observers_record,
 )
 from mrbt_mesh.runtime.solver_loader import chosen_engine
-from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.team_address import TeamAddress, keys_of
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
 if TYPE_CHECKING:
     from mrbt_mesh.recording.messages import MessageSink
     from mrbt_mesh.recording.metadata import RunMetadata
-    from mrbt_mesh.runtime.key_folder import ManifestWatch
 
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 10.0
@@ -61,8 +60,9 @@ class Watcher:
         """Raises InputError for a recording that cannot be written, KeysError."""
         self.address = address
         self.timing = address.timing
-        self._guard, self._manifest = _keys_of(address)
-        keys = self._guard.keys if self._guard is not None else None
+        keys, self._manifest = keys_of(address.keys)
+        life = time.time_ns() // 1_000
+        self._guard = Guard(keys, address.run, life) if keys is not None else None
         self.observer = Observer(
             address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
         )
@@ -242,20 +242,6 @@ class Watcher:
             return self._guard.open(answer, MessageKind.ANSWER, robot)[1], True
         except ForgedError:
             return answer, False
-
-
-def _keys_of(address: TeamAddress) -> tuple[Guard | None, ManifestWatch | None]:
-    """What opens the messages of a team with keys, and keeps its members up to date.
-
-    Raises KeysError.
-    """
-    if address.keys is None:
-        return None, None
-    from mrbt_mesh.runtime.key_folder import KeyFolder, ManifestWatch
-
-    folder = KeyFolder(address.keys)
-    keys = folder.keys_of(folder.reader())
-    return Guard(keys, address.run, time.time_ns() // 1_000), ManifestWatch(folder, keys)
 
 
 @asynccontextmanager
