@@ -64,7 +64,7 @@ def solve(problem: AssignmentProblem, solver: Solver) -> tuple[int, ...] | None:
     return None
 
 
-# What these say of there being no assignment is not solved again.
+# If one of these finds no assignment, it is not solved again.
 _TRUSTED = (min_cost_flow, default_solver)
 
 
@@ -79,7 +79,7 @@ def _ask(problem: AssignmentProblem, solver: Solver) -> Sequence[int] | Integers
 
 def _solve_constrained(problem: AssignmentProblem, solver: Solver) -> tuple[int, ...] | None:
     """By CP-SAT, which proves what it finds: another solver's answer is held against that."""
-    # For those who use it alone: the library is large.
+    # Loaded here: the library is large.
     from mrbt_mesh.core.assignment.cp_sat import first_optimum
 
     if not supports_constraints(solver):

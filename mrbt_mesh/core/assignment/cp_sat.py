@@ -23,7 +23,7 @@ LARGEST = 1 << 52
 class _Digit:
     """One digit of the number that is maximised: the sum of variable * weight, below `size`.
 
-    `robot` -1 stands for the objective.
+    `robot` -1 means the objective.
     """
 
     robot: int

@@ -3,7 +3,7 @@
 Maximise the sum of p(i, l) r(i, l) within the bounds of each demand, at most one demand per
 robot, in integers. A solver finds some optimum (`solvers`), which `canonical.solve` turns into
 the one that the order of robots and demands names. Side constraints, as the paper's
-r(i, j) r(h, j) = 0, are limits on who may be assigned together.
+r(i, j) r(h, j) = 0, are limits on which robots may be assigned together.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def integers(values: Iterable[int]) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class AssignmentProblem:
-    """Robots in sorted order, demands in order of preference, and who can do what how well.
+    """Robots in sorted order, demands in order of preference, and performances.
 
     `pair_robot`, `pair_demand` and `pair_performance` are arrays of equal length, one entry per
     robot and demand that it can do, ordered by robot, then demand: their indices, and p in
@@ -154,12 +154,12 @@ class AssignmentProblem:
 
 
 # A solver returns one demand index per robot (UNASSIGNED for none), or None if infeasible.
-# One that minds `problem.constraints` says so: `solver.supports_constraints = True`.
+# One that respects `problem.constraints` has `solver.supports_constraints = True`.
 Solver: TypeAlias = "Callable[[AssignmentProblem], Sequence[int] | Integers | None]"
 
 
 class SolverError(InputError):
-    """A solver broke its contract, or cannot solve this problem; the message says which."""
+    """A solver broke its contract, or cannot solve this problem; see the message."""
 
 
 def supports_constraints(solver: Solver) -> bool:

@@ -19,7 +19,7 @@ FEW = 300
 
 
 def needs_arrays(robots: int, demands: int) -> bool:
-    """Whether so many may have to be solved with arrays by the default solver, and not `of_few`."""
+    """Whether the default solver may have to use arrays for this size, and not `of_few`."""
     return demands > 1 and robots * demands > FEW
 
 
@@ -33,7 +33,7 @@ def optimum(team: NamedProblem, solver: Solver) -> dict[str, str] | None:
         return of_one(team)
     if solver is default_solver and not needs_arrays(len(team.robots), len(team.demands)):
         return of_few(team)
-    # For those who need arrays: the libraries make up a third of a robot's process.
+    # Loaded here: the libraries make up a third of a robot's process.
     from mrbt_mesh.core.assignment.canonical import solve
 
     return named(team, solve(team.problem(), solver))
@@ -136,7 +136,7 @@ def _ways(
 def _values(team: NamedProblem) -> list[dict[int, int]]:
     """For each robot node -> value; nodes are the demands by their places, then being idle.
 
-    Below its performance stands a digit: how far in front the demand is, 0 for idle; those of the
+    Its performance is followed by a digit: how far in front the demand is, 0 for idle; those of the
     first robot in front. Of optima the canonical one has the greatest number.
     """
     count = len(team.demands)

@@ -26,7 +26,7 @@ def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
     passes up to (upper - lower) on to the pool, so that feasibility needs no penalty cost.
     Raises SolverError for a problem with side constraints: they have no such form.
     """
-    # For those who solve something large: others never load them.
+    # Loaded for large problems alone.
     import numpy as np
     from ortools.graph.python.min_cost_flow import SimpleMinCostFlow
 
@@ -69,7 +69,7 @@ def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
 
 def cp_sat(problem: AssignmentProblem) -> list[int] | None:
     """Solve with OR-tools' CP-SAT, one worker; minds side constraints. Exact, or SolverError."""
-    # For those who use it alone: the library is large, and takes a second to load.
+    # Loaded here: the library is large, and takes a second to load.
     from mrbt_mesh.core.assignment import cp_sat as model
 
     return model.optimum(problem)

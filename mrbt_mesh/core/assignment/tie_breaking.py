@@ -13,10 +13,10 @@ import numpy as np
 
 from mrbt_mesh.core.assignment.problem import Integers
 
-# Where so few robots can leave a node, it is worth while to look anew where they can go.
+# Where fewer robots can leave a node, it is worth while to look again where they can go.
 _FEW = 8
-# A search that has seen so many nodes is met from its end, by a step more each time that it has
-# grown so many times.
+# A search that has seen `_MANY` nodes is met from its end, by a step more each time that it has
+# grown by `_GROWTH`.
 _MANY = 16
 _GROWTH = 4
 
@@ -149,7 +149,7 @@ class _Ties:
         return way
 
     def _before(self, robot: int, start: int, end: int, steps: int) -> tuple[dict[int, int], int]:
-        """The nodes from which robots after `robot` lead to `end` in so many steps, not by `start`.
+        """The nodes from which robots after `robot` lead to `end` in `steps`, not by `start`.
 
         Each with the next one, and all as a mask.
         """
@@ -235,7 +235,7 @@ class _Ties:
 
 
 def _masks(free: list[int], robots: Integers, nodes: Integers, count: int) -> dict[int, int]:
-    """Per free robot its nodes, of so many, as a mask."""
+    """Per free robot its nodes, of `count`, as a mask."""
     width = -(-count // 64) * 64
     table = np.zeros((free[-1] + 1) * width, np.bool_)
     table[robots * width + nodes] = True

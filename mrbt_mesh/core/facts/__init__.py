@@ -2,8 +2,8 @@
 
 Where to find a rule:
 
-- what an entry may say, and its limits: `records`; whether it has a place here: `validation`
-- which of two entries with one key stands: `store.join`
+- the contents of an entry, and its limits: `records`; whether it has a place here: `validation`
+- which of two entries with one key counts: `store.join`
 - how the team reads a condition, how often a guard has turned: `conditions`
 - what is read in the tick in which an action returns: `bt.evaluation`
 - when a global task has succeeded or failed, by either policy: `task_status`
@@ -13,6 +13,6 @@ Where to find a rule:
 - whose claim counts, what the operator's order is, what may be dropped: `team_facts`
 
 Imports `mission` and what is below. Joining is commutative, associative and idempotent; whatever is
-read is the same for the same entries, in whichever order they came. Whoever wants to follow changes
-subscribes to the map (`FactMap.subscribe`).
+read is the same for the same entries, in whichever order they came. Changes are
+followed by `FactMap.subscribe`.
 """

@@ -46,12 +46,12 @@ NO_BIDS = KnownBids()
 
 @dataclass(slots=True)
 class ActivationFacts:
-    """Everything that the entries of one activation say. They are dropped all together.
+    """All entries of one activation. They are dropped together.
 
     `keys`: (author, name) of its entries. `coalitions`: None while none was named; then the
     outcomes are theirs, otherwise they are in `outcomes`. `child_results`: position of the child ->
     success. `is_done`: the operator's word. `outcomes` and `bids` are replaced when they change,
-    never altered: equal objects say the same.
+    never altered.
     """
 
     activation: Activation

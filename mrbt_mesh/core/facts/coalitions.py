@@ -1,9 +1,9 @@
 """Coalitions: robots that start one activation together, and what becomes of them.
 
 A task that is `simultaneous` or `exclusive` is carried out by coalitions. The leader, the first
-robot that the plan has on the activation, writes down who was ready, and all of them start. A
-coalition has succeeded once every local task has nu successes *of its members*. When a member
-drops out and too few are left, it is broken: the rest stop, and a new one is formed.
+robot that the plan has on the activation, writes down the robots that were ready, and all of them
+start. A coalition has succeeded once every local task has nu successes *of its members*. When a
+member drops out and too few are left, it is broken: the rest stop, and a new one is formed.
 
 For an exclusive task a coalition needs the leases of a majority (`membership.leases`). One that
 had a lease and ended without outcomes leaves the activation in doubt.
@@ -38,11 +38,11 @@ def majority(grantors: Collection[str]) -> int:
 
 @dataclass(slots=True)
 class Coalitions:
-    """What the facts say of one activation's coalitions, by their ids.
+    """One activation's coalitions in the facts, by their ids.
 
     `outcomes` are by coalition, local task and robot. `broken`, `grants`, `doubts` and `cleared`
-    hold the authors who said so. `doubts` and `ended` hold versions too: with which entry an author
-    doubted the coalition, and with which it told its outcome.
+    hold their authors. `doubts` and `ended` hold versions too: with which entry an author
+    doubted the coalition, and with which it wrote its outcome.
     """
 
     members: dict[CoalitionId, tuple[CoalitionMember, ...]] = field(default_factory=dict)
@@ -95,8 +95,8 @@ class Coalitions:
     def in_doubt(self, grantors: Collection[str]) -> list[CoalitionId]:
         """Coalitions that have ended and left the activation in doubt, in canonical order.
 
-        If a member says so that stopped, that is enough. Otherwise so many grantors must say that
-        their leases ran out that the others are no majority. A member that had its outcome before
+        The doubt of a member that stopped is enough. Otherwise the leases of that many grantors
+        must have run out that the others are no majority. A member that had its outcome before
         counts as a grantor only: the members still at work cannot renew its lease if it does not
         hear them.
         """
@@ -178,7 +178,7 @@ def newly_broken(
 ) -> list[CoalitionId]:
     """Coalitions with too few members left, and those that have to give way to an earlier one.
 
-    Only members judge by who is alive; for others a coalition out of reach may well go on.
+    Only members go by the alive set; for others a coalition out of reach may well go on.
     """
     found = facts.coalitions(activation)
     at_work = coalition_at_work(facts, task, activation, alive)

@@ -1,14 +1,14 @@
 """How the team reads a condition, and how often a guard has turned.
 
 Every robot may set a condition. Over all authors the value with the greatest (revision, stamp,
-author) stands. A condition that nobody has set has its declared default. A condition that every
+author) counts. A condition that nobody has set has its declared default. A condition that every
 robot has for itself holds, without a name behind it, if it holds for any robot of the mission.
 
-A boolean alternates, so a revision tells how often a condition has turned to either value. Of an
-*expression*, several conditions that decide together, the revisions do not tell: so whoever sees
-its value change writes that down, with the revisions of the conditions that it has read. Over all
-authors the greatest revision stands; of equal ones, all that was read. Only who knows of all that
-was read before may write the next one, so nobody takes late news for a change.
+A boolean alternates, so its revision shows how often it has turned to either value. This is not so
+for an *expression*, several conditions that decide together: a robot that sees its value change
+writes that down, with the revisions of the conditions that it has read. Over all authors the
+greatest revision counts; of equal ones, all that was read. Only a robot that knows all that was
+read before may write the next one, so late news is not taken for a change.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mrbt_mesh.core.mission.names import robot_condition, split_owner
 
 
 class Conditions:
-    """The conditions of one mission, and the expressions that are guards, as the entries say."""
+    """The conditions of one mission, and the expressions that are guards, by the entries."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
@@ -46,7 +46,7 @@ class Conditions:
         self._counts_before: dict[Guard, int] = {}
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
-        """What an author says from now on. Conditions are never dropped."""
+        """The author's value from now on. Conditions are never dropped."""
         self._remember(name)
         values = self._by_author.setdefault(name, {})
         values[author] = value

@@ -1,4 +1,4 @@
-"""What a robot says of itself: its member entry, with what it has lost and how well it does now."""
+"""A robot's description of itself: its member entry, with its losses and present performances."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance
 from mrbt_mesh.core.mission.names import ALL, type_name
 
-# Who says that a capability is lost. What one has said another one does not take back, except that
-# the operator takes back everything.
+# The sources of losses. One does not take back a loss by another, except that the operator takes
+# back everything.
 PROGRAM, OPERATOR = "program", "operator"
 
 
@@ -49,7 +49,7 @@ class Description:
         self._host = host
         self._pid = pid
         self.may_promise = True
-        # By local task and by who says so.
+        # By local task and source.
         self._losses: dict[tuple[str, str], _Loss] = {}
 
     @property
@@ -105,7 +105,7 @@ class Description:
     def perform(self, local_task: str, value: int, source: str = OPERATOR) -> str | None:
         """From now on `value` is the performance, in micro-units; 0: the capability is lost.
 
-        A type stands for all its ground local tasks. What was lost under this name is had again.
+        A type means all its ground local tasks. A loss under this name ends.
         Returns what is wrong with it, or None.
         """
         if not 0 <= value <= MAX_PERFORMANCE:
@@ -113,7 +113,7 @@ class Description:
             return f"a performance is a number from 0 to {most}, not {value / MICRO:g}"
         if value == 0:
             return self.lose(local_task, "its performance is 0", source)
-        # What was told of single ground local tasks ends with what is told of their type.
+        # Values of single ground local tasks end with a value of their type.
         kept = {
             name: known
             for name, known in self._capabilities.items()

@@ -84,8 +84,7 @@ class Record:
     """Base of all records: a frozen dataclass whose fields are a list on the wire.
 
     A record of one field is that value alone. A field's type decides how it is read, or `Plain` in
-    its annotation. The newest entry of an author wins, except where `write_once` or `rank` say
-    otherwise.
+    its annotation. The newest entry of an author wins, but for `write_once` and `rank`.
     """
 
     fields: ClassVar[Mapping[str, Plain]]

@@ -56,7 +56,7 @@ class Entry:
     """One fact: `value` is plain data as on the wire, `record` what it means.
 
     `parts` are those of its name, the kind first. `hash`: 128 bits over author, name, version and
-    value. `proof` is that of its batch, in a team with keys; it is no part of what the fact says.
+    value. `proof` is that of its batch, in a team with keys; it is no part of the fact.
     """
 
     author: str
@@ -112,7 +112,7 @@ def join(mine: Entry | None, other: Entry) -> Entry:
     """The entry that is kept, of two with the same key; the order of arguments does not matter.
 
     The greatest version wins, equal ones (which should not occur) by their bytes. Records
-    that grow by other rules (a success beats a failure) say so in `Record.rank`.
+    that grow by other rules (a success beats a failure) have a `Record.rank`.
     """
     if mine is None:
         return other

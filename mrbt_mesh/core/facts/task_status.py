@@ -2,7 +2,7 @@
 
 This is the paper's *Perform Global Task g* (section V, definition of T_G): the status of the
 action leaf, computed from the outcomes of its activation. Where the paper is silent or
-contradicts itself, docs/decisions says what was decided. Never a function of who is thought alive:
+contradicts itself, see docs/decisions. Never a function of who is thought alive:
 what follows from that is latched as a failure, a fact, once all have agreed on it for some time
 (`planning.pending_failures`).
 """

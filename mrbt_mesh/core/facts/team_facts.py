@@ -1,7 +1,7 @@
 """The team's facts: the map of entries of one mission and run, and how the team reads it.
 
-`TeamFacts` keeps an index for each kind of reading and gives T_G its `EvaluationFacts`. The rules
-stand where the package's docstring says.
+`TeamFacts` keeps an index for each kind of reading and gives T_G its `EvaluationFacts`. For
+the rules see the package's docstring.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def capability(member: Member, local_task: str) -> int | None:
 
 
 def changed_performances(mission: Mission, robot: str, member: Member) -> dict[str, int]:
-    """What a robot does better or worse than the mission says, in micro-units."""
+    """What a robot does better or worse than in the mission, in micro-units."""
     known = mission.robots.get(robot)
     declared = known.capabilities if known else mission.robot_types.get(member.type, {})
     return {n: v for n, v in sorted(member.capabilities.items()) if declared.get(n) != v}
@@ -144,7 +144,7 @@ class TeamFacts:
         return self._said(activation).has_expired
 
     def child_result(self, activation: str, position: int) -> Status | None:
-        """How that child of a node with memory ended; success, if anybody says so."""
+        """How that child of a node with memory ended; success, if any robot wrote that."""
         success = self._said(activation).child_results.get(position)
         if success is None:
             return None

@@ -57,7 +57,7 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
 
 
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
-    """What it says follows from the revisions that were read, and takes at least as many."""
+    """It follows from the revisions that were read, and takes at least as many."""
     expression = mission.per_robot.guard_expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
     if guard is None:
@@ -67,7 +67,7 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     if len(record.read) != len(guard.conditions) or sum(record.read) < record.revision:
         return f"expression {name!r}: revision {record.revision} does not follow from {record.read}"
     if expression is None:
-        return None  # what it says depends on outcomes as well
+        return None  # it depends on outcomes as well
     at_first = expression_value(mission, expression, (0,) * len(record.read))
     now = expression_value(mission, expression, record.read)
     if now != at_first ^ bool(record.revision % 2):

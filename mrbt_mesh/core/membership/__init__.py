@@ -1,4 +1,4 @@
-"""Who is alive, and how robots come to hold the same facts.
+"""Which robots are alive, and how all come to hold the same facts.
 
 Where to find it:
 

@@ -1,11 +1,10 @@
 """Anti-entropy: which peers to ask for their facts, and when.
 
-Every heartbeat tells a digest of its sender's facts. Where it differs from one's own for longer
-than a message may take, facts were lost on the way, and the peer is asked for them (`replica`
-writes and answers the pulls). Few are asked at a time: one answer holds all that is lacking. A
-peer that still has the facts that this replica had a while ago is asked later, since it is the one
-to ask. While no answers come, ever fewer are asked: where all are too slow to answer, questions
-would make it worse.
+Every heartbeat has a digest of its sender's facts. If it differs from one's own for longer than a
+message may take, facts were lost on the way, and the peer is asked for them (`replica` writes and
+answers the pulls). Few are asked at a time: one answer holds all that is missing. A peer that still
+has the facts that this replica had a while ago is asked later, since it will ask itself. While no
+answers come, ever fewer are asked: questions would slow peers down that are too slow to answer.
 
 Source: Demers et al., Epidemic algorithms for replicated database maintenance, 1987.
 """
@@ -21,16 +20,17 @@ from mrbt_mesh.core.membership.timing import NEVER_US, Timing
 # How many peers are asked at a time; messages may get lost, so as many more every
 # `Timing.repair_us`.
 PULLS_AT_A_TIME = 3
-# After so many questions without an answer twice as long is waited; so often at most.
+# After that many questions without an answer the wait is doubled; how often, at most.
 IN_VAIN, MAX_DOUBLED = 2 * PULLS_AT_A_TIME, 4
 PAST_DIGESTS = 64
 
 
 @dataclass(slots=True)
 class _Difference:
-    """A peer whose facts differ: since when, when it said so last, and when it was asked last.
+    """A peer whose facts differ: since when, when its last heartbeat came, and when it was asked
+    last.
 
-    `is_behind`: it tells a digest that this replica had before, so it is the one to ask.
+    `is_behind`: its digest is one that this replica had before, so it is the one to ask.
     """
 
     heard_us: int
@@ -78,7 +78,7 @@ class AntiEntropy:
                 difference.asked_us += lag_us
 
     def compare(self, peer: str, digest: bytes, mine: bytes, now_us: int) -> None:
-        """A peer's heartbeat told the digest of its facts; `mine` is that of the own ones."""
+        """A peer's heartbeat has the digest of its facts; `mine` is that of the own ones."""
         if not self._past_digests or self._past_digests[-1] != mine:
             self._past_digests.append(mine)
         if digest == mine:
@@ -101,7 +101,7 @@ class AntiEntropy:
         if now_us < self.next_ask_us:
             return []
         due = []
-        # Who has to wait for others is looked at again soon.
+        # Peers that have to wait for others are looked at again soon.
         self._not_before_us = self.next_ask_us = now_us + self._ask_timeout_us
         for peer, difference in self._differences.items():
             deadline_us = self._deadline_us(difference)
@@ -113,7 +113,7 @@ class AntiEntropy:
         return self.choose_to_ask(due, now_us)
 
     def choose_to_ask(self, peers: Iterable[str], now_us: int) -> list[str]:
-        """Those of the peers to ask now: few at a time, first who was not asked for longest."""
+        """Those of the peers to ask now: few at a time, the longest unasked first."""
         just_us = now_us - self._repair_us
         free = PULLS_AT_A_TIME - sum(
             difference.asked_us is not None and difference.asked_us > just_us
@@ -143,8 +143,8 @@ class AntiEntropy:
     def mark_answered(self, peer: str, now_us: int) -> None:
         """The last page of this peer's answer has arrived.
 
-        What others said before their last heartbeats were due is outdated: this may have been it.
-        They say so again, to some robot at least, if it was not.
+        Differences of others before their last heartbeats were due are outdated: this may have been
+        the reason. If not, some robot hears of them again.
         """
         self.forget(peer)
         self._asked_in_vain = 0

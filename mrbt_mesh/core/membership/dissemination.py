@@ -1,4 +1,4 @@
-"""Which robots hear one another. The mission decides it once, by the number of robots it names:
+"""Which robots hear one another. The number of robots in the mission decides it once:
 
 - every robot hears every other one (`Dissemination`), or
 - each hears its neighbours in a ring, and what concerns everybody goes to everybody
@@ -16,7 +16,8 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport, Suspicion
 
-# The healthy robots that judge a name: one of a robot, or of anything else that some answer for.
+# The healthy robots that judge a name: that of a robot, or of a fact that some robots write for
+# all.
 Judges: TypeAlias = Callable[[str], Collection[str]]
 # The robots that cannot go on before they know that others have a plan too.
 Waiting: TypeAlias = Callable[[Judges], set[str]]
@@ -155,6 +156,6 @@ class Dissemination:
     ) -> Route:
         """Where heartbeat `number` goes. `is_new`: this robot is about to join in a new life.
 
-        `waiting`: the robots that cannot go on before they know who has this robot's plan.
+        `waiting`: the robots that cannot go on before they know which robots have this plan.
         """
         return EVERYBODY

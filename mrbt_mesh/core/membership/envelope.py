@@ -1,4 +1,4 @@
-"""The envelope around every message of a team with keys: who sends it, and the proof of that.
+"""The envelope around every message of a team with keys: its sender, and the proof of that.
 
 A message to few members carries a tag for each, made with a key that only the two of them share;
 one to many carries a signature. Tags cost a hundredth of a signature, which is what makes it
@@ -31,8 +31,8 @@ from mrbt_mesh.core.membership.wire import (
 MAX_TAGS = 128
 # How far messages of one life may overtake one another.
 WINDOW = 256
-# So many lives of each sender are remembered; it may have no more in one run whose clock goes
-# backwards at every start.
+# Lives of each sender that are remembered; a sender whose clock goes backwards at every start may
+# have no more in one run.
 MAX_LIVES = 32
 _MAX_NAME = 64
 # More than `MAX_TAGS` tags with names as long as they may be.
@@ -56,7 +56,7 @@ _MAY_SAY = {
 
 
 class ForgedError(WireError):
-    """A message that nobody who may say so can be shown to have sent."""
+    """A message that is not proved to come from a member with the right to send it."""
 
 
 class Envelope(NamedTuple):

@@ -1,7 +1,7 @@
 """When a silent robot is suspected, probed and declared dead.
 
 1. *Suspect*: nothing was heard of it for half of its silence limit, or its liveliness token is
-   lost. While it is silent it is also *probed*: all who hear it, and it itself, send heartbeats
+   lost. While it is silent it is also *probed*: all that hear it, and it itself, send heartbeats
    faster, so that news may come by another way (SWIM's indirect probe).
 2. *Dead*: nothing was heard of it for its whole silence limit, or all other healthy robots that
    judge it lost its token too. If another robot has declared it dead, half of the limit is enough;
@@ -25,7 +25,7 @@ from mrbt_mesh.core.membership.dissemination import Dissemination
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import Timing
 
-# A robot is probed once it has been silent for one part in so many of its limit.
+# A robot is probed once it has been silent for this part of its limit: one half.
 PROBE_SHARE = 2
 
 

@@ -2,7 +2,7 @@
 
 Otherwise the first process up would agree with itself and start, and one that was replaced while
 it slept would go on with stale facts. The facts of a peer are known once it has answered a pull, or
-once it tells the digest that this robot has too: what it wrote may have come from others. That
+once it reports the digest that this robot has too: what it wrote may have come from others. That
 counts only after some peer has answered, since equal digests may be equally old. A peer that never
 answers, because it does not hear the newcomer, is waited for no longer than the longest silence.
 """
@@ -14,7 +14,7 @@ from collections.abc import Collection, Mapping
 from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.timing import Timing
 
-# Of a large team so many join at a time: each is news for everybody.
+# Robots of a large team that join at a time: each is news for all.
 JOINS_AT_A_TIME = 8
 
 
@@ -63,7 +63,7 @@ class Joining:
     def has_all_of(self, robots: Collection[str], peers: Mapping[str, Peer], digest: bytes) -> bool:
         """Whether this robot has all that these have, with `digest` over its own facts."""
         return (bool(self._answered) or not robots) and all(
-            robot in self._answered or _tells(peers.get(robot), digest) for robot in robots
+            robot in self._answered or _has_digest(peers.get(robot), digest) for robot in robots
         )
 
     def still_to_ask(self, peers: Mapping[str, Peer], digest: bytes, now_us: int) -> list[str]:
@@ -77,7 +77,7 @@ class Joining:
             if robot in self._heard
             and robot not in self._answered
             and peer.state.is_member
-            and not (has_caught_up and _tells(peer, digest))
+            and not (has_caught_up and _has_digest(peer, digest))
         ]
 
     def yields(self, ahead: int, joined: int, now_us: int) -> bool:
@@ -105,6 +105,6 @@ class Joining:
         return now_us >= (self.deadline_us if is_team_there else self.gathers_until_us)
 
 
-def _tells(peer: Peer | None, digest: bytes) -> bool:
-    """Whether a peer's last heartbeat told this digest of its facts."""
+def _has_digest(peer: Peer | None, digest: bytes) -> bool:
+    """Whether a peer's last heartbeat has this digest of its facts."""
     return peer is not None and peer.heartbeat is not None and peer.heartbeat.fact_digest == digest

@@ -1,4 +1,4 @@
-"""Who is who in a team: members by name, what each may say, and what proves that one said it.
+"""The members of a team by name, what each may send, and how it is proved that one sent it.
 
 The core only asks; keys themselves, and the mathematics, are in the runtime.
 """
@@ -20,7 +20,7 @@ SIGNATURE_BYTES = 64
 class Role(enum.StrEnum):
     """What a member may do: robots take part, operators read and command, observers read.
 
-    Routers pass on what others say, and say nothing themselves.
+    Routers pass on messages of others, and send none themselves.
     """
 
     ROBOT = "robot"
@@ -43,7 +43,7 @@ class Keys(Protocol):
         """None for strangers, for routers and for members whose key has been revoked."""
 
     def sign(self, data: bytes) -> bytes:
-        """`SIGNATURE_BYTES` that anybody can check who has the manifest."""
+        """`SIGNATURE_BYTES` that anybody with the manifest can check."""
 
     def is_signed(self, name: str, data: bytes, signature: bytes) -> bool:
         """Whether a member in good standing signed this, with its present key."""

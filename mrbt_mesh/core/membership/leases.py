@@ -11,7 +11,7 @@ number of the heartbeat that it answers.
   holder counts a shorter time (`hold_us`), and from when it *sent* that request, so it stops first.
 - The first grant is a fact (`grant`), on disk before the answer goes out; a robot whose journal
   cannot be written grants nothing new. Renewals are not written.
-- A grantor whose lease ran out before all outcomes were known says that the work may be half done
+- A grantor whose lease ran out before all outcomes were known writes that the work may be half done
   (`doubt`).
 
 Source: Gray and Cheriton, Leases: an efficient fault-tolerant mechanism for distributed file cache
@@ -97,8 +97,8 @@ class _Lease:
     """The lease of one activation, as a grantor knows it.
 
     `answers`: member -> number of its newest heartbeat that renewed it. `is_own`: this robot has
-    granted it; otherwise it is only known from others, and this robot says when it would have run
-    out. `number`: by which to know whether the grant is on disk; None until it is written.
+    granted it; otherwise it knows it from others, and writes when it would have run out. `number`:
+    by which to know whether the grant is on disk; None until it is written.
     """
 
     coalition: CoalitionId
@@ -168,7 +168,7 @@ class LeaseGrantor:
                 lease.number = number
 
     def _renew(self, lease: _Lease, member: str, number: int, now_us: int) -> None:
-        """One that has run out is not renewed: this robot has said, or says now, that it did."""
+        """One that has run out is not renewed: its end is a fact, or becomes one now."""
         if now_us < lease.expires_us:
             lease.answers[member] = max(number, lease.answers.get(member, 0))
             lease.expires_us = now_us + self._timing.lease_us

@@ -1,4 +1,5 @@
-"""Who is alive: one robot's view of the others, from heartbeats, relays, suspicions and tokens.
+"""Which robots are alive: one robot's view of the others, from heartbeats, relays, suspicions and
+tokens.
 
 Heartbeats decide, liveliness tokens are hints. A robot judges the silence of those that it hears
 (`dissemination`). Every heartbeat relays the newest self-report of each of them, and the sender's
@@ -30,8 +31,8 @@ from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 class Membership:
     """One robot's view of the others. `me` never appears in it; it is empty for an observer.
 
-    `team`: the robots of the mission, from which follows who hears whom (`around`); an observer
-    hears everybody. `member_changes` grows with every change of a state, and of who has joined;
+    `team`: the robots of the mission, which decide who hears whom (`around`); an observer hears
+    everybody. `member_changes` grows with every change of a state, and of who has joined;
     `suspicion_changes` with every token that comes or goes and every suspicion of others;
     `report_changes` when a robot reports another plan or result. Until `next_detection_us`, and
     while none of them changes, `detect_failures` would find nothing new.

@@ -36,7 +36,8 @@ PAGE_BYTES = 1 << 16
 class Received:
     """What a message brought: entries that changed something, and refusals to count.
 
-    `has_more`: further pages of the same answer follow. `view`: whom the sender holds for alive.
+    `has_more`: further pages of the same answer follow. `view`: the robots that are alive for the
+    sender.
     """
 
     changed: list[Entry] = field(default_factory=list)
@@ -155,7 +156,7 @@ class Replica:
     def compare_digest(
         self, peer: str, digest: bytes, now_us: int, mine: bytes | None = None
     ) -> None:
-        """A peer's heartbeat told the digest of its facts.
+        """A peer's heartbeat has the digest of its facts.
 
         `mine`: what to compare it with, if it is over more than the facts.
         """

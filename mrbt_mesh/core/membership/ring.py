@@ -17,8 +17,8 @@ a robot's heartbeats:
 - robots that wait for agreement, by way of representatives. The ring of the mission's robots is cut
   into *groups*, about as many as each has robots. The first healthy robots of a group *represent*
   it: the others report each new plan to them, and once the whole group has the same plan they relay
-  its self-reports to those who wait. These hear two messages of each group where they would hear
-  one of every robot. What counts is still what each robot has reported itself.
+  its self-reports to the robots that wait. These hear two messages of each group where they would
+  hear one of every robot. What counts is still what each robot has reported itself.
 
 Sources: consistent hashing (Karger et al. 1997); neighbours as monitors: Chord (Stoica et al.
 2001); Lifeguard's local health (Dadgar, Phillips, Currey 2018).
@@ -51,7 +51,7 @@ MAX_CHECKED, SOUGHT_AT_A_TIME, MAX_SUSPICIONS = 16, 4, 32
 REPRESENTATIVES = 2
 # Plans come no closer than this for each other robot.
 PLAN_SPACING_US = 200
-# A robot that has trouble waits longer for silent ones, at most so many detection times.
+# A robot that has trouble waits longer for silent ones: detection times, at most.
 MAX_EXTRA_DETECTIONS = 4
 
 
@@ -168,7 +168,7 @@ class LocalHealth:
 
 
 class PlanRecipients:
-    """Which robots hear of one robot's plans: its representatives, and those who wait for it."""
+    """Which robots hear of one robot's plans: its representatives, and robots that wait for it."""
 
     def __init__(self, group: RingGroup, timing: Timing) -> None:
         self._group = group
@@ -270,7 +270,7 @@ class RingDissemination(Dissemination):
         return self._judged
 
     def _follow(self) -> None:
-        """Be up to date with who is healthy. A robot judged from now on was not silent before."""
+        """Take in which robots are healthy. One judged from now on was not silent before."""
         if not (self._changed or self._is_stale):
             return
         peers, ring, me = self._peers, self._ring, self.me
@@ -351,8 +351,8 @@ class RingDissemination(Dissemination):
             self._is_stale = True
 
     def is_given_up(self, robot: str, peer: Peer, accusers: int) -> bool:
-        """One accuser is enough if the token is lost here too. Of a robot that this one does not
-        judge most of those who do must have declared its death.
+        """One accuser is enough if the token is lost here too. If this robot does not judge it,
+        most of the robots that do must have declared its death.
         """
         if peer.is_token_lost and accusers:
             return True
@@ -394,8 +394,8 @@ class RingDissemination(Dissemination):
         return self._is_agreed
 
     def is_for_plans_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
-        """Of plans neighbours hear by the first repetition, when those who go on by them may have
-        gone on; of everything else, and whenever it is time, at once and again.
+        """Neighbours hear of plans by the first repetition, when the robots that act on them may
+        have done so; of everything else at once, and again.
         """
         last = self._last
         if last is None:

@@ -20,7 +20,7 @@ MAX_RECEIVED = 32
 
 @lru_cache(maxsize=4_096)
 def _unlikely_periods(overdue_permille: int, odds_bits: int, most: int) -> int:
-    """So many silent heartbeat periods in a row are no chance any more; at most `most`."""
+    """How many silent heartbeat periods in a row are no chance any more; at most `most`."""
     odds, periods = 1 << 40, 0
     while odds > 1 << (40 - odds_bits) and periods < most:
         odds = odds * overdue_permille // 1_000
@@ -50,7 +50,7 @@ class Timing:
             raise ValueError("the detection time must be at least 3 beat periods, a beat 1 ms")
 
     def of_team(self, robots: int) -> Timing:
-        """The times of a team of so many robots.
+        """The times of a team of `robots`.
 
         Where not all are neighbours heartbeats are half as frequent and the detection time is half
         as long again, so that a robot that has six neighbours has no more to do than one in a team
@@ -68,12 +68,12 @@ class Timing:
         )
 
     def all_are_neighbours(self, robots: int) -> bool:
-        """Whether in a team of so many robots all are neighbours."""
+        """Whether all robots of such a team are neighbours."""
         return robots <= 2 * self.reach + 1
 
     def silence_limit_us(self, overdue_permille: int) -> int:
         """Silence after which a robot is dead of which, so far, news was overdue for that share of
-        the time: so many heartbeat periods that chance explains it with odds below 2**-odds_bits.
+        the time: enough heartbeat periods that the odds of chance are below 2**-odds_bits.
 
         At least the detection time, at most `max_silence_us`.
         """
@@ -113,7 +113,7 @@ class Timing:
 
     @property
     def bid_wait_us(self) -> int:
-        """A request waits this long for bids, where the mission does not say how long."""
+        """A request waits this long for bids, where the mission does not name a time."""
         return self.detection_us * 3 // 10
 
     @property
@@ -202,7 +202,7 @@ class HeartbeatSchedule:
     def mark_sent(self, urgent: tuple[Any, ...], now_us: int, is_plan_only: bool = False) -> int:
         """A heartbeat goes out now; returns its number.
 
-        `is_plan_only`: not to all who expect one regularly, for whom the next is due as before.
+        `is_plan_only`: not to all that expect one regularly, for which the next is due as before.
         """
         if urgent != self._last_urgent:
             self._last_urgent = urgent

@@ -32,7 +32,7 @@ MAX_MESSAGE_BYTES = 4 << 20
 MAX_ITEMS, MAX_ALL_ITEMS = 100_000, 300_000
 SHORT_BYTES, LONG_BYTES = 4 << 10, 64 << 10
 MAX_NONCE = 32
-MAX_TREE_NODES = 4_096  # of a larger tree of a local task no statuses are told
+MAX_TREE_NODES = 4_096  # a larger tree of a local task reports no statuses
 DIGEST_BYTES = 8
 # Thousandths: a million units each way; once around each way.
 MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
@@ -41,7 +41,7 @@ SEALED = "mrbt-sealed-1"
 
 
 class WireError(ValueError):
-    """A message that is refused; the text says why."""
+    """A message that is refused; the text is the reason."""
 
 
 class IncompatibleError(WireError):
@@ -75,7 +75,7 @@ class Header:
 class Suspicion:
     """The sender suspects this incarnation of another robot.
 
-    `is_token_lost`: its liveliness token is gone where the sender is. `is_dead`: the sender has
+    `is_token_lost`: the sender has lost its liveliness token. `is_dead`: the sender has
     declared it dead. `is_probe`: the sender has had no news of it for too long, and asks everybody
     for some.
     """
@@ -94,7 +94,7 @@ class Suspicion:
 
 @dataclass(frozen=True, slots=True)
 class SelfReport:
-    """What a robot says of itself in every heartbeat, and what others relay of it.
+    """A robot's report about itself, in every heartbeat; others relay it.
 
     `number` counts its heartbeats. `result`: the mission's status as it sees it.
     """
@@ -137,7 +137,7 @@ class Heartbeat:
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
     and the id of the coalition for which the sender needs leases. `members_digest` is over the
-    robots that the sender counts on. `position`: where the robot says it is; `tree_statuses`: of
+    robots that the sender counts on. `position`: as the robot reports it; `tree_statuses`: of
     the nodes, in preorder, of the tree that carries out its local task, if there is one.
     """
 

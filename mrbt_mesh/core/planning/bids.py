@@ -1,11 +1,11 @@
-"""Bids: performances that only the robots know, told once per activation.
+"""Bids: performances that only the robots know, written once per activation.
 
-Where a need says `performance: bid`, each robot that could be put on it tells one number, as a
-fact. The plan waits for the bids of the living, for a short while, and then assigns exactly. One
+Where a need has `performance: bid`, each robot that could be put on it writes one number as a fact.
+The plan waits for the bids of living robots, for a short while, and then assigns exactly. One
 broadcast per robot takes the place of an auction's rounds.
 
-Who has no bid once nobody is waited for any more counts with the worst performance there is: it
-serves where nobody else can. So bids never keep a team from what it can do.
+A robot without a bid when the wait is over counts with the worst performance: it serves where no
+other robot can. So bids never keep a team from what it can do.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ class Consistency:
         # Robot -> slot; robots by their numbers.
         self._owner: dict[int, int] = {}
         self._taken = 0
-        # Number -> robots that can serve no more than so many slots beside those that are kept.
+        # Number -> robots that can serve no more slots than that beside those that are kept.
         self._full: dict[int, int] = {}
 
     def keep(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
@@ -276,7 +276,7 @@ def _could_be_met(group: Sequence[Demand], team: Collection[str]) -> bool:
 
 
 def _has(candidates: Collection[str], team: Collection[str], count: int) -> bool:
-    """Whether so many of the candidates are in the team."""
+    """Whether `count` of the candidates are in the team."""
     if len(candidates) < count:
         return False
     for robot in candidates:

@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.plan import Plan
 
-# A fact, and whether it follows from who is alive: then the others have to agree.
+# A fact, and whether it follows from the alive set: then the others have to agree.
 _Due: TypeAlias = tuple[str, bool]
 
 
@@ -78,7 +78,7 @@ class Deadlines:
         return running
 
     def restart_agreed(self) -> None:
-        """This robot has not seen for a while who is alive."""
+        """This robot has not known the alive set for a while."""
         self._due_us = {due: at_us for due, at_us in self._due_us.items() if not due[1]}
         self._held.clear()
 

@@ -223,7 +223,7 @@ def incarnations(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
 def obstacle(
     facts: TeamFacts, request: Request, group: Sequence[Demand], team: Mapping[str, Worker]
 ) -> str:
-    """Why an exclusive request cannot be served whoever is free; empty if nothing is in the way."""
+    """Why an exclusive request cannot be served, whichever robots are free; empty if it can."""
     task = facts.mission.global_tasks[request.subject]
     if not task.exclusive:
         return ""

@@ -217,7 +217,7 @@ def _obstacles(
     demands: Sequence[Group],
     team: Mapping[str, Worker],
 ) -> dict[int, str]:
-    """What is in the way of requests, whoever is free."""
+    """Why requests cannot be served, whichever robots are free."""
     tasks = facts.mission.global_tasks
     found = {
         index: obstacle(facts, request, demands[index], team)

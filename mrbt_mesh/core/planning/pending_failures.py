@@ -35,13 +35,14 @@ def pending_failures(
 ) -> dict[int, PendingFailure]:
     """The requests, by index and in tree order, of which some robot has failed and
 
-    policy `resilient`: no living robots could serve it, whoever is free, not even with what they
+    policy `resilient`: no living robots could serve it, whichever are free, not even with what they
     cannot use yet;
     policy `patient`: nor could they with the dead, and with what robots have lost;
     policy `paper`: that too, or failures exceed assigned - nu, where assigned = outcomes + claims
     of the living.
 
-    `waiting`: the requests that are not served; `obstacles`: those that are held whoever is free.
+    `waiting`: the requests that are not served; `obstacles`: those that are held whichever robots
+    are free.
     """
     tasks = facts.mission.global_tasks
     counted = range(len(requests)) if facts.mission.has_paper_policy else ()

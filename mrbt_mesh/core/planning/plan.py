@@ -1,4 +1,4 @@
-"""The plan: who does what and why, for the whole team.
+"""The plan: what each robot does and why, for the whole team.
 
 Same facts and same alive set give the same bytes on every robot (`planning`).
 """
@@ -127,9 +127,9 @@ class PendingFailure:
 class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.
 
-    `obstacle` is what else keeps it from being served, whoever is free. `held_by`: the side
-    constraints without which it would not have to wait now. `awaited`: the robots without whose
-    bids it is not decided who serves it. `is_failing`: it fails unless that changes.
+    `obstacle` is what else keeps it from being served, whichever robots are free. `held_by`: the
+    side constraints without which it would not have to wait now. `awaited`: the robots without
+    whose bids it is not decided who serves it. `is_failing`: it fails unless that changes.
     """
 
     activation: str
