@@ -97,14 +97,14 @@ class Heartbeats:
         self.hurry_if_probing(now_us)
         around.now_us = now_us
         is_regular_due = is_last or self._schedule.is_regular_due(now_us)
-        plans_only = around.is_for_plans_only(urgent, is_regular_due)
-        number = self._schedule.mark_sent(urgent, now_us, plans_only)
+        plan_only = around.is_plan_only(urgent, is_regular_due)
+        number = self._schedule.mark_sent(urgent, now_us, plan_only)
         if self._leased is not None:
             self._leased.heartbeat_sent(number, now_us)
         requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         waiting = None if plan is None else partial(who_waits, plan, context.facts)
-        to, reports = around.route(urgent, number, plans_only, context.is_new, waiting)
+        to, reports = around.route(urgent, number, plan_only, context.is_new, waiting)
         self._last = urgent
         relays = membership.relays()
         if reports:

@@ -4,7 +4,9 @@
 - each hears its neighbours in a ring, and what concerns everybody goes to everybody
   (`ring.RingDissemination`).
 
-Membership and agents only use what is declared here; they do not ask how large a team is.
+Membership and agents use only `Dissemination`, and do not ask how large a team is. A small team
+uses nothing of `ring`: no groups, representatives, checks or digests of members, no spacing of
+plans.
 """
 
 from __future__ import annotations
@@ -147,12 +149,12 @@ class Dissemination:
         """
         return False
 
-    def is_for_plans_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
+    def is_plan_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
         """Whether the next heartbeat only goes to robots that have to hear of a plan."""
         return False
 
     def route(
-        self, urgent: Urgent, number: int, plans_only: bool, is_new: bool, waiting: Waiting | None
+        self, urgent: Urgent, number: int, plan_only: bool, is_new: bool, waiting: Waiting | None
     ) -> Route:
         """Where heartbeat `number` goes. `is_new`: this robot is about to join in a new life.
 

@@ -247,7 +247,7 @@ class RingDissemination(Dissemination):
         # What the last heartbeat reported; whether only plans have changed since neighbours had
         # one, which shows them facts that they lack; until when a change is repeated to them.
         self._last: Urgent | None = None
-        self._only_plans = self._regular_due = False
+        self._has_plan_only = self._regular_due = False
         self._repeats_until_us = 0
         self._sent_broadcast = 0
         self._next_broadcast_us = 0
@@ -393,7 +393,7 @@ class RingDissemination(Dissemination):
             self._is_agreed = is_representative and self._group.all_report(digest)
         return self._is_agreed
 
-    def is_for_plans_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
+    def is_plan_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
         """Neighbours hear of plans by the first repetition, when the robots that act on them may
         have done so; of everything else at once, and again.
         """
@@ -403,17 +403,17 @@ class RingDissemination(Dissemination):
         if urgent != last:
             self._regular_due = True
             same = urgent._replace(digest=last.digest, is_agreed=last.is_agreed)
-            self._only_plans = same == last
-            if not self._only_plans:
+            self._has_plan_only = same == last
+            if not self._has_plan_only:
                 self._repeats_until_us = self.now_us + self._timing.repeat_offsets_us()[-1]
         elif self._regular_due or self.now_us <= self._repeats_until_us:
             self._regular_due = False
             return False
         is_for_all = urgent.sought is not None or urgent.broadcast != self._sent_broadcast
-        return self._only_plans and not is_for_all and not is_regular_due
+        return self._has_plan_only and not is_for_all and not is_regular_due
 
     def route(
-        self, urgent: Urgent, number: int, plans_only: bool, is_new: bool, waiting: Waiting | None
+        self, urgent: Urgent, number: int, plan_only: bool, is_new: bool, waiting: Waiting | None
     ) -> Route:
         now_us, last, self._last = self.now_us, self._last, urgent
         self._follow()
@@ -429,7 +429,7 @@ class RingDissemination(Dissemination):
             # If others hold a newcomer for dead they mean an earlier life of it.
             is_to_all |= not is_new
         found.update(member for _, member in urgent.granted)
-        if plans_only:
+        if plan_only:
             return Route(tuple(sorted(found - {self.me})), relays)
         near = self._near_recipients(number, is_new)
         return Route(None if is_to_all else tuple(sorted(self._present(found | near))), relays)

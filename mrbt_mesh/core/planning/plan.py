@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -177,14 +177,7 @@ class DemandBounds:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        return {
-            "activation": self.activation,
-            "global_task": self.global_task,
-            "local_task": self.local_task,
-            "lower": self.lower,
-            "upper": self.upper,
-            "robots": list(self.robots),
-        }
+        return asdict(self) | {"robots": list(self.robots)}
 
 
 @dataclass(frozen=True)
