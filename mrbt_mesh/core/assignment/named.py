@@ -33,7 +33,11 @@ class NamedProblem:
         import numpy as np  # small teams never need it
 
         number = {robot: index for index, robot in enumerate(self.robots)}
-        candidates = [demand.candidates for demand in self.demands]
+        # A demand may have far more candidates than there are robots, most of them at work.
+        candidates = [
+            some if len(some) <= len(number) else {r: some[r] for r in number if r in some}
+            for some in (demand.candidates for demand in self.demands)
+        ]
         robots = integers(number.get(robot, -1) for some in candidates for robot in some)
         demands = np.repeat(np.arange(len(candidates)), [len(some) for some in candidates])
         performances = integers(value for some in candidates for value in some.values())

@@ -14,16 +14,15 @@ late outcome elsewhere cannot undo what was done here.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts
 from mrbt_mesh.core.bt.guards import Guards
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory
 
 
-@dataclass(frozen=True, slots=True)
-class Activation:
+class Activation(NamedTuple):
     """One activation of a node; its text is its name.
 
     `subject` is that of the node, empty for inner nodes. `attempts`: of the loops around it,
@@ -54,7 +53,10 @@ class ActivationNames(Guards):
 
     def turns_at(self, node: int, facts: EvaluationFacts) -> int:
         """How often the guards of a node have turned against it, in all."""
-        return sum(facts.turns(name, value) for name, value in self.guards_of[node])
+        turns = 0
+        for name, value in self.guards_of[node]:
+            turns += facts.turns(name, value)
+        return turns
 
     # -- the attempts -------------------------------------------------------------------------
 
