@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
 from tests.support.membership_view import (
     ALIVE,
@@ -153,22 +154,34 @@ def test_a_relay_of_oneself_is_ignored() -> None:
 # -- liveliness tokens ------------------------------------------------------------------------
 
 
-def test_a_robot_whose_token_everybody_lost_is_dead_at_once() -> None:
-    view = View("A", "B", "C")
-    view.lose_token("A")
-    assert view["A"] is SUSPECT
-    view.hear("B", lost_token="A")
-    assert view["A"] is SUSPECT
-    view.hear("C", lost_token="A")
-    assert view["A"] is DEAD
-
-
-def test_suspicions_may_come_before_the_own_loss() -> None:
-    view = View("A", "B")
-    view.hear("B", lost_token="A")
-    assert view["A"] is ALIVE
-    view.lose_token("A")
-    assert view["A"] is DEAD
+@pytest.mark.parametrize(
+    ("others", "steps", "state"),
+    [
+        ("ABC", "-A", SUSPECT),
+        ("ABC", "-A B>A", SUSPECT),
+        ("ABC", "-A B>A C>A", DEAD),
+        ("AB", "B>A", ALIVE),
+        ("AB", "B>A -A", DEAD),
+        ("AB", "-A +A B>A", SUSPECT),
+        ("AB", "-A A", ALIVE),
+        ("AB", "-A A B>A", ALIVE),
+        ("ABC", "B>A B -A C>A", SUSPECT),
+    ],
+)
+def test_a_robot_is_dead_once_all_others_have_lost_its_token(
+    others: str, steps: str, state: State
+) -> None:
+    """-A: its token is lost here, +A: it is back; B>A: B reports that too; A: a heartbeat of it."""
+    view = View(*others)
+    for step in steps.split():
+        if step == "-A":
+            view.lose_token("A")
+        elif step == "+A":
+            view.members.receive_token("A", Incarnation(1, "n"), True)
+        else:
+            robot, _, suspect = step.partition(">")
+            view.hear(robot, **({"lost_token": suspect} if suspect else {}))
+    assert view["A"] is state
 
 
 def test_a_token_that_only_this_robot_lost_proves_nothing() -> None:
@@ -178,32 +191,6 @@ def test_a_token_that_only_this_robot_lost_proves_nothing() -> None:
         view.ms = ms
         view.hear("B", lost_token="A")
         view.hear("C", relays={"A": ms})
-    assert view["A"] is SUSPECT
-
-
-def test_a_token_that_came_back_is_held_again() -> None:
-    view = View("A", "B")
-    view.lose_token("A")
-    view.members.receive_token("A", Incarnation(1, "n"), True)
-    view.hear("B", lost_token="A")
-    assert view.at(100)["A"] is not DEAD
-
-
-def test_the_robots_own_word_takes_back_a_lost_token() -> None:
-    view = View("A", "B")
-    view.lose_token("A")
-    view.hear("A")
-    assert view["A"] is ALIVE
-    view.hear("B", lost_token="A")
-    assert view["A"] is ALIVE
-
-
-def test_a_suspicion_that_is_taken_back_counts_no_more() -> None:
-    view = View("A", "B", "C")
-    view.hear("B", lost_token="A")
-    view.hear("B")
-    view.lose_token("A")
-    view.hear("C", lost_token="A")
     assert view["A"] is SUSPECT
 
 
@@ -245,16 +232,13 @@ def test_when_most_peers_vanish_together_their_death_waits_one_more_detection_ti
     assert view.at(2000).states("ABC") == [DEAD] * 3
 
 
-def test_half_of_the_peers_are_not_most_of_them() -> None:
-    view = View("A", "B", "C", "D")
+@pytest.mark.parametrize(("silent", "heard"), [("AB", "CD"), ("A", "")])
+def test_half_of_the_peers_or_a_single_one_are_not_most_of_them(silent: str, heard: str) -> None:
+    view = View(*silent, *heard)
     view.ms = 900
-    view.hear("C")
-    view.hear("D")
-    assert view.at(1000).states("ABCD") == [DEAD, DEAD, ALIVE, ALIVE]
-
-
-def test_a_single_peer_is_never_most_peers() -> None:
-    assert View("A").at(1000)["A"] is DEAD
+    for robot in heard:
+        view.hear(robot)
+    assert view.at(1000).states(silent) == [DEAD] * len(silent)
 
 
 def test_the_declaration_does_not_depend_on_the_order_of_the_names() -> None:
@@ -343,13 +327,6 @@ def test_a_newcomer_that_is_still_joining_is_waited_for() -> None:
     assert not view.members.all_report_plan(PLAN)
 
 
-def test_a_relayed_plan_digest_counts_like_one_that_was_heard() -> None:
-    view = View("A", "B")
-    view.hear("A", plan=b"another!")
-    view.hear("B", relays={"A": 3})
-    assert view.members.all_report_plan(PLAN)
-
-
 def test_the_mission_is_over_once_everybody_alive_says_so_suspects_included() -> None:
     view = View("A", "B")
     view.hear("A", result=Status.SUCCESS)
@@ -364,9 +341,11 @@ def test_the_mission_is_over_once_everybody_alive_says_so_suspects_included() ->
     assert view.members.all_report_result(Status.SUCCESS)
 
 
-def test_a_relayed_result_counts_like_one_that_was_heard() -> None:
+def test_a_relayed_plan_and_result_count_like_those_that_were_heard() -> None:
     view = View("A", "B")
-    view.hear("B", result=Status.SUCCESS, relays={"A": 2})
+    view.hear("A", plan=b"another!")
+    view.hear("B", result=Status.SUCCESS, relays={"A": 3})
+    assert view.members.all_report_plan(PLAN)
     assert view.members.all_report_result(Status.SUCCESS)
 
 
