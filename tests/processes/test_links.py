@@ -173,11 +173,12 @@ def test_robots_on_one_network_need_only_mission_team_and_id(
 ) -> None:
     """As on several machines: found by multicast, no launcher, no run directory, no endpoint."""
     options = ["--mission", str(EXPLORE), "--team", "found", "--speed", "10", "--exit-when-done"]
-    options.append("--insecure")
     team.hold("explore")
     if profile == "wireless":
         KeyFolder.create(tmp_path / "keys", dict.fromkeys(["R1", "R2"], Role.ROBOT))
         options += ["--transport", "wireless", "--keys", str(tmp_path / "keys")]
+    else:
+        options.append("--insecure")
     said = {robot: tmp_path / f"{robot}.err" for robot in ("R1", "R2")}
     with Namespaces(["R1", "R2"], "multicast") as space:
         started = []
