@@ -6,8 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.support.paths import ROOT
-from tests.support.structure.names import classes_of_one_name, packages_without_docstring
-from tests.support.structure.source import settle
+from tests.support.structure.source import (
+    classes_of_one_name,
+    packages_without_docstring,
+    settle,
+)
 
 Tree = Callable[[dict[str, str]], Path]
 

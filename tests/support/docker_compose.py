@@ -86,28 +86,24 @@ class Compose:
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Run a compose command in the background."""
+        return self._follow([*docker.compose_command(), *arguments], subprocess.DEVNULL)
+
+    def observer(self, service: str = "observer") -> Lines:
+        """The output of an observer's container, from its start."""
+        logs = ["docker", "logs", "--follow", self.container(service)]
+        return Lines(self._follow(logs, subprocess.STDOUT))
+
+    def _follow(self, command: list[str], errors: int) -> subprocess.Popen[str]:
         process = subprocess.Popen(
-            [*docker.compose_command(), *arguments],
+            command,
             cwd=self._folder,
             env=self._environment,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=errors,
             text=True,
         )
         self._followers.append(process)
         return process
-
-    def observer(self, service: str = "observer") -> Lines:
-        """What an observer's container says, from its start."""
-        process = subprocess.Popen(
-            ["docker", "logs", "--follow", self.container(service)],
-            env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self._followers.append(process)
-        return Lines(process)
 
     def file(self, service: str, path: str) -> str:
         """A file of a service's container; its container need not run. Empty if there is none."""
@@ -187,8 +183,8 @@ class Lines:
         return found
 
     def until_all(self, *patterns: str) -> list[re.Match[str]]:
-        """Read on until each pattern has matched a line, in any order: what different robots tell
-        comes in no fixed one. Returns each pattern's first match.
+        """Read on until each pattern has matched a line, in any order, since that of different
+        robots' lines is not fixed. Returns each pattern's first match.
         """
         assert self._process.stdout is not None
         found: dict[str, re.Match[str]] = {}
