@@ -8,7 +8,7 @@ from __future__ import annotations
 import gzip
 import json
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Protocol
@@ -18,7 +18,7 @@ from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import library_of
-from mrbt_mesh.core.bt.evaluation import Evaluation
+from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from tests.support.build import World
@@ -101,21 +101,56 @@ def team_run(spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
 
 def told(world: Ticked, spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
     """What a tree shows in each step of the story."""
-    return tuple(_steps(world, trace, conditions_in(spec)))
+    known = conditions_in(spec)
 
-
-def _steps(world: Ticked, trace: Trace, known: Collection[str]) -> Iterator[Shown]:
-    starts: Counter[str] = Counter()
-    running: dict[str, tuple[int, int]] = {}
-    for step in range(len(next(iter(trace.conditions.values()), "0" * 30))):
+    def begin(step: int) -> None:
         for name, values in trace.conditions.items():
             if name in known:
                 world.set(name, values[step] == "1")
+
+    def finish(request: Request, _: int, success: bool) -> None:
+        world.outcome(request.activation, success)
+
+    count = len(next(iter(trace.conditions.values()), "0" * 30))
+    return tuple(steps(world, count, begin, trace.end, finish))
+
+
+def steps(
+    world: Ticked,
+    count: int,
+    begin: Callable[[int], None],
+    end: Callable[[str, int, int, int], bool | None],
+    finish: Callable[[Request, int, bool], Status | None],
+) -> Iterator[Shown]:
+    """What a tree shows in up to `count` steps: each begins with `begin(step)`.
+
+    `end(action, start, began, step)`: how an action has ended; `finish` writes that, and returns
+    the root's status in the tick of it, where that matters.
+    """
+    starts: Counter[str] = Counter()
+    # Activation -> (which start of its action, the step in which it began).
+    running: dict[str, tuple[int, int]] = {}
+
+    def first_due(step: int) -> tuple[Request, int, bool] | None:
+        """The first action in tree order that ends at this step, and how."""
+        for request in world.tick().requests:
+            if request.activation in running:
+                start, began = running[request.activation]
+                success = end(request.subject, start, began, step)
+                if success is not None:
+                    return request, start, success
+        return None
+
+    for step in range(count):
+        begin(step)
         for gone in running.keys() - {request.activation for request in world.tick().requests}:
             del running[gone]  # halted
-        while due := _first_due(world, trace, running, step):
-            del running[due[0]]
-            world.outcome(*due)
+        while due := first_due(step):
+            del running[due[0].activation]
+            status = finish(*due)
+            if status not in (None, Status.RUNNING):
+                yield status.name, ()
+                return
         asked = world.tick().requests
         for request in asked:
             if request.activation not in running:
@@ -126,15 +161,3 @@ def _steps(world: Ticked, trace: Trace, known: Collection[str]) -> Iterator[Show
         yield status.name, tuple(busy) if status is Status.RUNNING else ()
         if status is not Status.RUNNING:
             return
-
-
-def _first_due(
-    world: Ticked, trace: Trace, running: dict[str, tuple[int, int]], step: int
-) -> tuple[str, bool] | None:
-    """The first action in tree order that ends at this step, and how."""
-    for request in world.tick().requests:
-        if request.activation in running:
-            success = trace.end(request.subject, *running[request.activation], step)
-            if success is not None:
-                return request.activation, success
-    return None

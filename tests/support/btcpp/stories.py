@@ -15,9 +15,10 @@ from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.btcpp import BehaviorTree, Leaves, NodeStatus, TreeNode
 from mrbt_mesh.btcpp.files.elements import Element, write_content
-from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.core.bt.tree import Status as Ours
+from tests.support.btcpp.conformance import Shown, steps
 from tests.support.build import World, action, condition
 
 CONDITIONS = ("c0", "c1", "c2")
@@ -165,10 +166,6 @@ class Story:
         return {each: source.random() < 0.5 for each in CONDITIONS if source.random() < 0.4}
 
 
-# What a tree shows at one step: the root's status, and which start of which action runs.
-Shown = tuple[str, tuple[tuple[str, int], ...]]
-
-
 def reference_run(spec: NodeSpec, story: Story) -> list[Shown]:
     """The story as BehaviorTree.CPP would tell it."""
     starts: Counter[str] = Counter()
@@ -254,60 +251,26 @@ def reference_kind(node: NodeSpec) -> tuple[str, dict[str, object]]:
 
 def our_run(spec: NodeSpec, story: Story) -> list[Shown]:
     """The same story, told in facts."""
-    world = World(spec)
-    starts: Counter[str] = Counter()
-    numbers: dict[str, int] = {}
-    began: dict[str, int] = {}
-    shown: list[Shown] = []
-    now: dict[str, bool] = {}
-    for step in range(STEPS):
+    world, now = World(spec), dict[str, bool]()
+
+    def set_all() -> None:
+        for name, value in now.items():
+            if world.mission.knows_condition(name):
+                world.set(name, value)
+
+    def begin(step: int) -> None:
         story.set_by_sensors(now, step)
-        _set(world, now)
-        asked = world.tick().requests
-        for gone in began.keys() - {request.activation for request in asked}:
-            del began[gone]  # halted
-        while due := _first_due(world, story, numbers, began, step):
-            activation, success = due
-            del began[activation]
-            subject = parse_activation(activation).subject
-            sets = story.set_by(subject, numbers[activation])
-            ended = world.returns(activation, success, sets)
-            now.update(sets)
-            if ended is not Ours.RUNNING:
-                return [*shown, (ended.name, ())]
-            _set(world, now)
-        asked = world.tick().requests
-        for request in asked:
-            if request.activation not in began:
-                starts[request.subject] += 1
-                numbers[request.activation] = starts[request.subject]
-                began[request.activation] = step
-        busy = sorted((request.subject, numbers[request.activation]) for request in asked)
-        status = world.status
-        shown.append((status.name, tuple(busy) if status is Ours.RUNNING else ()))
-        if status is not Ours.RUNNING:
-            break
-    return shown
+        set_all()
 
+    def finish(request: Request, start: int, success: bool) -> Ours:
+        sets = story.set_by(request.subject, start)
+        ended = world.returns(request.activation, success, sets)
+        now.update(sets)
+        if ended is Ours.RUNNING:
+            set_all()
+        return ended
 
-def _set(world: World, now: dict[str, bool]) -> None:
-    for name, value in now.items():
-        if world.mission.knows_condition(name):
-            world.set(name, value)
-
-
-def _first_due(
-    world: World, story: Story, numbers: dict[str, int], began: dict[str, int], step: int
-) -> tuple[str, bool] | None:
-    """The first action in tree order that ends at this step."""
-    for request in world.tick().requests:
-        if request.activation in began:
-            activation = request.activation
-            number = numbers[activation]
-            success = story.end(request.subject, number, began[activation], step)
-            if success is not None:
-                return activation, success
-    return None
+    return list(steps(world, STEPS, begin, story.end, finish))
 
 
 def labelled(spec: NodeSpec) -> str:
