@@ -13,11 +13,11 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import ours
 from benchmarks.assignment import significant
 from benchmarks.cbaa import Scores, cbaa, complete, flooding, judge, line, ring, slots
 from benchmarks.instances import Density, Instance, Spec, Values, draw
 from benchmarks.registry import Benchmark, Result, Setting, Table
+from benchmarks.solvers import answer_ours, prepare_ours
 
 ROBOTS = (6, 50, 200)
 SEEDS = {6: 100, 50: 30, 200: 8}
@@ -58,9 +58,9 @@ def record_bytes(instance: Instance) -> NDArray[np.int64]:
 
 def exact(instance: Instance, links: NDArray[np.bool_]) -> tuple[Figures, int]:
     """(one broadcast per robot, then everybody solves; the optimum)."""
-    problem = ours.prepare(instance)
+    problem = prepare_ours(instance)
     started_s = time.perf_counter()
-    choice = ours.answer(problem)
+    choice = answer_ours(problem)
     compute_s = time.perf_counter() - started_s
     optimum = instance.objective(choice)  # checks the bounds
     sent = flooding(links, record_bytes(instance))

@@ -7,9 +7,8 @@ import signal
 import subprocess
 from typing import TYPE_CHECKING
 
-import pytest
-
 from tests.support.browser import (
+    MARKS,
     PHONE,
     WIDE,
     accessibility_violations,
@@ -18,18 +17,12 @@ from tests.support.browser import (
     picture,
 )
 from tests.support.paths import EXAMPLES
-from tests.support.team import REPAIR, TEST_TIMEOUT_S, Team
+from tests.support.team import REPAIR, Team
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.processes,
-    pytest.mark.timeout(TEST_TIMEOUT_S),
-    # Chromium's driver opens an event loop of its own.
-    pytest.mark.filterwarnings("ignore::ResourceWarning"),
-]
+pytestmark = MARKS
 
 HELD = "do_diagnosis(2)"
 TAKEN_OVER = '#takeovers button:has-text("taken over"):not(:has-text("not taken over"))'

@@ -15,6 +15,7 @@ import pytest
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.sim import Kill
 from tests.support.browser import (
+    MARKS,
     PHONE,
     WIDE,
     accessibility_violations,
@@ -23,18 +24,11 @@ from tests.support.browser import (
 )
 from tests.support.paths import ROOT
 from tests.support.recorded import record_example
-from tests.support.team import TEST_TIMEOUT_S
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.processes,
-    pytest.mark.timeout(TEST_TIMEOUT_S),
-    # Chromium's driver opens an event loop of its own.
-    pytest.mark.filterwarnings("ignore::ResourceWarning"),
-]
+pytestmark = MARKS
 
 KILLED_US = 12_500_000
 

@@ -13,12 +13,20 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from tests.support.paths import ROOT
-from tests.support.team import Team
+from tests.support.team import TEST_TIMEOUT_S, Team
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-# The live page has been told how the run is.
+# Of every test with a browser.
+MARKS = [
+    pytest.mark.browser,
+    pytest.mark.processes,
+    pytest.mark.timeout(TEST_TIMEOUT_S),
+    # Chromium's driver opens an event loop of its own.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+# The live page has received the state of the run.
 CONNECTED = '#result:not([data-status="idle"])'
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 MISSING = f"no {' or '.join(NAMES)} on PATH: `make test-browser` installs Debian's chromium as root"
