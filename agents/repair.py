@@ -22,7 +22,7 @@ def go(context: RobotContext, *place: str) -> None:
 
 @robot.background
 async def stand_by(context: RobotContext) -> None:
-    """A robot that starts stands at its station."""
+    """A robot starts at its station."""
     go(context)
 
 

@@ -1,4 +1,4 @@
-"""The run that the paper tells of: all goes well until a robot of type A dies at the wires."""
+"""The run that the paper describes: all goes well until a robot of type A dies at the wires."""
 
 from __future__ import annotations
 

@@ -156,9 +156,9 @@ def _standing_by(seed: int) -> list[str]:
             "Conditions* is no longer true on any robot, and *Remove Screws* has to be executed. "
             "A second mission file, `examples/vehicle_repair/standing_by.yaml`, says `ends: "
             "never`, and "
-            f"{len(found)} damages come in. Whoever puts in the last screw says that all is well, "
-            "T_G succeeds, and the team stands by. Nothing has to be reset: the condition that "
-            "turned has renewed all that stands behind it."
+            f"{len(found)} damages come in. The robot that puts in the last screw reports that all "
+            "is well, T_G succeeds, and the team stands by. Nothing has to be reset: the condition "
+            "that turned has renewed all nodes behind it."
         ),
         *table(["round", "broken parts", "from", "took", "robots"], rows),
         "",

@@ -104,7 +104,7 @@ def place(scene: Scene, part: str) -> Point:
 
 
 def positions(scene: Scene) -> dict[str, Point]:
-    """Where each robot of the team that is there stands."""
+    """The place of each robot that has joined."""
     found: dict[str, Point] = {}
     for part in scene.parts:
         x, y = place(scene, part)
@@ -215,7 +215,7 @@ def _arm(scene: Scene, robot: str, position: Point) -> str:
 
 
 def _robot(scene: Scene, robot: str, position: Point) -> list[str]:
-    """A is a circle, B a hexagon, C a big square: colours are not all that tells them apart."""
+    """A is a circle, B a hexagon, C a big square: they differ in more than their colours."""
     x, y = position
     kind = scene.team[robot]
     classes = "gone rim" if robot in scene.dead else f"{escape(kind)} rim"

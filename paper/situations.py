@@ -13,7 +13,7 @@ BOTH_A, BOTH_B, BOTH_C = {"A1", "A2"}, {"B1", "B2"}, {"C1", "C2"}
 
 @dataclass(frozen=True)
 class Situation:
-    """One of the eight: `holds` is the condition for it, `text` tells a reader what it shows."""
+    """One of the eight: `holds` is the condition for it, `text` describes it."""
 
     number: str
     title: str

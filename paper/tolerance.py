@@ -1,4 +1,4 @@
-"""Which faults the mission survives, and why so many: the paper's section VI-B.
+"""The faults that the mission survives, and the reason: the paper's section VI-B.
 
 Each global task of this mission needs one local task only, and in the worst case they come one
 after the other. So the team can do all of them as long as each local task keeps as many capable

@@ -1,7 +1,7 @@
 """The simulator driven by hand, without programs and checkers: for what concerns membership alone.
 
-A `World` whose robots' actions never end by themselves, so that it needs no event loop: whoever
-measures lets time pass, and between two moments ends actions, freezes robots, cuts links.
+A `World` whose robots' actions never end by themselves, so that it needs no event loop: the
+driver lets time pass, and between two moments ends actions, freezes robots, cuts links.
 """
 
 from __future__ import annotations
@@ -225,7 +225,7 @@ class _UnobservedWorld(World):
 
 
 class _Watch(Inspection):
-    """Counts what is sent, and tells the driver of steps and beats."""
+    """Counts messages, and reports steps and heartbeats to the driver."""
 
     watches_steps = True
 

@@ -26,7 +26,7 @@ def _listen(url: str) -> None:
 
 
 def measure(seconds: float) -> dict[str, Any]:
-    """Processor seconds of both over so many seconds, and the share in percent."""
+    """Processor seconds of both in `seconds`, and the share in percent."""
     with tempfile.TemporaryDirectory() as folder:
         environment = os.environ | {"MRBT_STATE_DIR": folder}
         mrbt = [sys.executable, "-m", "mrbt_mesh"]

@@ -118,7 +118,7 @@ def _serve(bound: socket.socket, feed: Feed) -> None:
 
 
 def measure(seconds: float) -> dict[str, Any]:
-    """Frame times in ms and the heap in MB, after so many seconds."""
+    """Frame times in ms, and the heap in MB after `seconds`."""
     observer = Observer(mission(), "r", Timing(200_000, 1_000_000), default_solver)
     observer.record.started_us = boottime_us()
     feed = Feed(TeamView(observer), boottime_us)

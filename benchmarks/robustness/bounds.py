@@ -37,9 +37,9 @@ class BestPolicy:
     """The best that can be done without knowing how long robots live, by dynamic programming.
 
     A state is the set of completed actions and the set of living robots, both as bits. Lives are
-    geometric, so how often a robot has acted tells nothing. One action at a time is enough: who
-    starts two at once only decides the second before the first one's end is known, and time does
-    not count.
+    geometric, so the number of past actions does not matter. One action at a time is enough: to
+    start two at once is only to decide the second before the first one's end is known, and time
+    does not count.
     """
 
     def __init__(self, able: tuple[frozenset[int], ...], robots: int, fault: int) -> None:

@@ -22,7 +22,7 @@ from mrbt_mesh.sim import Block, Fault, KillAfter, SimulationResult, simulate
 MISSION = Path(__file__).parent / "mission.yaml"
 ACTION_S = 0.2
 # Robots that hear nobody wait 1.2 s for the team before they go on alone, and the whole
-# mission takes one robot ACTIONS * ACTION_S. Whoever is still at work then is reported.
+# mission takes one robot ACTIONS * ACTION_S. A team still at work then is an error.
 TIMEOUT_US = 5 * MICRO
 ROBOTS = tuple(f"R{number}" for number in range(1, 9))
 
@@ -36,7 +36,7 @@ _EFFECTS = dict(
 
 
 class World:
-    """The rooms and packages, as whoever looks at them sees them: the conditions that hold."""
+    """The true state of the rooms and packages: the conditions that hold."""
 
     def __init__(self) -> None:
         self.holds: set[str] = set()

@@ -164,7 +164,7 @@ class Story:
     # -- facts, late robots, partitions -------------------------------------------------------
 
     def _is_one_team(self, robots: int) -> bool:
-        """Whether so many robots hold one another for alive, and the same for true."""
+        """Whether that many robots are members for one another and have the same facts."""
         agents = self.team.living()
         alive = {frozenset(agent.alive()) for agent in agents}
         digests = {agent.facts.map.digest() for agent in agents}

@@ -210,7 +210,7 @@ class World:
         self.write(robot, (f"{records.OUTCOME}/{activation}/{local}", [success, None]))
 
     def bid(self, robot: str, activation: str, local: str, performance: float | None) -> None:
-        """A robot tells how well it would do a local task of an activation."""
+        """A robot bids for a local task of an activation."""
         value = None if performance is None else round(performance * MICRO)
         self.write(robot, (f"{records.BID}/{activation}/{local}", value))
 

@@ -1,6 +1,6 @@
 """Random stories of a team: what *Check Consistency* is asked after each event.
 
-Used by the tests and by the benchmark. Groups of demands that an event leaves as they are stay
+Groups of demands that an event leaves as they are stay
 the same objects, as a planner would leave them; at times they are equal but other objects.
 """
 
@@ -196,7 +196,7 @@ class Story:
                 wish.lower = max(0, wish.lower - success)
 
     def finish(self) -> None:
-        """A request is gone; mostly one that somebody works on."""
+        """A request ends; mostly one that a robot works on."""
         served = [a for a in self.requests if any(w.pinned for w in a.wishes)]
         if self.requests:
             self.requests.remove(self._random.choice(served or self.requests))

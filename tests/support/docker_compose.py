@@ -23,7 +23,7 @@ PROJECT = "mrbt-drill"
 # They only end a test that hangs.
 WAIT_S = 300
 POLL_S = 0.2
-# Compose reads it beside docker-compose.yml: what the robots hold stands in a file of the host.
+# Compose reads it beside docker-compose.yml: the tasks that robots hold are in a file of the host.
 HOLD_FOLDER, HOLD_FILE = "hold", "names"
 OVERRIDE = """\
 services:
@@ -34,7 +34,7 @@ services:
     f"    volumes: ['./{HOLD_FOLDER}:/hold:ro']\n"
     for robot in (*ROBOTS, *ROUTED)
 )
-# What stands for the images of a broker and of node, and what is in them.
+# Substitutes for the images of a broker and of node, and their contents.
 AGV_PACKAGES = "mosquitto,nodejs"
 NODE_FOLDER, BROKER_FILE = "agv_node", "broker.conf"
 OVERRIDE += f"""\

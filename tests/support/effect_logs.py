@@ -16,7 +16,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-# Where code stands in a file is no behaviour.
+# Line numbers of code are no behaviour.
 _FRAMES = re.compile(r"Traceback \(most recent call last\):\\n(?:  .*?\\n)+(?=\w)")
 
 

@@ -1,4 +1,4 @@
-"""Falsifies recordings at random: one byte as it stands, or one value with all checks made anew."""
+"""Falsifies recordings at random: one byte, or one value with all checks made anew."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _fits(record: RecordedMessage, wanted: str) -> bool:
 def _byte(
     recording: Recording, record: RecordedMessage, folder: Path, draw: random.Random
 ) -> Falsified | None:
-    """Another byte at any place of the message as it stands in the file, its frame included."""
+    """Another byte at any place of the message in the file, its frame included."""
     content = bytearray(recording.path.read_bytes())
     begin, end = place_of(content, record.number)
     at = draw.randrange(begin, end)

@@ -68,7 +68,7 @@ class Viewer:
         return Received(self._topics[number], at_ns, text, json.loads(text))
 
     async def messages(self, count: int) -> list[Received]:
-        """So many."""
+        """The next `count` messages."""
         return [await self.message() for _ in range(count)]
 
 

@@ -73,7 +73,7 @@ def case(robots: int, demands: int, number: int, limited: bool) -> AssignmentPro
 
 
 def digests(robots: int, demands: int, count: int, limited: bool) -> dict[str, object]:
-    """Of the problems and of the answers: what differs tells whose fault it is."""
+    """Of the problems and of the answers: if the problems are equal, a solver is at fault."""
     problems, answers, feasible = hashlib.sha256(), hashlib.sha256(), 0
     for number in range(count):
         given = case(robots, demands, number, limited)

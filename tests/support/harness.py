@@ -106,7 +106,7 @@ class Team:
         self.now_us = until_us
 
     def kill(self, name: str) -> None:
-        """The process is gone; the system takes its token down at once."""
+        """The process ends; the system takes its token down at once."""
         process = self.processes.pop(name)
         self._token_gone(process)
         self._drain()

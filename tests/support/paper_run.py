@@ -47,7 +47,7 @@ def check_order(work: list[Span]) -> None:
 
 
 def check_paper(work: list[Span]) -> None:
-    """The run without a fault, as section VI-A tells it."""
+    """The run without a fault, as in section VI-A."""
     check_order(work)
     first_screws = [s for s in of(work, "use_screwdriver") if s.start_s < work[2].start_s]
     assert {s.robot for s in first_screws} == {"C1", "C2"}, "both C on the screws"

@@ -85,7 +85,7 @@ def _status(node: NodeSpec, statuses: list[Status]) -> Status:
 
 
 def random_tree(source: random.Random, depth: int = 4) -> NodeSpec:
-    """Any order of conditions and actions; each action stands at one place."""
+    """Any order of conditions and actions; each action is at one place."""
     count = 0
 
     def grow(depth: int) -> NodeSpec:

@@ -17,7 +17,7 @@ MOST_ACTIONS = 60
 
 @dataclass
 class Field:
-    """What actions do to the world. What one writes tells what it read, and who wrote it."""
+    """The effects of actions. A written value depends on its action and the values that it read."""
 
     declared: Declarations
     seed: int
@@ -63,7 +63,7 @@ class Ended:
 def run(
     spec: NodeSpec, declared: Declarations, start: Mapping[str, bool], seed: int, robots: int
 ) -> Ended | None:
-    """One run with so many robots; None if it does not come to an end."""
+    """One run with `robots` robots; None if it does not end."""
     world = World(spec, [name for name, value in start.items() if value])
     place, source = Field(declared, seed, start), random.Random(f"run/{seed}/{robots}")
     running: dict[str, tuple[str, tuple[bool, dict[str, int]]]] = {}

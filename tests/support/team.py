@@ -195,7 +195,7 @@ class Team:
     def wait_for_events(
         self, count: int, local_task: str, event: str = "start", **more: Any
     ) -> list[dict[str, Any]]:
-        """Wait until there were so many physical events of a kind; returns them all."""
+        """Wait for `count` physical events of a kind; returns all of that kind."""
         wanted = {"local_task": local_task, "event": event, **more}
 
         def found() -> list[dict[str, Any]] | None:
@@ -240,7 +240,7 @@ class Team:
         return "\n".join(f"== {p.name}\n" + p.read_text()[-1500:] for p in found)
 
     def running(self) -> list[psutil.Process]:
-        """Robots of this test that run, whoever started them."""
+        """Robots of this test that run, also those started by hand."""
         # What was seen of each when it was found: one that is killed now is a zombie for a while.
         return [
             p

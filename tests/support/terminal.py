@@ -17,8 +17,7 @@ from collections.abc import Mapping
 from tests.support.paths import ROOT
 from tests.support.team import WAIT_S
 
-# How a terminal is told to move its cursor, to colour, and to change its modes.
-# So much text is looked at again when more has come: no pattern is longer.
+# Characters searched again when more has been drawn: no pattern is longer.
 OVERLAP = 1_000
 _CONTROLS = re.compile(r"\x1b(?:\[[0-?]*[ -/]*[@-~]|[\]P][^\x07\x1b]*(?:\x07|\x1b\\)|[@-_0-9=>])")
 KEYS = {"tab": "\t", "escape": "\x1b", "down": "\x1b[B", "up": "\x1b[A", "enter": "\r"}

@@ -139,12 +139,12 @@ class _Drawing:
         return NodeSpec(Kind.ACTION, subject=name)
 
     def before(self) -> SameRobotAs:
-        """A local task of a global task that stands before."""
+        """A local task of an earlier global task."""
         task = self.bind.choice(self.tasks)
         return SameRobotAs(task.id, self.bind.choice(task.needs).local_task)
 
     def leaf(self) -> NodeSpec:
-        """At most so many different ones; then the same conditions are asked again."""
+        """At most `most` different ones; then the same conditions are asked again."""
         if len(self.conditions) < self.most[1] and self.pick.random() < 0.3:
             self.conditions.append(f"c{len(self.conditions)}")
             return NodeSpec(Kind.CONDITION, subject=self.conditions[-1])

@@ -1,5 +1,5 @@
 """A vehicle of VDA 5050 in a few lines, for properties: takes messages as they are sent, and says
-its state as the standard has it. It does one step of its order when it is told to.
+its state as the standard has it. Each `step` is one of its order.
 """
 
 from __future__ import annotations
