@@ -1,4 +1,4 @@
-"""mrbt up: options that do not go together; what it does is in tests/processes."""
+"""mrbt up: too few open files. Teams that it starts are in tests/processes."""
 
 from __future__ import annotations
 
@@ -6,13 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.support.command import EXPLORE, mrbt
-
-
-def test_without_recordings_there_are_none_of_heartbeats() -> None:
-    code, output, problems = mrbt("up", EXPLORE, "--no-record", "--record-beats")
-    assert (code, output) == (2, "")
-    assert "with --no-record nothing is recorded" in problems
+from tests.support.command import EXPLORE
 
 
 def test_too_few_open_files_are_said_in_one_line_before_robots_start(tmp_path: Path) -> None:
