@@ -133,7 +133,7 @@ test-interop: parts-interop
 
 # 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` tells each eighth.
 test-conformance: $(READY)
-	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/btcpp/executor/test_engine_traces.py \
+	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/btcpp/executor/test_tree_executor_traces.py \
 		tests/btcpp/scripts/test_evaluator_measured.py tests/analysis/test_team_tree_traces.py
 
 # Parts that others have made: a broker, virtual AGVs, published schemas (docs/how-to/vda5050.md).

@@ -8,11 +8,8 @@ from typing import Any
 
 from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
 from mrbt_mesh.btcpp.files.check import check_file
-from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.expand import constant_value
 from mrbt_mesh.btcpp.files.export import explicit
-from mrbt_mesh.btcpp.files.findings import Findings
-from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.program_trees import ProgramTree
@@ -97,8 +94,9 @@ def _made_tree(
     program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
 ) -> BehaviorTree:
     """The tree of a mission, with its entries set. Raises FileError and BlackboardError."""
-    library = library_of(parse_document(program.xml, program.source), Findings())
-    tree = BehaviorTree(library, program.tree, leaves, given=given)
+    tree = BehaviorTree.from_text(
+        program.xml, program.tree, leaves, file=program.source, given=given
+    )
     tree.check()  # so that ports' types are known
     for name, text in program.ports:
         # A text becomes what an entry that has a type needs; else it is what it looks like.

@@ -1,7 +1,7 @@
-"""What ticks a tree on one robot.
+"""Ticks a tree on one robot.
 
-`node`, `controls`, `decorators`, `timed`, `nav2`, `builtin_leaves`, `leaf_nodes`: what each node
-does in a tick. `blackboard`, `leaves`: what nodes read, write and call. `builder` makes them from a
-file, `engine` ticks them without waiting, `runner` runs them in an event loop, and `tree` is the
+`node`, `controls`, `decorators`, `timed`, `nav2`, `builtin_leaves`, `leaf_nodes`: the nodes.
+`blackboard` and `leaves`: what nodes read, write and call. `builder` makes the nodes of a file,
+`tree_executor` ticks them without waiting, `runner` runs them in an event loop, and `tree` is the
 interface for programs.
 """

@@ -1,7 +1,7 @@
 """From a file's trees to nodes that can be ticked, with a blackboard for each SubTree.
 
-Whatever is wrong with the file for this robot is told at once: nodes that nobody has registered,
-ports that a leaf does not have or that are missing, SubTrees that are in no file.
+The file has been checked already (`files.check`). Here are the rules of this robot: nodes that are
+not registered, ports that a leaf does not have or that are missing, SubTrees that are in no file.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mrbt_mesh.btcpp.executor.blackboard import Blackboard
 from mrbt_mesh.btcpp.executor.builtin_leaves import BUILTIN_LEAVES
 from mrbt_mesh.btcpp.executor.controls import CONTROLS, Reactive
 from mrbt_mesh.btcpp.executor.decorators import DECORATORS
-from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, ConditionLeaf, LeafNode, SyncActionLeaf
+from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, LeafNode, SyncLeaf
 from mrbt_mesh.btcpp.executor.leaves import Leaf, Leaves
 from mrbt_mesh.btcpp.executor.nav2 import NAV2, NAV2_DEFAULTS
 from mrbt_mesh.btcpp.executor.node import (
@@ -27,7 +27,7 @@ from mrbt_mesh.btcpp.executor.node import (
     TreeWorld,
 )
 from mrbt_mesh.btcpp.executor.timed import TIMED
-from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, LOOP_ITEMS, SWITCHES, children_allowed
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, LOOP_ITEMS
 from mrbt_mesh.btcpp.files.check_nodes import child_path
 from mrbt_mesh.btcpp.files.document import (
     SUBTREE,
@@ -44,7 +44,7 @@ from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError
-from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, read_boolean
+from mrbt_mesh.btcpp.scripts.values import ANY_TYPE
 from mrbt_mesh.errors import FileError, Problem, nearest
 
 NODE_TYPES: Mapping[str, type[TreeNode]] = {
@@ -69,12 +69,11 @@ class _Where:
     file: str
     path: str
     board: Blackboard
-    trees: tuple[str, ...]
     depth: int = 1
 
     def below(self, element: Element) -> _Where:
         path = child_path(self.path, element)
-        return _Where(self.file, path, self.board, self.trees, self.depth + 1)
+        return _Where(self.file, path, self.board, self.depth + 1)
 
 
 def build_nodes(
@@ -82,7 +81,7 @@ def build_nodes(
 ) -> list[TreeNode]:
     """All nodes of the tree, in preorder, ready to be ticked. Raises FileError."""
     builder = _Builder(library, leaves, world)
-    builder.tree(tree, Element("root"), _Where(library.documents[0].file, tree, board, ()))
+    builder.tree(tree, Element("root"), _Where(library.documents[0].file, tree, board))
     if builder.problems:
         raise FileError(builder.problems)
     for node in builder.nodes:
@@ -127,19 +126,9 @@ class _Builder:
             hint = nearest(name, list(self.library.trees))
             self.problem(where, reference.line, f"there is no tree {name!r}{hint}")
             return None
-        if name in where.trees:
-            cycle = " -> ".join((*where.trees, name))
-            self.problem(where, reference.line, f"a tree cannot contain itself: {cycle}")
-            return None
-        children = source.element.children
-        inner = _Where(
-            source.document.file, where.path, where.board, (*where.trees, name), where.depth
-        )
-        if len(children) != 1:
-            message = f"the tree {name!r} needs exactly one child, it has {len(children)}"
-            self.problem(inner, source.element.line, message)
-            return None
-        return self.node(children[0], inner.below(children[0]))
+        (child,) = source.element.children
+        inner = _Where(source.document.file, where.path, where.board, where.depth)
+        return self.node(child, inner.below(child))
 
     def node(self, element: Element, where: _Where) -> TreeNode | None:
         if len(self.nodes) >= MAX_NODES or where.depth > MAX_LEVELS:
@@ -188,10 +177,8 @@ class _Builder:
             return None
         model = self.library.models.get(name)
         category = model.category if leaf.name == "*" and model is not None else leaf.category
-        kind: type[LeafNode] = ActionLeaf if leaf.is_async else SyncActionLeaf
-        if category is Category.CONDITION:
-            kind = ConditionLeaf
-        node = kind(*arguments)
+        is_action = leaf.is_async and category is not Category.CONDITION
+        node: LeafNode = ActionLeaf(*arguments) if is_action else SyncLeaf(*arguments)
         node.leaf = leaf
         return node
 
@@ -228,11 +215,10 @@ class _Builder:
             )
 
     def _check_children(self, node: TreeNode, element: Element, where: _Where) -> None:
+        """Nodes of programs and Nav2; those of BehaviorTree.CPP have been checked."""
         found = len(element.children)
         least, most = node.CHILDREN
-        if node.type in SWITCHES:
-            least, most = children_allowed(node.type, Category.CONTROL)
-        if found < least or (most is not None and found > most):
+        if node.type not in BUILTIN and (found < least or (most is not None and found > most)):
             wanted = str(least) if least == most else f"{least} or more" if most is None else ""
             wanted = wanted or f"{least} to {most}"
             self.problem(where, element.line, f"{node.type} needs {wanted} children, not {found}")
@@ -243,22 +229,15 @@ class _Builder:
 
     def _ports(self, node: TreeNode, leaf: Leaf | None, element: Element, where: _Where) -> None:
         """Declare the entries that ports point to; check the ports of a leaf."""
-        model = BUILTIN.get(node.type)
+        model, declared = BUILTIN.get(node.type), self.library.models.get(node.type)
         if leaf is not None:
             self._check_ports(node, leaf, element, where)
         for name, text in node.ports.items():
             key = pointer(text, name)
             if key is None:
                 continue
-            type_name = ""
-            if leaf is not None and name in leaf.ports:
-                type_name = leaf.ports[name].type
-            elif model is not None and name in model.ports:
-                type_name = model.ports[name].type
-            else:
-                declared = self.library.models.get(node.type)
-                if declared is not None and name in declared.ports:
-                    type_name = declared.ports[name].type
+            known = [each.ports for each in (leaf, model, declared) if each is not None]
+            type_name = next((given[name].type for given in known if name in given), "")
             type_name = "" if type_name in ("script", "list") else type_name
             if name == "entry" and node.type in UPDATED:
                 type_name = ANY_TYPE
@@ -291,22 +270,16 @@ class _Builder:
                 self.problem(where, element.line, message)
 
     def _inner(self, element: Element, where: _Where) -> _Where:
-        """The blackboard of a SubTree: what its attributes and its model's defaults remap."""
-        autoremap = read_boolean(element.get("_autoremap", "false")) or False
+        """The blackboard of a SubTree."""
+        autoremap, given, missing = self.library.subtree_ports(element)
         board = Blackboard(where.board, autoremap, exact=self.world.exact)
-        given = ports(element)
-        model = self.library.subtree_models.get(element.get("ID"))
-        if model is not None and not autoremap:
-            for port in model.ports.values():
-                if port.name not in given and port.default:
-                    given[port.name] = port.default
-                elif port.name not in given:
-                    message = f"port {port.name!r} of tree {model.id!r} has to be given"
-                    self.problem(where, element.line, message)
+        for name in missing:
+            message = f"port {name!r} of tree {element.get('ID')!r} has to be given"
+            self.problem(where, element.line, message)
         for name, text in given.items():
             outer = pointer(text, name)
             if outer is None:
                 board.own(name, constant_value(text))
             else:
                 board.remapped[name] = outer
-        return _Where(where.file, where.path, board, where.trees, where.depth)
+        return _Where(where.file, where.path, board, where.depth)

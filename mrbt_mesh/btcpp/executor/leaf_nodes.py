@@ -72,8 +72,13 @@ class LeafNode(TreeNode):
         first = (self.type,) if self.leaf.takes_type else ()
         return self.leaf.function(*first, **arguments)
 
-    def call_at_once(self) -> NodeStatus:
-        """Call a function that ends within the tick."""
+
+class SyncLeaf(LeafNode):
+    """A condition, or an action that ends within the tick: calls its function at every tick."""
+
+    __slots__ = ()
+
+    def tick(self) -> NodeStatus:
         self.world.count_leaf(self.place)
         self.reason = ""
         try:
@@ -82,24 +87,6 @@ class LeafNode(TreeNode):
         except TaskFailedError as failure:
             self.reason = str(failure)
             return FAILURE
-
-
-class ConditionLeaf(LeafNode):
-    """Asks its function at every tick."""
-
-    __slots__ = ()
-
-    def tick(self) -> NodeStatus:
-        return self.call_at_once()
-
-
-class SyncActionLeaf(LeafNode):
-    """Calls its function at every tick."""
-
-    __slots__ = ()
-
-    def tick(self) -> NodeStatus:
-        return self.call_at_once()
 
 
 class ActionLeaf(LeafNode):

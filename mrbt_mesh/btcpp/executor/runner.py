@@ -15,9 +15,9 @@ import anyio
 import anyio.abc
 import anyio.lowlevel
 
-from mrbt_mesh.btcpp.executor.engine import TickEngine
 from mrbt_mesh.btcpp.executor.leaf_nodes import status_of
 from mrbt_mesh.btcpp.executor.node import FAILURE, MICRO, RUNNING, CancelLeaf, NodeStatus, StartLeaf
+from mrbt_mesh.btcpp.executor.tree_executor import TreeExecutor
 from mrbt_mesh.errors import TaskFailedError
 
 Watcher: TypeAlias = Callable[[], None]
@@ -38,7 +38,7 @@ class _Run:
 
 
 class TreeRunner:
-    """Runs one engine once, to the end of its tree.
+    """Runs one executor once, to the end of its tree.
 
     `clock` gives seconds and has to be the one by which `anyio.sleep` waits. `on_tick` is called
     after every tick.
@@ -46,12 +46,12 @@ class TreeRunner:
 
     def __init__(
         self,
-        engine: TickEngine,
+        executor: TreeExecutor,
         rate_hz: float,
         clock: Callable[[], float] | None = None,
         on_tick: Watcher | None = None,
     ) -> None:
-        self._engine = engine
+        self._executor = executor
         self._period_us = round(MICRO / rate_hz) if rate_hz > 0 else None
         self._clock = clock or anyio.current_time
         self._on_tick = on_tick
@@ -92,7 +92,7 @@ class TreeRunner:
         while True:
             self._happened = anyio.Event()
             now_us = round(self._clock() * MICRO)
-            status = self._engine.tick(now_us)
+            status = self._executor.tick(now_us)
             self._follow(group)
             if self._on_tick is not None:
                 self._on_tick()
@@ -104,9 +104,9 @@ class TreeRunner:
 
     async def _wait(self, ticked_us: int) -> None:
         """Until something has happened, a node's time is over, or the next tick is due."""
-        ends = [self._engine.next_deadline_us]
+        ends = [self._executor.next_deadline_us]
         period_us = self._period_us
-        if self._engine.woken_by is None:
+        if self._executor.woken_by is None:
             self._at_once = 0
         elif self._at_once < MAX_AT_ONCE:
             self._at_once += 1
@@ -131,13 +131,13 @@ class TreeRunner:
             self._is_slowed = True
             _LOG.warning(
                 "%s: ticked %s times without a pause; from now on it is ticked at the tree's rate",
-                self._engine.woken_by,
+                self._executor.woken_by,
                 f"{MAX_AT_ONCE:,}",
             )
 
     def _follow(self, group: anyio.abc.TaskGroup) -> None:
         """Cancel and start actions; one begins once those cancelled before it have stopped."""
-        for effect in self._engine.take_effects():
+        for effect in self._executor.take_effects():
             if isinstance(effect, CancelLeaf):
                 run = self._runs.get((effect.uid, effect.run))
                 if run is not None:
@@ -153,7 +153,7 @@ class TreeRunner:
                 for stopped in before:
                     await stopped.wait()
                 status, reason = await self._call(effect)
-                self._engine.ended(effect.uid, effect.run, status, reason)
+                self._executor.ended(effect.uid, effect.run, status, reason)
         except BaseException as error:
             # Not one of the leaf's own making: the whole tree is cancelled.
             if anyio.current_effective_deadline() == -math.inf:
@@ -165,10 +165,10 @@ class TreeRunner:
             self._happened.set()
 
     async def _call(self, effect: StartLeaf) -> tuple[NodeStatus, str]:
-        node = self._engine.leaf(effect.uid)
+        node = self._executor.leaf(effect.uid)
 
         def write(port: str, value: Any) -> None:
-            self._engine.write(effect.uid, effect.run, port, value)
+            self._executor.write(effect.uid, effect.run, port, value)
             self._happened.set()
 
         try:
@@ -182,10 +182,10 @@ class TreeRunner:
         """Halt a tree that has not ended, and wait until all that was begun has stopped."""
         try:
             if is_halted:
-                self._engine.halt()
+                self._executor.halt()
         except Exception as error:
             self._error = self._error or error
-        self._engine.take_effects()
+        self._executor.take_effects()
         for run in self._runs.values():
             run.scope.cancel()
         while self._runs:

@@ -15,15 +15,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from mrbt_mesh.btcpp.executor.blackboard import Blackboard
 from mrbt_mesh.btcpp.executor.builder import build_nodes
-from mrbt_mesh.btcpp.executor.engine import TickEngine
 from mrbt_mesh.btcpp.executor.leaf_nodes import LeafNode
 from mrbt_mesh.btcpp.executor.leaves import Leaves
-from mrbt_mesh.btcpp.executor.node import NodeStatus, TreeNode, TreeWorld
+from mrbt_mesh.btcpp.executor.node import NodeStatus, TreeWorld
 from mrbt_mesh.btcpp.executor.runner import TreeRunner
+from mrbt_mesh.btcpp.executor.tree_executor import TreeExecutor
 from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
@@ -31,8 +31,6 @@ from mrbt_mesh.btcpp.files.library import Library, library_of, load_library
 from mrbt_mesh.errors import FileError, Problem, nearest
 
 RATE_HZ = 10.0
-F = TypeVar("F", bound=Callable[..., Any])
-N = TypeVar("N", bound=type[TreeNode])
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +49,9 @@ class NodeView:
 class BehaviorTree:
     """One tree that can be run, any number of times, one after the other.
 
-    `leaves` may be shared by trees; without it the tree has its own. `exact` switches
-    BehaviorTree.CPP's own oddities on (docs/reference/btcpp-nodes.md). `given`: what leaves get
-    besides ports, by its type. The blackboard stays from run to run.
+    `library` has been checked. `leaves` may be shared by trees; by default the tree has its own.
+    `exact` switches BehaviorTree.CPP's own oddities on (docs/reference/btcpp-nodes.md). `given`:
+    the arguments of leaves besides ports, by type. The blackboard stays from run to run.
     """
 
     def __init__(
@@ -68,11 +66,14 @@ class BehaviorTree:
     ) -> None:
         self.name = _chosen(library, tree)
         self.leaves = leaves if leaves is not None else Leaves()
+        # Decorators that register functions and nodes: see `Leaves`.
+        self.action, self.condition = self.leaves.action, self.leaves.condition
+        self.node, self.entry, self.source = self.leaves.node, self.leaves.entry, self.leaves.source
         self.blackboard = Blackboard(exact=exact)
         self._library = library
         self._enums = dict(enums or {})
         self._world = TreeWorld(exact, given=dict(given or {}))
-        self._engine: TickEngine | None = None
+        self._executor: TreeExecutor | None = None
         self._runner: TreeRunner | None = None
         self._watchers: list[Callable[[], None]] = []
         self.blackboard.watch(self.wake)
@@ -107,54 +108,33 @@ class BehaviorTree:
         tree: str | None = None,
         leaves: Leaves | None = None,
         *,
+        file: str = "tree.xml",
         exact: bool = False,
         enums: Mapping[str, int] | None = None,
+        given: Mapping[type, Any] | None = None,
     ) -> BehaviorTree:
-        """As `from_file`, from memory; includes are not followed. Raises FileError."""
+        """As `from_file`, from memory; includes are not followed, `file` is for messages."""
         findings = Findings()
-        library = library_of(parse_document(text, "tree.xml"), findings)
+        library = library_of(parse_document(text, file), findings)
         check_library(library, findings)
         findings.raise_errors()
-        return cls(library, tree, leaves, exact=exact, enums=enums)
-
-    def action(self, name: str) -> Callable[[F], F]:
-        """Register an action: see `Leaves.action`."""
-        return self.leaves.action(name)
-
-    def condition(self, name: str) -> Callable[[F], F]:
-        """Register a condition: see `Leaves.condition`."""
-        return self.leaves.condition(name)
-
-    def node(self, name: str) -> Callable[[N], N]:
-        """Register a control or decorator: see `Leaves.node`."""
-        return self.leaves.node(name)
-
-    def entry(self, name: str) -> Callable[[F], F]:
-        """Register what says an entry's value before each tick: see `Leaves.entry`."""
-        return self.leaves.entry(name)
-
-    def source(self, name: str) -> Callable[[F], F]:
-        """Register what Nav2's decorators ask for: see `Leaves.source`."""
-        return self.leaves.source(name)
+        return cls(library, tree, leaves, exact=exact, enums=enums, given=given)
 
     @property
-    def engine(self) -> TickEngine:
-        """The tree's engine, made when it is needed first. Raises FileError.
-
-        From then on the leaves are fixed. Who ticks by himself needs nothing else of this class.
-        """
-        if self._engine is None:
+    def executor(self) -> TreeExecutor:
+        """It ticks the tree. Made at its first use, when the leaves become fixed; FileError."""
+        if self._executor is None:
             world, leaves = self._world, self.leaves
             world.enums = leaves.enums | self._enums
             world.sources = {n: value.bound(world.given) for n, value in leaves.sources.items()}
             world.entries = {n: value.bound(world.given) for n, value in leaves.entries.items()}
             nodes = build_nodes(self._library, self.name, self.leaves, self._world, self.blackboard)
-            self._engine = TickEngine(nodes, self._world, self.blackboard)
-        return self._engine
+            self._executor = TreeExecutor(nodes, self._world, self.blackboard)
+        return self._executor
 
     def check(self) -> None:
         """Raise FileError, with all that is missing, unless the tree can be run."""
-        _ = self.engine
+        _ = self.executor
 
     async def run(
         self, *, rate_hz: float = RATE_HZ, clock: Callable[[], float] | None = None
@@ -168,7 +148,7 @@ class BehaviorTree:
         """
         if self._runner is not None:
             raise RuntimeError("the tree is running already")
-        self._runner = TreeRunner(self.engine, rate_hz, clock, self._ticked)
+        self._runner = TreeRunner(self.executor, rate_hz, clock, self._ticked)
         try:
             return await self._runner.run()
         finally:
@@ -189,9 +169,9 @@ class BehaviorTree:
 
     def view(self) -> Iterator[NodeView]:
         """All nodes in preorder with their statuses as of the last tick. Raises FileError."""
-        engine = self.engine
-        statuses = engine.statuses()
-        waiting = [(engine.root, 0)]
+        executor = self.executor
+        statuses = executor.statuses()
+        waiting = [(executor.root, 0)]
         while waiting:
             node, depth = waiting.pop()
             reason = node.reason if isinstance(node, LeafNode) else ""

@@ -256,12 +256,8 @@ class NodeChecker:
             where = f"; it may be in {', '.join(missing)}, which was not read" if missing else ""
             known = where or hint(name, self.library.trees)
             self.rule(place, f"there is no tree {name!r}{known}")
-        model = self.library.subtree_models.get(name)
-        if model is not None and not read_boolean(autoremap):
-            given = ports(element)
-            for port in model.ports.values():
-                if not port.default and port.name not in given:
-                    self.rule(place, f"port {port.name!r} of tree {name!r} has to be given")
+        for port in self.library.subtree_ports(element)[2]:
+            self.rule(place, f"port {port!r} of tree {name!r} has to be given")
         own_name = element.get("name")
         if own_name in self.subtree_names:
             line = self.subtree_names[own_name]

@@ -28,7 +28,6 @@ from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS
 from mrbt_mesh.btcpp.scripts.evaluator import Value
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError, renamed
-from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import FileError, Problem
 
 MAX_NODES = 20_000
@@ -212,17 +211,11 @@ class _Expansion:
         return _script(value, scope) if SCRIPT_PORTS.get(name) == port else value
 
     def inner_scope(self, element: Element, name: str, outer: Scope) -> Scope:
-        """The blackboard of a SubTree: what its attributes and its model's defaults remap."""
+        """The blackboard of a SubTree."""
         self.subtrees += 1
         safe = re.sub(r"\W", "_", name)
-        autoremap = read_boolean(element.get("_autoremap", "false")) or False
+        autoremap, given, _ = self.library.subtree_ports(element)
         scope = Scope(f"{safe}_{self.subtrees}__", outer, autoremap)
-        given = ports(element)
-        model = self.library.subtree_models.get(name)
-        if model is not None and not autoremap:
-            for port in model.ports.values():
-                if port.default:
-                    given.setdefault(port.name, port.default)
         for key, value in given.items():
             outer_key = pointer(value, key)
             if outer_key is not None:

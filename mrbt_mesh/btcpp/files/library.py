@@ -8,11 +8,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
-from mrbt_mesh.btcpp.files.document import SUBTREE, Category, Document, NodeManifest, read_document
+from mrbt_mesh.btcpp.files.document import (
+    SUBTREE,
+    Category,
+    Document,
+    NodeManifest,
+    ports,
+    read_document,
+)
 from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.upgrade import upgrade
 from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES
+from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import FileError, nearest
 
 MAX_FILES = 100
@@ -59,6 +67,19 @@ class Library:
     def model(self, name: str) -> NodeManifest | None:
         """The model of a registered node."""
         return BUILTIN.get(name) or self.models.get(name)
+
+    def subtree_ports(self, element: Element) -> tuple[bool, dict[str, str], list[str]]:
+        """Of a <SubTree>: whether it remaps every entry, its ports, and those that are missing.
+
+        The defaults of its model count as given.
+        """
+        remaps_all = read_boolean(element.get("_autoremap", "false")) or False
+        given = ports(element)
+        model = None if remaps_all else self.subtree_models.get(element.get("ID"))
+        declared = [] if model is None else list(model.ports.values())
+        left_out = [port for port in declared if port.name not in given]
+        given |= {port.name: port.default for port in left_out if port.default}
+        return remaps_all, given, [port.name for port in left_out if not port.default]
 
     def know(self, other: Library) -> None:
         """Learn trees and models of other files, which are no documents here."""

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Mapping, MutableMapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeAlias
 
-from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import (
     BITS,
     LOGICAL,
@@ -87,55 +86,12 @@ class Entries(Protocol):
         ...
 
 
-class MappingEntries:
-    """Entries of a plain mapping; their types are those of their values."""
-
-    def __init__(
-        self, entries: MutableMapping[str, Any], root: MutableMapping[str, Any] | None = None
-    ) -> None:
-        self._entries = entries
-        self._root = entries if root is None else root
-
-    def _place(self, name: str) -> tuple[MutableMapping[str, Any], str]:
-        return (self._root, name[1:]) if name.startswith("@") else (self._entries, name)
-
-    def __contains__(self, name: str) -> bool:
-        entries, key = self._place(name)
-        return key in entries
-
-    def read(self, name: str) -> Any:
-        entries, key = self._place(name)
-        return entries[key]
-
-    def type_of(self, name: str) -> str:
-        names = {bool: "bool", int: "int", float: "double", str: "std::string"}
-        return names.get(type(self.read(name)), "")
-
-    def write(self, name: str, value: Any) -> None:
-        entries, key = self._place(name)
-        entries[key] = value
-
-    def create(self, name: str) -> None:
-        self.write(name, None)
-
-
-def evaluate(
-    script: Script | str,
-    blackboard: MutableMapping[str, Any],
-    enums: Mapping[str, int] | None = None,
-    root: MutableMapping[str, Any] | None = None,
-) -> Any:
-    """Run a script on a plain mapping and return its last value; truth values are 1.0 and 0.0.
-
-    `@name` is an entry of `root`, which is `blackboard` unless given. Raises ScriptError, also
-    for what BehaviorTree.CPP refuses at run time: missing entries, wrong types.
-    """
-    parsed = parse(script) if isinstance(script, str) else script
-    return run_script(parsed, MappingEntries(blackboard, root), enums or {})
-
-
 def run_script(script: Script, entries: Entries, enums: Mapping[str, int]) -> Any:
-    """Run a script and return its last value. Raises ScriptError."""
+    """Run a script and return its last value; truth values are 1.0 and 0.0.
+
+    Raises ScriptError, also for what BehaviorTree.CPP refuses at run time: missing entries, wrong
+    types.
+    """
     run = _Run(entries, enums)
     value: Any = None
     try:

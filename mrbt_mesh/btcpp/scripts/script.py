@@ -1,14 +1,14 @@
 """BehaviorTree.CPP's scripting language: what a script is, and how it is printed.
 
-`script_parser.parse` makes it, `script_eval.evaluate` runs it. Source: the reference of the
+`parser.parse` makes it, `evaluator.run_script` runs it. Source: the reference of the
 language in BehaviorTree.CPP's documentation, and its grammar where that is silent.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeAlias
 
 
 class ScriptError(ValueError):
@@ -174,36 +174,26 @@ def renamed(script: Script, rename: Callable[[str], str]) -> Script:
 
 
 def _renamed(expression: Expression, rename: Callable[[str], str]) -> Expression:
-    parts = tuple(_renamed(part, rename) for part in _parts(expression))
-    if isinstance(expression, Name):
-        return Name(rename(expression.name))
-    if isinstance(expression, Unary):
-        return Unary(expression.operator, *parts)
-    if isinstance(expression, Binary):
-        return Binary(expression.operator, *parts)
-    if isinstance(expression, Comparison):
-        return Comparison(expression.operators, parts)
-    if isinstance(expression, Conditional):
-        return Conditional(*parts)
-    if isinstance(expression, Assign):
-        return Assign(expression.operator, rename(expression.name), *parts)
-    if isinstance(expression, Impossible):
-        return Impossible(parts[0], expression.operator, parts[1])
-    return expression
+    changed: dict[str, Any] = {}
+    for each in fields(expression):
+        value = getattr(expression, each.name)
+        if isinstance(value, tuple):
+            parts = (_renamed(p, rename) if isinstance(p, Expression) else p for p in value)
+            changed[each.name] = tuple(parts)
+        elif isinstance(value, Expression):
+            changed[each.name] = _renamed(value, rename)
+    if isinstance(expression, Name | Assign):
+        changed["name"] = rename(expression.name)
+    return replace(expression, **changed)
 
 
-def _parts(expression: Expression) -> tuple[Expression, ...]:
-    if isinstance(expression, Unary):
-        return (expression.operand,)
-    if isinstance(expression, Binary | Impossible):
-        return (expression.left, expression.right)
-    if isinstance(expression, Comparison):
-        return expression.operands
-    if isinstance(expression, Conditional):
-        return (expression.condition, expression.then, expression.otherwise)
-    if isinstance(expression, Assign):
-        return (expression.value,)
-    return ()
+def _parts(expression: Expression) -> list[Expression]:
+    parts: list[Expression] = []
+    for each in fields(expression):
+        value = getattr(expression, each.name)
+        values = value if isinstance(value, tuple) else (value,)
+        parts += (part for part in values if isinstance(part, Expression))
+    return parts
 
 
 def level(expression: Expression) -> int:

@@ -282,7 +282,7 @@ def test_trees_read_what_topics_have_said_last(
     ]
     for level, status in heard:
         robot.hear("heard", topic="entry/charge", fields={"level": level})
-        assert tree.engine.tick(0) is status
+        assert tree.executor.tick(0) is status
     robot.hear("heard", topic="position", fields={"x": 1.0, "y": 2.0, **QUATERNION})
     assert leaves.sources["robot_pose"].bound(given)() == (1.0, 2.0)
 

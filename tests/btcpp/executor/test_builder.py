@@ -37,7 +37,7 @@ def test_a_leaf_may_have_a_name_that_begins_like_a_node() -> None:
         leaves.action(name)(lambda: True)
     body = "<Sequence><SwitchController/><RepeatIt/><Delayed/></Sequence>"
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    assert BehaviorTree.from_text(text, leaves=leaves).engine.tick(0) is NodeStatus.SUCCESS
+    assert BehaviorTree.from_text(text, leaves=leaves).executor.tick(0) is NodeStatus.SUCCESS
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def test_sequence_goes_on_where_it_stopped_and_starts_over_after_a_failure() -> 
 def test_sequence_with_memory_keeps_its_place_over_failure_and_halt() -> None:
     tree = control("SequenceWithMemory", "SUCCESS", "FAILURE RUNNING SUCCESS")
     assert tree.run(3) == [RUNNING, FAILURE, RUNNING]
-    tree.engine.halt()
+    tree.executor.halt()
     assert tree.halts == [0, 1]
     assert tree.run() == [SUCCESS]
     assert tree.ticks == [1, 3]
@@ -42,7 +42,7 @@ def test_sequence_with_memory_keeps_its_place_over_failure_and_halt() -> None:
 def test_a_halted_sequence_starts_over() -> None:
     tree = control("Sequence", "SUCCESS", "RUNNING SUCCESS")
     tree.run()
-    tree.engine.halt()
+    tree.executor.halt()
     assert tree.is_idle
     assert tree.run() == [SUCCESS]
     assert tree.ticks == [2, 2]
@@ -162,9 +162,9 @@ def test_if_then_else_without_else_asks_again_unless_it_is_exact(exact: bool, as
     condition = '<Leaf says="FAILURE" _successIf="false" _failureIf="(ask += 1) > 0"/>'
     again = f"<IfThenElse>{condition}{leaf('SUCCESS')}</IfThenElse>"
     tree = Ticked(f"<ForceSuccess>{again}</ForceSuccess>".replace("&", "&amp;"), board, exact=exact)
-    tree.engine.root.children[0].status = RUNNING  # so that nothing above resets it
-    tree.engine.root.children[0].tick()
-    tree.engine.root.children[0].tick()
+    tree.executor.root.children[0].status = RUNNING  # so that nothing above resets it
+    tree.executor.root.children[0].tick()
+    tree.executor.root.children[0].tick()
     assert tree.board["ask"] == asked
 
 
@@ -194,5 +194,5 @@ def test_try_catch_fails_after_its_catch_child() -> None:
 def test_try_catch_on_halt(wanted: str, count: int) -> None:
     tree = control("TryCatch", "RUNNING", "RUNNING", ports=f'catch_on_halt="{wanted}"')
     tree.run()
-    tree.engine.halt()
+    tree.executor.halt()
     assert (tree.ticks, tree.halts) == ([1, count], [1, count])

@@ -84,10 +84,10 @@ def test_retry_keeps_its_count_over_a_skip_and_loses_it_when_halted() -> None:
     leaf = '<Leaf says="RUNNING FAILURE RUNNING FAILURE" _skipIf="skip == 1"/>'
     body = f'<RetryUntilSuccessful num_attempts="2">{leaf}</RetryUntilSuccessful>'
     tree = Ticked(body, {"skip": 0})
-    root: Any = tree.engine.root
+    root: Any = tree.executor.root
     assert tree.run(2) == [RUNNING, RUNNING]
     assert root.count == 1
-    tree.engine.halt()
+    tree.executor.halt()
     assert root.count == 0
     root.count = 1
     tree.board["skip"] = 1

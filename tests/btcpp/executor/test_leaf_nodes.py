@@ -28,7 +28,7 @@ def test_inputs_are_converted_and_outputs_are_written() -> None:
         both.set(both.value + 1)
         return False
 
-    assert tree.engine.tick(0) is NodeStatus.FAILURE
+    assert tree.executor.tick(0) is NodeStatus.FAILURE
     assert seen == [3, 2.5, "usual", 4]
     assert (tree.blackboard["o"], tree.blackboard["n"]) == ("done", 5)
 
@@ -41,7 +41,7 @@ def test_outputs_may_be_left_out_also_by_an_empty_text(ports: str) -> None:
     def work(error: Out[str] | None = None, retries: InOut[int] | None = None) -> bool:
         return error is None and retries is None
 
-    assert tree.engine.tick(0) is NodeStatus.SUCCESS
+    assert tree.executor.tick(0) is NodeStatus.SUCCESS
 
 
 @pytest.mark.parametrize("answer", [True, False])
@@ -52,7 +52,7 @@ def test_a_condition_may_be_async_if_it_does_not_wait(answer: bool) -> None:
     async def ok() -> bool:
         return answer
 
-    assert tree.engine.tick(0) is (NodeStatus.SUCCESS if answer else NodeStatus.FAILURE)
+    assert tree.executor.tick(0) is (NodeStatus.SUCCESS if answer else NodeStatus.FAILURE)
 
 
 def test_a_condition_that_waits_is_told() -> None:
@@ -67,18 +67,18 @@ def test_a_condition_that_waits_is_told() -> None:
         await Forever()
 
     with pytest.raises(TickError, match="Main/Ok: the condition 'Ok' waits"):
-        tree.engine.tick(0)
+        tree.executor.tick(0)
 
 
 def test_wrong_values_are_told_with_node_and_port() -> None:
     tree = tree_of('<Work a="{a}"/>', a="many")
     tree.action("Work")(_work)
     with pytest.raises(TickError, match="Main/Work: port 'a': the text 'many' is no integer"):
-        tree.engine.tick(0)
+        tree.executor.tick(0)
     tree = tree_of('<Work a="{a}"/>')
     tree.action("Work")(_work)
     with pytest.raises(TickError, match="port 'a': the entry 'a' has no value"):
-        tree.engine.tick(0)
+        tree.executor.tick(0)
 
 
 def _work(a: int) -> None:
@@ -88,7 +88,7 @@ def _work(a: int) -> None:
 def test_a_plain_function_fails_with_a_reason() -> None:
     tree = tree_of('<Work a="3"/>')
     tree.action("Work")(_work)
-    assert tree.engine.tick(0) is NodeStatus.FAILURE
+    assert tree.executor.tick(0) is NodeStatus.FAILURE
     assert [view.reason for view in tree.view()] == ["no 3"]
 
 
@@ -100,4 +100,4 @@ def test_an_output_of_a_wrong_type_is_told() -> None:
         out.set("soon")
 
     with pytest.raises(TickError, match="Work: port 'out': the entry 'n' is of type unsigned int"):
-        tree.engine.tick(0)
+        tree.executor.tick(0)

@@ -63,7 +63,7 @@ def test_round_robin_takes_the_next_child_at_each_turn(wraps: str, third: object
     # Within one life of the node, as below a RecoveryNode, which does not halt what has ended.
     results = []
     for _ in range(3):
-        results.append(tree.engine.root.execute())
+        results.append(tree.executor.root.execute())
     assert results == [SUCCESS, SUCCESS, third]
     assert tree.ticks == [1 + (third is SUCCESS), 1]
 
@@ -76,11 +76,11 @@ def test_round_robin_fails_when_all_have_failed() -> None:
 
 def test_rate_controller_ticks_its_child_at_a_rate() -> None:
     tree = Ticked(f'<RateController hz="10">{leaves("SUCCESS RUNNING SUCCESS")}</RateController>')
-    gate: Any = tree.engine.root
+    gate: Any = tree.executor.root
     ticks = []
     for now_ms in range(0, 420, 20):
         tree.now_ms = now_ms
-        tree.engine._world.now_us = now_ms * 1_000
+        tree.executor._world.now_us = now_ms * 1_000
         gate.execute()
         gate.status = RUNNING  # as below a PipelineSequence that runs
         ticks.append(tree.ticks[0])
@@ -97,7 +97,7 @@ def test_distance_controller_ticks_its_child_each_metre() -> None:
     pose = [0.0, 0.0]
     body = f'<DistanceController distance="1">{leaves("SUCCESS")}</DistanceController>'
     tree = Ticked(body, sources={"robot_pose": lambda: (pose[0], pose[1])})
-    gate: Any = tree.engine.root
+    gate: Any = tree.executor.root
     ticks = []
     for step in range(9):
         pose[0] = 0.5 * step
@@ -112,11 +112,11 @@ def test_speed_controller_is_faster_the_faster_the_robot_is() -> None:
     speed = [1.0]
     body = f"<SpeedController {ports}>{leaves('SUCCESS')}</SpeedController>"
     tree = Ticked(body, sources={"robot_speed": lambda: speed[0]})
-    gate: Any = tree.engine.root
+    gate: Any = tree.executor.root
     ticked_ms: list[int] = []
     for now_ms in range(0, 3_001, 100):
         speed[0] = 1.0 if now_ms < 500 else 0.0
-        tree.engine._world.now_us = now_ms * 1_000
+        tree.executor._world.now_us = now_ms * 1_000
         before = tree.ticks[0]
         gate.execute()
         gate.status = RUNNING

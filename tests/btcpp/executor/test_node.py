@@ -32,7 +32,7 @@ def test_postconditions_and_halting() -> None:
     scripts = " ".join(f"{name}=\"seen += '{name} '\"" for name in names)
     tree = Ticked(f'<Leaf says="SUCCESS FAILURE RUNNING" {scripts}/>', {"seen": ""})
     tree.run(3)
-    tree.engine.halt()
+    tree.executor.halt()
     assert tree.board["seen"].split() == [
         "_onSuccess",
         "_post",
@@ -57,7 +57,7 @@ def test_an_exact_tree_runs_on_halted_of_idle_nodes_too() -> None:
     for exact in (False, True):
         tree = Ticked(f"<Sequence>{leaves}</Sequence>", {"n": 0}, exact=exact)
         tree.run()
-        tree.engine.halt()
+        tree.executor.halt()
         found.append(tree.board["n"])
     assert found == [1, 12]
 

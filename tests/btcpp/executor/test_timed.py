@@ -11,24 +11,24 @@ from tests.support.btcpp.ticked import Ticked
 def test_timeout_halts_its_child() -> None:
     tree = Ticked('<Timeout msec="100"><Leaf says="RUNNING"/></Timeout>')
     assert tree.run() == [RUNNING]
-    assert tree.engine.next_deadline_us == 100_000
+    assert tree.executor.next_deadline_us == 100_000
     tree.now_ms = 99
     assert tree.run() == [RUNNING]
     tree.now_ms = 100
     assert tree.run() == [FAILURE]
     assert tree.halts == [1]
-    assert tree.engine.next_deadline_us is None
+    assert tree.executor.next_deadline_us is None
     assert tree.run() == [RUNNING]
-    assert tree.engine.next_deadline_us == 200_000
+    assert tree.executor.next_deadline_us == 200_000
 
 
 def test_a_timeout_ends_with_its_child_and_with_its_tree() -> None:
     tree = Ticked('<Timeout msec="100"><Leaf says="RUNNING SUCCESS RUNNING"/></Timeout>')
     assert tree.run(2) == [RUNNING, SUCCESS]
-    assert tree.engine.next_deadline_us is None
+    assert tree.executor.next_deadline_us is None
     tree.run()
-    tree.engine.halt()
-    assert tree.engine.next_deadline_us is None
+    tree.executor.halt()
+    assert tree.executor.next_deadline_us is None
     assert tree.halts == [1]
 
 
@@ -42,7 +42,7 @@ def test_delay_and_sleep(body: str) -> None:
     assert tree.run(2) == [SUCCESS, RUNNING]
     tree.now_ms = 99
     assert tree.run() == [RUNNING]
-    tree.engine.halt()
+    tree.executor.halt()
     assert tree.run() == [RUNNING]
     tree.now_ms = 148
     assert tree.run() == [RUNNING]

@@ -43,7 +43,7 @@ class Robot:
         self.done.append((leaf, ports))
 
     def tick(self) -> NodeStatus:
-        return self.tree.engine.tick(self.now_us)
+        return self.tree.executor.tick(self.now_us)
 
 
 def expanded(library: Library) -> Library:

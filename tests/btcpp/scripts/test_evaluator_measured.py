@@ -8,9 +8,9 @@ import math
 from collections import Counter
 from typing import Any
 
-from mrbt_mesh.btcpp.scripts.evaluator import evaluate
 from mrbt_mesh.btcpp.scripts.parser import parse, quoting_problem, single_quoted
 from mrbt_mesh.btcpp.scripts.script import ScriptError
+from tests.support.btcpp.boards import board_of, evaluate
 from tests.support.paths import ROOT
 
 DATA = ROOT / "tests" / "data" / "btcpp" / "scripts.jsonl.gz"
@@ -29,7 +29,7 @@ def shown(value: Any) -> str:
 
 def verdict(text: str) -> str:
     """As measured: parsed as strictly as the library does, run."""
-    entries: dict[str, Any] = {"a": 3, "b": 2.5, "s": "txt", "t": True}
+    board = board_of({"a": 3, "b": 2.5, "s": "txt", "t": True})
     try:
         script = parse(text)
         if quoting_problem(text):
@@ -37,10 +37,10 @@ def verdict(text: str) -> str:
     except ScriptError:
         return "ERRP"
     try:
-        value = evaluate(script, entries, ENUMS)
+        value = evaluate(script, board, **ENUMS)
     except ScriptError:
         return "ERRE"
-    after = [f"{key}={shown(entries[key]) if key in entries else 'none'}" for key in "abstn"]
+    after = [f"{key}={shown(board.read(key)) if key in board else 'none'}" for key in "abstn"]
     return " ".join(["OK", shown(value), *after])
 
 

@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.btcpp.scripts import script as ast
-from mrbt_mesh.btcpp.scripts.evaluator import evaluate, is_true
+from mrbt_mesh.btcpp.scripts.evaluator import is_true
 from mrbt_mesh.btcpp.scripts.parser import MAX_NESTING, MAX_OPERATORS, parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError
+from tests.support.btcpp.boards import board_of, entries_of, evaluate
 
 
 @pytest.mark.parametrize(
@@ -82,15 +83,15 @@ from mrbt_mesh.btcpp.scripts.script import ScriptError
     ],
 )
 def test_values(text: str, value: Any) -> None:
-    blackboard: dict[str, Any] = {"n": 5, "word": "RED"}
-    result = evaluate(text, blackboard, enums={"RED": 3}, root={"n": 7})
+    board = board_of({"n": 5, "word": "RED"}, parent=board_of({"n": 7}))
+    result = evaluate(text, board, RED=3)
     assert result == pytest.approx(value) if isinstance(value, float) else result == value
 
 
 def test_assignment_changes_the_blackboard() -> None:
-    blackboard: dict[str, Any] = {"x": 1}
-    evaluate("y := x + 1; x = 'z' == 'z'; @r := 3", blackboard)
-    assert blackboard == {"x": 1, "y": 2.0, "r": 3}
+    board = board_of({"x": 1})
+    evaluate("y := x + 1; x = 'z' == 'z'; @r := 3", board)
+    assert entries_of(board) == {"x": 1, "y": 2.0, "r": 3}
 
 
 @pytest.mark.parametrize(
@@ -153,7 +154,7 @@ def test_syntax_errors(text: str, column: int, message: str) -> None:
 )
 def test_evaluation_errors(text: str, message: str) -> None:
     with pytest.raises(ScriptError, match=message):
-        evaluate(text, {"w": "text", "n": 3, "t": True})
+        evaluate(text, board_of({"w": "text", "n": 3, "t": True}))
 
 
 def test_truth() -> None:
@@ -231,13 +232,13 @@ def test_any_text_parses_or_says_why(text: str) -> None:
 
 @given(SCRIPTS)
 def test_evaluation_ends_with_a_value_or_an_error(script: ast.Script) -> None:
-    blackboard: dict[str, Any] = {"a": 1, "b_1": "x", "_x": 2.5}
-    before = dict(blackboard)
+    before = {"a": 1, "b_1": "x", "_x": 2.5}
+    board = board_of(before)
     try:
-        evaluate(script, blackboard)
+        evaluate(script, board)
     except ScriptError:
         return
     except OverflowError:
         pytest.fail(f"overflow in {script}")
     if not script.written:
-        assert blackboard == before
+        assert entries_of(board) == before

@@ -242,14 +242,14 @@ def ours(case: Case) -> Told:
         tree = BehaviorTree.from_text(case.xml, None, leaves, exact=True)
         for name, value in ENTRIES.items():
             tree.blackboard[name] = value
-        engine = tree.engine
+        executor = tree.executor
     except (FileError, BlackboardError) as error:
         return ["not loaded", str(error)]
     for changes in case.sets:
         try:
             for name, value in changes.items():
                 tree.blackboard[name] = value
-            status = engine.tick(0)
+            status = executor.tick(0)
         except (TickError, BlackboardError) as error:
             return [*told, "error", str(error)]
         entries = {name: tree.blackboard.get(name) for name in SEEN}

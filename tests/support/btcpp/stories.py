@@ -1,7 +1,7 @@
 """Random trees and stories, told by the executor of a robot's own trees and in facts.
 
 The executor ticks a tree as BehaviorTree.CPP does on one robot
-(tests/btcpp/executor/test_engine_traces.py); our evaluation reads the same story as facts:
+(tests/btcpp/executor/test_tree_executor_traces.py); our evaluation reads the same story as facts:
 conditions that change, actions that start when they are asked for and end some steps later, and may
 set conditions when they do. Left out is what nobody should write: an action in a reactive node
 before its last child, which BehaviorTree.CPP starts again at every tick, and here is done once.
@@ -196,17 +196,17 @@ def reference_run(spec: NodeSpec, story: Story) -> list[Shown]:
     leaves.node("Ask")(Ask)
     body = write_content(reference_xml(spec))
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    engine = BehaviorTree.from_text(text, None, leaves).engine
-    nodes = {node.name: node for node in engine.nodes if isinstance(node, Act)}
-    for node in engine.nodes:
+    executor = BehaviorTree.from_text(text, None, leaves).executor
+    nodes = {node.name: node for node in executor.nodes if isinstance(node, Act)}
+    for node in executor.nodes:
         node.yields = False  # a story's tick decides all that can be decided
     shown: list[Shown] = []
     for step in range(STEPS):
         story.set_by_sensors(now, step)
         was_set.clear()
-        status = engine.tick(step)
+        status = executor.tick(step)
         if was_set and status is NodeStatus.RUNNING:
-            status = engine.tick(step)
+            status = executor.tick(step)
         busy = sorted(name for name, node in nodes.items() if node.status is NodeStatus.RUNNING)
         # One that is halted in the tick that starts it does not count.
         starts.update(name for name in busy if running[name] == step)

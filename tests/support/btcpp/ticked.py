@@ -76,22 +76,22 @@ class Ticked:
         self.board = self.tree.blackboard
         for name, value in (entries or {}).items():
             self.board[name] = value
-        self.engine = self.tree.engine
+        self.executor = self.tree.executor
         self.now_ms = 0
-        for node in self.engine.nodes:
+        for node in self.executor.nodes:
             node.yields = node.yields and yields
 
     def run(self, count: int = 1) -> list[NodeStatus]:
         """The statuses of `count` ticks."""
-        return [self.engine.tick(self.now_ms * 1_000) for _ in range(count)]
+        return [self.executor.tick(self.now_ms * 1_000) for _ in range(count)]
 
     def once(self) -> NodeStatus:
         """Tree::tickOnce."""
-        return self.engine.tick_once(self.now_ms * 1_000)
+        return self.executor.tick_once(self.now_ms * 1_000)
 
     @property
     def leaves(self) -> list[Leaf]:
-        return [node for node in self.engine.nodes if isinstance(node, Leaf)]
+        return [node for node in self.executor.nodes if isinstance(node, Leaf)]
 
     @property
     def ticks(self) -> list[int]:
@@ -104,9 +104,9 @@ class Ticked:
     @property
     def seen(self) -> list[Any]:
         return [
-            value for node in self.engine.nodes if isinstance(node, Note) for value in node.seen
+            value for node in self.executor.nodes if isinstance(node, Note) for value in node.seen
         ]
 
     @property
     def is_idle(self) -> bool:
-        return all(node.status is IDLE for node in self.engine.nodes)
+        return all(node.status is IDLE for node in self.executor.nodes)

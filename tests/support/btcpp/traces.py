@@ -24,8 +24,8 @@ class Teller:
         for name in trace.conditions:
             leaves.condition(name)(lambda name=name: self.holds(name))
         text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{trace.xml}</BehaviorTree></root>'
-        self.engine = BehaviorTree.from_text(text, None, leaves, exact=exact).engine
-        self.actions = [node for node in self.engine.nodes if isinstance(node, ActionLeaf)]
+        self.executor = BehaviorTree.from_text(text, None, leaves, exact=exact).executor
+        self.actions = [node for node in self.executor.nodes if isinstance(node, ActionLeaf)]
         # By uid: the number of the start, and the step in which it began.
         self.starts: dict[int, tuple[int, int]] = {}
         self.runs: dict[int, int] = {}
@@ -40,7 +40,7 @@ class Teller:
             status = NodeStatus.RUNNING
             for _ in range(MAX_TICKS):
                 self._end_actions()
-                status = self.engine.tick_once(self.step)
+                status = self.executor.tick_once(self.step)
                 self._note_starts()
                 if status is not NodeStatus.RUNNING:
                     break
@@ -58,11 +58,11 @@ class Teller:
                 success = self.trace.end(node.type, number, began, self.step)
                 if success is not None:
                     ended = NodeStatus.SUCCESS if success else NodeStatus.FAILURE
-                    assert self.engine.ended(node.uid, node.run, ended)
+                    assert self.executor.ended(node.uid, node.run, ended)
 
     def _note_starts(self) -> None:
         """One that is halted by the call of tickOnce that began it does not count."""
-        self.engine.take_effects()
+        self.executor.take_effects()
         for node in self.actions:
             if node.run == self.runs.get(node.uid, 0):
                 continue

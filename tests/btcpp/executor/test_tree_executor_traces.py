@@ -1,4 +1,4 @@
-"""The engine against traces of the real BehaviorTree.CPP 4.10 (tests/data/btcpp/README.md)."""
+"""The executor against traces of the real BehaviorTree.CPP (tests/data/btcpp/README.md)."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ from mrbt_mesh.btcpp.executor.node import (
 )
 
 
-class TickEngine:
+class TreeExecutor:
     """One tree that is run.
 
-        status = engine.tick(now_us)            # Tree::tickExactlyOnce
-        for effect in engine.take_effects():    # start and cancel actions
+        status = executor.tick(now_us)            # Tree::tickExactlyOnce
+        for effect in executor.take_effects():    # start and cancel actions
             ...
-        engine.ended(uid, run, NodeStatus.SUCCESS)  # and tick again
+        executor.ended(uid, run, NodeStatus.SUCCESS)  # and tick again
 
     `nodes` are all nodes in preorder; their uids count from 1.
     """
