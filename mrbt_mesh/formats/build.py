@@ -105,7 +105,7 @@ class _Builder:
         conditions = condition_types(model, self.report)
         local_conditions = local_condition_types(model, self.report)
         template, subtrees = self.template()
-        # What is wrong so far would come up again for every value.
+        # Problems so far would be found again for every value.
         self.report.raise_if_any()
         expander = Expander(subtrees, model.parameters, self.report)
         tree = self.tree(expander, template)
@@ -166,7 +166,7 @@ class _Builder:
         return types
 
     def capabilities(self, given: Mapping[str, float | None], path: SourcePath) -> dict[str, int]:
-        """Performance in micro-units by ground or type name; 0 stands for one taken away."""
+        """Performance in micro-units by ground or type name; 0 is one taken away."""
         result: dict[str, int] = {}
         for text, value in given.items():
             here = (*path, text)
@@ -223,7 +223,7 @@ class _Builder:
                 if need.same_robot_as is not None:
                     self.check_same_robot(need.same_robot_as, scope, (*path, "same_robot_as"))
                 if need.max is None and need.min == 0:
-                    text = "min (nu) is 0, so nobody has to: say with max (mu) how many may help"
+                    text = "min (nu) is 0: give max (mu), the number of robots that may help"
                     self.report.add(path, text)
                 if need.max is not None and need.min > need.max:
                     message = f"min (nu) is {need.min}, but max (mu) is {need.max}"
@@ -345,11 +345,11 @@ class _Builder:
                 check_call(text, "condition", conditions, scope, path, self.report)
                 known = self.model.conditions.get(split_template(text)[0])
                 if known is not None and known.failure_reason is not None:
-                    told = "this condition tells why something failed: no success sets it"
-                    self.report.add(path, told)
+                    message = "this condition follows from a failure: no success sets it"
+                    self.report.add(path, message)
 
     def effects(self, model: GlobalTaskModel, scope: Scope) -> tuple[tuple[str, bool], ...]:
-        """What the mission says that the local tasks of a global task set, ground."""
+        """The effects that the mission declares for the local tasks of a global task, ground."""
         found: dict[str, bool] = {}
         for text in model.needs:
             local = self.model.local_tasks[split_template(text)[0]]
@@ -357,7 +357,7 @@ class _Builder:
                 bound = dict(zip(local.parameters, ground_call(text, scope)[1], strict=True))
                 effects = {ground_call(n, bound)[0]: value for n, value in local.effects.items()}
             except ValueError:
-                continue  # `needs` says what is wrong with it
+                continue  # `needs` has reported it
             found |= effects
         return tuple(sorted(found.items()))
 
@@ -370,7 +370,7 @@ class _Builder:
         if local is None:
             known = self.model.global_tasks[split_template(model.global_task)[0]]
             if len(known.needs) != 1:
-                text = f"{ground} needs {', '.join(known.needs)}: say which, as local_task"
+                text = f"{ground} needs {', '.join(known.needs)}: name one, as local_task"
                 self.report.add(path, text)
                 return None
             (local,) = known.needs
@@ -380,7 +380,7 @@ class _Builder:
     def check_same_robots(
         self, tree: Tree, tasks: Mapping[str, GlobalTask], expander: Expander
     ) -> None:
-        """What a robot must have done before has to stand before, and to be done at all."""
+        """Tasks named by same_robot_as come before in the tree, and need that local task."""
         seen: set[str] = set()
         for node in tree.actions():
             for need in tasks[node.subject].needs if node.subject in tasks else ():
@@ -390,7 +390,7 @@ class _Builder:
                 name, _, path = expander.global_calls[node.subject]
                 here = f"{node.subject} needs a robot that did {before.global_task}"
                 if before.global_task not in seen:
-                    self.report.add(path, f"{here}, which does not stand before it in the tree")
+                    self.report.add(path, f"{here}, which does not come before it in the tree")
                 elif before.local_task not in {
                     each.local_task for each in tasks[before.global_task].needs
                 }:

@@ -113,7 +113,7 @@ def _check_global_tasks(mission: Mission) -> None:
             _expect(is_known, f"{here}: effect on {condition!r}")
         for flag in ("preemptive", "simultaneous", "exclusive"):
             _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
-        _expect(any(need.min_robots for need in goal.needs), f"{here}: nobody is needed")
+        _expect(any(need.min_robots for need in goal.needs), f"{here}: no robot is needed")
         for need in goal.needs:
             name, arguments = split_call(need.local_task)
             declared = mission.local_tasks.get(name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NeverTogether, NotAtOnce
-from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.expand import call_text, split_template
 from mrbt_mesh.formats.mission_model import ConstraintsModel
@@ -23,71 +23,56 @@ def build_constraints(
 
     `local_tasks` maps types to parameters, `global_tasks` are the ground ones of the tree.
     """
-    builder = _Builder(frozenset(robots), local_tasks, frozenset(global_tasks), report)
+    known_robots, ground = set(robots), set(global_tasks)
+    known_tasks = ground | {type_name(name) for name in ground}
     result: list[Constraint] = []
-    path: SourcePath = ("constraints",)
     for i, together in enumerate(model.never_together):
-        here = (*path, "never_together", i)
-        names = builder.local_names(together.local_tasks, (*here, "local_tasks"))
-        result.append(NeverTogether(builder.robot_names(together.robots, here), names))
+        here: SourcePath = ("constraints", "never_together", i)
+        names = _local_names(together.local_tasks, (*here, "local_tasks"), local_tasks, report)
+        who = _names(together.robots, (*here, "robots"), report, "no robot", known_robots)
+        result.append(NeverTogether(who, names))
     for i, most in enumerate(model.at_most):
-        here = (*path, "at_most", i)
-        who = builder.robot_names(most.robots, here)
+        here = ("constraints", "at_most", i)
+        who = _names(most.robots, (*here, "robots"), report, "no robot", known_robots)
         if most.count >= len(who):
             report.add((*here, "count"), f"{most.count} of {len(who)} robots limits nothing")
         result.append(AtMost(who, most.count))
-    for i, once in enumerate(model.not_at_once):
-        here = (*path, "not_at_once", i)
-        tasks = builder.global_names(once.global_tasks, (*here, "global_tasks"))
-        result.append(NotAtOnce(tasks, once.count))
+    for i, limited in enumerate(model.not_at_once):
+        here = ("constraints", "not_at_once", i, "global_tasks")
+        calls = [call_text(*split_template(text)) for text in limited.global_tasks]
+        tasks = _names(calls, here, report, "the tree has no global task", known_tasks)
+        result.append(NotAtOnce(tasks, limited.count))
     return tuple(result)
 
 
-class _Builder:
-    def __init__(
-        self,
-        robots: frozenset[str],
-        local_tasks: Mapping[str, Sequence[str]],
-        global_tasks: frozenset[str],
-        report: Report,
-    ) -> None:
-        self._robots = robots
-        self._local_tasks = local_tasks
-        self._global_tasks = global_tasks
-        self._report = report
+def _names(
+    names: Sequence[str],
+    place: SourcePath,
+    report: Report,
+    unknown: str = "",
+    known: Iterable[str] | None = None,
+) -> tuple[str, ...]:
+    """The names, sorted; each has to be known, and is given once."""
+    for i, name in enumerate(names):
+        if known is not None and name not in known:
+            report.add((*place, i), f"{unknown} {name!r}{nearest(name, known)}")
+        if name in names[:i]:
+            report.add((*place, i), f"{name!r} is given twice; keep one")
+    return tuple(sorted(set(names)))
 
-    def robot_names(self, names: Sequence[str], path: SourcePath) -> tuple[str, ...]:
-        for i, name in enumerate(names):
-            if name not in self._robots:
-                text = f"no robot {name!r}{nearest(name, self._robots)}"
-                self._report.add((*path, "robots", i), text)
-        return self._once(names, (*path, "robots"))
 
-    def local_names(self, texts: Sequence[str], path: SourcePath) -> tuple[str, ...]:
-        names = [call_text(*split_template(text)) for text in texts]
-        for i, name in enumerate(names):
-            task, arguments = split_call(name)
-            parameters = self._local_tasks.get(task)
-            if parameters is None:
-                text = f"no local task {task!r}{nearest(task, self._local_tasks)}"
-                self._report.add((*path, i), text)
-            elif arguments and len(arguments) != len(parameters):
-                text = f"{task} has {len(parameters)} parameters, found {len(arguments)}"
-                self._report.add((*path, i), text)
-        return self._once(names, path)
-
-    def global_names(self, texts: Sequence[str], path: SourcePath) -> tuple[str, ...]:
-        names = [call_text(*split_template(text)) for text in texts]
-        types = {type_name(ground) for ground in self._global_tasks}
-        known = types | self._global_tasks
-        for i, name in enumerate(names):
-            if name not in known:
-                text = f"the tree has no global task {name!r}{nearest(name, known)}"
-                self._report.add((*path, i), text)
-        return self._once(names, path)
-
-    def _once(self, names: Sequence[str], path: SourcePath) -> tuple[str, ...]:
-        for i, name in enumerate(names):
-            if name in names[:i]:
-                self._report.add((*path, i), f"{name!r} is given twice; keep one")
-        return tuple(sorted(set(names)))
+def _local_names(
+    texts: Sequence[str],
+    place: SourcePath,
+    local_tasks: Mapping[str, Sequence[str]],
+    report: Report,
+) -> tuple[str, ...]:
+    for i, text in enumerate(texts):
+        task, arguments = split_template(text)
+        parameters = local_tasks.get(task)
+        if parameters is None:
+            report.add((*place, i), f"no local task {task!r}{nearest(task, local_tasks)}")
+        elif arguments and len(arguments) != len(parameters):
+            message = f"{task} has {len(parameters)} parameters, found {len(arguments)}"
+            report.add((*place, i), message)
+    return _names([call_text(*split_template(text)) for text in texts], place, report)

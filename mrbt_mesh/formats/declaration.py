@@ -1,4 +1,4 @@
-"""What an action says of itself: what it reads, changes and needs."""
+"""The declaration of an action: what it reads, changes and needs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Declaration:
 
     `requires` must hold for it to succeed; with success `effects` hold, with failure they are as
     they were. `writes` are further things that it changes, or may have changed. `uses` are
-    resources of which the team has one: whoever uses it is in the way of others. `may_fail`: even
+    resources of which the team has one, for one action at a time. `may_fail`: even
     if all that it requires holds. `work` is its duration, in microseconds.
     """
 

@@ -8,7 +8,7 @@ outcomes:                                  # single results of local tasks
 running: {A2: diagnose_part(2)}            # what robots work on
 bids: {fetch(1): {drive(1): {A1: -12.5}}}  # where performances are bid; null: it has no bid
 lost: {B1: [use_soldering_iron]}           # minor faults
-performances: {A2: {replace_hw: 0.5}}      # where they are not as the mission says
+performances: {A2: {replace_hw: 0.5}}      # where they differ from the mission
 order: pause
 """
 

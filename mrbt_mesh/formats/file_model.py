@@ -67,7 +67,7 @@ def by_type(expected: str, tags: dict[type, str]) -> Discriminator:
 
 
 def one_of(expected: str, accepts: Callable[[Any], bool]) -> PlainValidator:
-    """A value that `accepts` accepts; the problem says what is expected."""
+    """A value that `accepts` accepts; `expected` is for the problem."""
 
     def check(value: Any) -> Any:
         if not accepts(value):

@@ -55,7 +55,7 @@ def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:
 
 
 def mission_warnings(mission: Mission) -> list[str]:
-    """What is allowed but hardly meant: global tasks that this team can never do."""
+    """Likely mistakes: global tasks that this team can never do, robots that are never asked."""
     warnings = []
     for task in mission.global_tasks.values():
         for need in task.needs:

@@ -1,6 +1,6 @@
-"""The map of a mission: what its file says in `parameters: map`. docs/how-to/watch.md has the form.
+"""The map in a mission's `parameters: map`; its form is in docs/how-to/watch.md.
 
-Parameters are the mission's own affair: a map that is not of this form is none, and nobody minds.
+A map of another form is ignored, since missions may use their parameters as they like.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def map_view(mission: Mission) -> dict[str, Any] | None:
 
 
 def told_places(mission: Mission) -> dict[str, Mapping[str, Any]]:
-    """The places that say what tells of their state, by name."""
+    """The places whose state follows from a condition or global tasks, by name."""
     return {
         name: place
         for name, place in _places(mission).items()

@@ -165,7 +165,7 @@ class FailureReasonModel(FileModel):
 
 
 class ConditionModel(FileModel):
-    """A condition; while nobody has set it, it reads as `default`.
+    """A condition; until it is set, it reads as `default`.
 
     `per: robot`: every robot has its own, and the tree reads whether it holds for any of them.
     `failure_reason`: it is true while the last outcome of a task is a failure with such a reason.
@@ -226,7 +226,7 @@ class NeedModel(FileModel):
 
 
 class FailurePolicyModel(FileModel):
-    """When a global task fails: as `policy` says, once the team has agreed on it for `after_s`."""
+    """When a global task fails: by `policy`, once the team has agreed on it for `after_s`."""
 
     policy: Literal["resilient", "paper"] = "resilient"
     after_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)]
@@ -247,9 +247,9 @@ Blocked: TypeAlias = Annotated[
 class GlobalTaskModel(FileModel):
     """A task of the whole team: the local tasks that it needs, and its policies.
 
-    `failure`: once a robot has failed, the task fails when nobody who lives is left to try
+    `failure`: once a robot has failed, the task fails when no living robot can still try
     (resilient), by the paper's count of assigned robots that live (paper), or not while the dead
-    may return (patient). `blocked`: nobody has failed, and nobody who lives could do it.
+    may return (patient). `blocked`: no robot has failed, and no living one could do it.
     `simultaneous`: its robots start together. `exclusive`: never done twice; what became of a robot
     that vanished in the middle is `in_doubt`, to be held for the operator (hold), counted as failed
     (fail) or tried again (retry).
@@ -309,7 +309,7 @@ class AtMostModel(FileModel):
 class NotAtOnceModel(FileModel):
     """At most `count` requests for these global tasks served at the same time.
 
-    A type stands for all its tasks.
+    A type means all its tasks.
     """
 
     global_tasks: Annotated[list[GroundText], Field(min_length=1)]
@@ -317,7 +317,7 @@ class NotAtOnceModel(FileModel):
 
 
 class ConstraintsModel(FileModel):
-    """Who may not work together, or at the same time; see docs/how-to/constraints.md."""
+    """Robots that may not work together, or at the same time; see docs/how-to/constraints.md."""
 
     never_together: Annotated[list[NeverTogetherModel], Field(max_length=MAX_CONSTRAINTS)] = []
     at_most: Annotated[list[AtMostModel], Field(max_length=MAX_CONSTRAINTS)] = []

@@ -15,12 +15,12 @@ from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
 
 # A text that is broken into lines is no valid key, and the library breaks keys, too.
 _UNBROKEN = 1 << 30
-# What is longer stands in several lines, one for each of its parts.
+# A longer collection takes several lines, one for each of its parts.
 MAX_LINE = 85
 
 
 def tree_data(spec: NodeSpec) -> Any:
-    """A ground node as plain data of a mission file. SubTrees stand as what they contain."""
+    """A ground node as plain data of a mission file. SubTrees are replaced by their content."""
     if spec.kind is Kind.ACTION:
         return spec.subject
     if spec.kind in LEAVES:

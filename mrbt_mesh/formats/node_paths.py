@@ -1,4 +1,4 @@
-"""Where a node stands in a tree, and what it is called in explanations."""
+"""The path of a node in a tree, and its name in explanations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a mission file, and where: problems with file, line and path."""
+"""The problems of a file of a user, with file, line and path."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def path_text(path: SourcePath) -> str:
 
 
 def found(value: Any) -> str:
-    """A short text that says what stands in the file where something else is expected."""
+    """A short text for a value in the file where something else is expected."""
     if value is None:
         return "nothing"
     if isinstance(value, dict):

@@ -106,7 +106,7 @@ class TeamFile:
         return declared is not None and declared.per == "robot"
 
     def default(self, condition: str) -> bool:
-        """What a condition, given ground, is while nobody has set it."""
+        """The value of a condition, given ground, until it is set."""
         declared = self.model.conditions.get(type_name(condition))
         return declared is not None and declared.default
 

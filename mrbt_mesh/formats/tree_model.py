@@ -198,7 +198,7 @@ class NodeModel(FileModel):
         return data
 
     def kind_and_body(self) -> tuple[Kind, Any]:
-        """The type of the node and what stands under it."""
+        """The type of the node and the value under it."""
         (name,) = self.model_fields_set
         return Kind(str(type(self).model_fields[name].alias)), getattr(self, name)
 

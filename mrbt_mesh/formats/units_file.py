@@ -5,8 +5,8 @@
       clean: [CleanUp]                          # each node that is called so
       first: ["Main/Sequence/Go:12"]            # by path, or by path and line
 
-Nodes are named by their name, type or path. A unit has what is named, all below it, and what
-stands between. What is not named is split as `--units auto` does it.
+Nodes are named by their name, type or path. A unit has what is named, all below it, and all
+between. What is not named is split as `--units auto` does it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is wrong with text that is not YAML: the line to change, and how."""
+"""Explains text that is not YAML: the line to change, and how."""
 
 from __future__ import annotations
 

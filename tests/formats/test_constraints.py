@@ -86,8 +86,8 @@ def test_same_robot_as_is_ground_and_survives_compiling() -> None:
         ("count: 2", "count: 3", "3 of 3 robots limits nothing"),
         ("at_most:", "atmost:", "unknown key 'atmost'; did you mean 'at_most'?"),
         ("mission: carry", "mission: carry\nsolver: min_cost_flow", "min_cost_flow knows no side"),
-        ("[fetch(1), bring(1)]", "[bring(1), fetch(1)]", "which does not stand before it in the"),
-        ("[fetch(1), bring(1)]", "[fetch(2), bring(1)]", "which does not stand before it in the"),
+        ("[fetch(1), bring(1)]", "[bring(1), fetch(1)]", "which does not come before it in the"),
+        ("[fetch(1), bring(1)]", "[fetch(2), bring(1)]", "which does not come before it in the"),
         (
             "global_task: fetch(",
             "global_task: fech(",

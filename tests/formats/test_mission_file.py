@@ -348,7 +348,7 @@ def _damaged(change: str) -> str:
         ("d['global_tasks'][0][1][0][0] = 'weld'", "local task 'weld'"),
         ("d['global_tasks'][0][1][0][1] = 2", "bounds of weld(3)"),
         ("d['global_tasks'][0][1][0][1] = -1", "bounds of weld(3)"),
-        ("d['global_tasks'][0][1][0][1] = 0", "nobody is needed"),
+        ("d['global_tasks'][0][1][0][1] = 0", "no robot is needed"),
         ("d['global_tasks'][0][2] = 'never'", "'never' is not a valid FailurePolicy"),
         ("d['global_tasks'][0][3] = 0", "blocked"),
         ("d['global_tasks'][0].append(0)", "failure"),

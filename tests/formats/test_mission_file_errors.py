@@ -131,7 +131,12 @@ def test_the_good_one_is_good() -> None:
         ("min: 1, max: 2", "min: 3, max: 2", 17, "min (nu) is 3, but max (mu) is 2"),
         ("min: 1, max: 2", "min: -1, max: 2", 17, "a number of at least 0 is expected"),
         ("min: 1, max: 2", "min: 0, max: 2", 16, "fix would succeed at once: give one of its"),
-        ("max: 2}", "max: 2}\n      paint: {min: 0}", 18, "say with max (mu) how many may help"),
+        (
+            "max: 2}",
+            "max: 2}\n      paint: {min: 0}",
+            18,
+            "give max (mu), the number of robots that may help",
+        ),
         ("min: 1, max: 2", "min: 1.0, max: 2", 17, "a whole number is expected"),
         ("min: 1, max: 2", "max: 1001", 17, "a number of at most 1000 is expected"),
         ("weld($part): {", "wled($part): {", 17, "'wled' is no declared local task; did you mean"),

@@ -144,7 +144,7 @@ class Blackboard:
         """Set an entry of this very board, whatever it would be remapped to."""
         self._entries.setdefault(name, BoardEntry()).set(value)
 
-    # -- as scripts see it: `script_eval.Entries` ---------------------------------------------
+    # -- as scripts see it: `evaluator.Entries` -----------------------------------------------
 
     def __contains__(self, name: object) -> bool:
         return isinstance(name, str) and self.find(name) is not None
@@ -160,9 +160,6 @@ class Blackboard:
 
     def write(self, name: str, value: Any) -> None:
         self.declare(name).set(value)
-
-    def create(self, name: str) -> None:
-        self.declare(name)
 
     # -- as programs see it -------------------------------------------------------------------
 

@@ -17,10 +17,6 @@ from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, LeafNode, SyncLeaf
 from mrbt_mesh.btcpp.executor.leaves import Leaf, Leaves
 from mrbt_mesh.btcpp.executor.nav2 import NAV2, NAV2_DEFAULTS
 from mrbt_mesh.btcpp.executor.node import (
-    FAILURE,
-    SKIPPED,
-    SUCCESS,
-    NodeConditions,
     NodePlace,
     TickError,
     TreeNode,
@@ -59,12 +55,11 @@ _PYTHON_INT = {"int", "int64_t"}
 UPDATED = ("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated")
 # An entry of these types may be any port's.
 _TEXT_OR_ANY = ("", "std::string", ANY_TYPE)
-_IDLE_CONDITIONS = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
 
 
 @dataclass
 class _Where:
-    """The tree in which an element stands, and what is above it."""
+    """The place of an element: its file, the path above it, its blackboard."""
 
     file: str
     path: str
@@ -101,7 +96,7 @@ def build_nodes(
 
 
 def _keep_from_yielding(guard: TreeNode, is_exact: bool) -> None:
-    """What stands before the last child of a reactive node decides within the tick."""
+    """Children before the last one of a reactive node decide within the tick."""
     if not is_exact:
         guard.yields = False
         for child in guard.children:
@@ -165,9 +160,7 @@ class _Builder:
         if node_type is not None:
             for source in node_type.SOURCES:
                 if source not in self.world.sources:
-                    message = (
-                        f"{name} needs what a function of the program says: the source {source!r}"
-                    )
+                    message = f"{name} needs a function of the program: the source {source!r}"
                     self.problem(where, element.line, message)
             return node_type(*arguments)
         if leaf is None or element.children:
@@ -203,16 +196,7 @@ class _Builder:
                 scripts[attribute] = parse(text)
             except ScriptError as error:
                 self.problem(where, element.line, f"{attribute}: {error}")
-        if scripts:
-            before = [(scripts[a], s) for a, s in _IDLE_CONDITIONS if a in scripts]
-            node.conditions = NodeConditions(
-                tuple(before),
-                scripts.get("_while"),
-                scripts.get("_onSuccess"),
-                scripts.get("_onFailure"),
-                scripts.get("_onHalted"),
-                scripts.get("_post"),
-            )
+        node.conditions = scripts
 
     def _check_children(self, node: TreeNode, element: Element, where: _Where) -> None:
         """Nodes of programs and Nav2; those of BehaviorTree.CPP have been checked."""

@@ -160,7 +160,7 @@ class Precondition(Decorator):
 
 
 class Loop(Decorator):
-    """LoopInt and its kin: put each item of a queue into `value` and tick the child.
+    """The four Loop decorators: put each item of a queue into `value` and tick the child.
 
     A constant queue is begun anew at every start; one on the blackboard is used up.
     """

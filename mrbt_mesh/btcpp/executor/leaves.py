@@ -95,7 +95,7 @@ class Leaf:
 
 @dataclass(frozen=True, slots=True)
 class ProgramValue:
-    """A function that says a value whenever it is asked. `given`: its parameters' types."""
+    """A function that gives a value at each call. `given`: the types of its parameters."""
 
     function: Callable[..., Any]
     given: Mapping[str, type]
@@ -139,10 +139,10 @@ class Leaves:
         return self._register(name, Category.CONDITION)
 
     def node(self, name: str) -> Callable[[N], N]:
-        """Register a control or decorator of one's own: a subclass of TreeNode. Raises LeafError.
+        """Register a control or decorator: a subclass of TreeNode. Raises LeafError.
 
-        It says in CHILDREN how many it has, and in `tick` what it makes of them (`controls` and
-        `decorators` have examples). It must not wait, and reads time from its world alone.
+        CHILDREN is the number of its children, and `tick` its rule (`controls` and `decorators`
+        have examples). It must not wait, and reads time from its world alone.
         """
 
         def register(node_type: N) -> N:
@@ -158,7 +158,7 @@ class Leaves:
         return register
 
     def entry(self, name: str) -> Callable[[F], F]:
-        """Register what says the value of an entry of the outermost tree, before each tick.
+        """Register a function for the value of an entry of the outermost tree, before each tick.
 
         For what a tree only reads: what a sensor or another part of the program has found. None: no
         value, the entry stays as it is. Raises LeafError.

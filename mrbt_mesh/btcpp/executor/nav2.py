@@ -126,11 +126,11 @@ class _Gate(Decorator):
         self.first = True
 
     def begin(self) -> None:
-        """A new round of this node begins. A subclass says what follows."""
+        """Called when a new round of this node begins."""
         raise NotImplementedError
 
     def is_open(self) -> bool:
-        """Whether the child is due again. A subclass says when."""
+        """Whether the child is due again."""
         raise NotImplementedError
 
     def succeeded(self) -> None:

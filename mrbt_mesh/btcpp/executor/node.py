@@ -1,7 +1,7 @@
 """What all nodes have in common: statuses, conditions before and after a tick, halting, ports.
 
-Source: BehaviorTree.CPP 4.10. Ticking is a plain call: nothing here waits, reads a clock or draws
-by lot. Time is what `TreeWorld.now_us` says; what is to be done outside is a list of effects.
+Source: BehaviorTree.CPP 4.10. Ticking is a plain call: nothing here waits, reads a clock or uses
+randomness. The time is `TreeWorld.now_us`; actions are started and stopped by a list of effects.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ class NodeStatus(enum.IntEnum):
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
 COMPLETED = (SUCCESS, FAILURE)
+# What decides a node that is to start, in this order, and its status then.
+_BEFORE_START = (("_failureIf", FAILURE), ("_successIf", SUCCESS), ("_skipIf", SKIPPED))
 
 
 class TickError(Exception):
@@ -114,18 +116,6 @@ class TreeWorld:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class NodeConditions:
-    """A node's pre- and postconditions, as scripts by their attributes."""
-
-    before_idle: tuple[tuple[Script, NodeStatus], ...] = ()
-    while_true: Script | None = None
-    on_success: Script | None = None
-    on_failure: Script | None = None
-    on_halted: Script | None = None
-    always: Script | None = None
-
-
 class TreeNode:
     """One node of a tree that runs.
 
@@ -166,7 +156,7 @@ class TreeNode:
         self.children: list[TreeNode] = []
         self.ports: dict[str, str] = {}
         self.defaults: dict[str, str] = {}
-        self.conditions: NodeConditions | None = None
+        self.conditions: Mapping[str, Script] = {}
         self.uid = 0
         # Whether it may return RUNNING between two attempts (Repeat, Retry, Async*).
         self.yields = True
@@ -204,54 +194,45 @@ class TreeNode:
     def execute(self) -> NodeStatus:
         """Tick the node as its parent does. SKIPPED leaves its status as it was."""
         conditions = self.conditions
-        if conditions is None:
+        before = self._before(conditions) if conditions else None
+        if before is None:
             status = self.tick()
         else:
-            before = self._before(conditions)
-            if before is None:
-                status = self.tick()
-            else:
-                # It decides without its leaves, which a loop above it would otherwise count.
-                self.world.count_leaf(self.place)
-                status = before
-        if status is SKIPPED:
-            pass
-        elif status is IDLE:
+            # It decides without its leaves, which a loop above it would otherwise count.
+            self.world.count_leaf(self.place)
+            status = before
+        if status is IDLE:
             raise TickError(f"{self.place}: a node must not return IDLE")
-        else:
+        if status is not SKIPPED:
             self.status = status
-        if conditions is not None and (status is SUCCESS or status is FAILURE):
-            self._run(conditions.on_success if status is SUCCESS else conditions.on_failure)
-            self._run(conditions.always)
+        if conditions and (status is SUCCESS or status is FAILURE):
+            self._run("_onSuccess" if status is SUCCESS else "_onFailure")
+            self._run("_post")
         self.shown = status
         self.shown_at = self.world.tick
         return status
 
-    def _before(self, conditions: NodeConditions) -> NodeStatus | None:
+    def _before(self, conditions: Mapping[str, Script]) -> NodeStatus | None:
         if self.status is IDLE:
-            for script, status in conditions.before_idle:
-                if self.holds(script):
+            for name, status in _BEFORE_START:
+                if name in conditions and self.holds(conditions[name]):
                     return status
-            if conditions.while_true is not None and not self.holds(conditions.while_true):
-                return SKIPPED
-        elif (
-            self.status is RUNNING
-            and conditions.while_true is not None
-            and not self.holds(conditions.while_true)
-        ):
-            self.halt_node()
+        elif self.status is not RUNNING:
+            return None
+        if "_while" in conditions and not self.holds(conditions["_while"]):
+            if self.status is RUNNING:
+                self.halt_node()
             return SKIPPED
         return None
 
     def halt_node(self) -> None:
         """Halt as a parent does: with what is to be done `_onHalted`."""
         self.halt()
-        if self.conditions is not None:
-            self._run(self.conditions.on_halted)
+        self._run("_onHalted")
 
-    def _run(self, script: Script | None) -> None:
-        if script is not None:
-            self.evaluate(script)
+    def _run(self, condition: str) -> None:
+        if condition in self.conditions:
+            self.evaluate(self.conditions[condition])
 
     def evaluate(self, script: Script) -> Any:
         """A script's value on the node's blackboard. Raises TickError."""

@@ -18,6 +18,14 @@ from mrbt_mesh.btcpp.executor.node import (
 MILLI_US = 1_000
 
 
+def _wait(node: TreeNode, port: str) -> bool:
+    """Set the deadline that a port gives in milliseconds; False if there is none, at 0."""
+    wait_us = int(node.input(port, "unsigned int")) * MILLI_US
+    if wait_us > 0:
+        node.world.deadlines_us[node.uid] = node.world.now_us + wait_us
+    return wait_us > 0
+
+
 class Timeout(Decorator):
     """FAILURE if the child is still running after `msec`; it is halted at that moment."""
 
@@ -38,12 +46,10 @@ class Timeout(Decorator):
 
     def tick(self) -> NodeStatus:
         if not self.started:
-            limit_us = int(self.input("msec", "unsigned int")) * MILLI_US
+            _wait(self, "msec")
             self.started = True
             self.child_halted = False
             self.status = RUNNING
-            if limit_us > 0:
-                self.world.deadlines_us[self.uid] = self.world.now_us + limit_us
         if self.child_halted:
             self.clear()
             return FAILURE
@@ -71,12 +77,9 @@ class Delay(Decorator):
 
     def tick(self) -> NodeStatus:
         if not self.started:
-            wait_us = int(self.input("delay_msec", "unsigned int")) * MILLI_US
+            self.complete = not _wait(self, "delay_msec")
             self.started = True
-            self.complete = wait_us == 0
             self.status = RUNNING
-            if not self.complete:
-                self.world.deadlines_us[self.uid] = self.world.now_us + wait_us
         if not self.complete:
             return RUNNING
         status = self.tick_child()
@@ -99,12 +102,8 @@ class Sleep(TreeNode):
 
     def tick(self) -> NodeStatus:
         if self.status is IDLE:
-            wait_us = int(self.input("msec", "unsigned int")) * MILLI_US
-            if wait_us <= 0:
-                return SUCCESS
-            self.waits = True
-            self.world.deadlines_us[self.uid] = self.world.now_us + wait_us
-            return RUNNING
+            self.waits = _wait(self, "msec")
+            return RUNNING if self.waits else SUCCESS
         if self.status is RUNNING:
             return RUNNING if self.waits else SUCCESS
         return self.status

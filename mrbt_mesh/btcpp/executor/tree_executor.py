@@ -64,8 +64,8 @@ class TreeExecutor:
         Raises TickError for what ends the run from inside.
         """
         self._world.leaves = 0
-        for name, says in self._world.entries.items():
-            self._take_in(name, says())
+        for name, source in self._world.entries.items():
+            self._take_in(name, source())
         return self._tick(now_us)
 
     def tick_once(self, now_us: int) -> NodeStatus:
@@ -88,13 +88,13 @@ class TreeExecutor:
         return status
 
     def _take_in(self, name: str, value: Any) -> None:
-        """What the program says of an entry; the same once more is no write."""
+        """Set an entry to the value that the program gives; an equal value is no write."""
         if value is None or value == self.blackboard.read(name):
             return
         try:
             self.blackboard.put(name, value)
         except BlackboardError as error:
-            raise TickError(f"what the program says: {error}") from None
+            raise TickError(f"an entry of the program: {error}") from None
 
     def _expire(self, now_us: int) -> None:
         due = sorted((at, uid) for uid, at in self._world.deadlines_us.items() if at <= now_us)
@@ -115,7 +115,7 @@ class TreeExecutor:
         self.status = IDLE
 
     def take_effects(self) -> list[Effect]:
-        """What is to be done outside, in order; it is handed out once."""
+        """The effects since the last call, in order."""
         effects, self._world.effects = self._world.effects, []
         return effects
 

@@ -124,7 +124,7 @@ def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
 
 
 def category_of(name: str, tag: str, models: dict[str, NodeManifest], children: int) -> Category:
-    """A node's category: as it is registered, as its tag says, else guessed from its children.
+    """A node's category: as it is registered, else by its tag, else guessed from its children.
 
     So an <Action ID="Inverter"> is a decorator, as BehaviorTree.CPP takes it.
     """

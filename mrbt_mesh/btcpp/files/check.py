@@ -118,8 +118,8 @@ class _Checker:
                 continue
             name = model.get("ID")
             if not name:
-                tell = self.error if model.tag == SUBTREE else self.warn
-                tell(model, path, f"<{model.tag}> needs an ID in <{MODELS}>")
+                note = self.error if model.tag == SUBTREE else self.warn
+                note(model, path, f"<{model.tag}> needs an ID in <{MODELS}>")
             elif problem := name_problem(name):
                 self.rule(model, path, problem)
             if name in seen:
@@ -138,8 +138,8 @@ class _Checker:
         elif port.tag in frozenset(Direction):
             name = port.get("name")
             if not name:
-                tell = self.rule if model.tag == SUBTREE else self.warn
-                tell(port, path, f"<{port.tag}> needs the attribute 'name'")
+                note = self.rule if model.tag == SUBTREE else self.warn
+                note(port, path, f"<{port.tag}> needs the attribute 'name'")
             elif problem := port_name_problem(name):
                 self.warn(port, path, problem)
 

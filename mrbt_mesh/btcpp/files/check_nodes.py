@@ -69,7 +69,7 @@ _LOWER_CONDITIONS = {name.lower(): name for name in CONDITIONS}
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A node that is checked, its type and category, and where it stands."""
+    """A node that is checked, its type and category, and its path."""
 
     element: Element
     name: str
@@ -86,7 +86,7 @@ class NodeChecker:
         self.findings = findings
         self.subtree_names: dict[str, int] = {}
         self.entry_types: dict[str, str] = {}
-        # Names of which something is wrong, told where the tree uses them first.
+        # Bad names, which are reported at their first use.
         self.odd_names: set[str] = set()
         self.missing_trees: set[str] = set()
 
@@ -224,8 +224,8 @@ class NodeChecker:
             return
         problem, is_refused = typing_problem(kind, value)
         if problem:
-            tell = self.rule if is_refused else self.warn
-            tell(place, f"port {port.name!r}: {problem}")
+            note = self.rule if is_refused else self.warn
+            note(place, f"port {port.name!r}: {problem}")
 
     def check_entry_type(self, place: _Place, key: str | None, kind: str) -> None:
         """An entry has the type of the first port that names it; text may become anything."""

@@ -41,7 +41,7 @@ def shown(text: str) -> str:
 
 
 def hint(name: str, known: Collection[str]) -> str:
-    """`nearest`, unless there are so many names that looking for it would take long."""
+    """`nearest`, unless there are too many names to search."""
     return nearest(name, known) if len(known) <= MAX_HINT_NAMES else ""
 
 
@@ -57,7 +57,7 @@ def name_problem(name: str) -> str:
 
 
 def port_name_problem(name: str) -> str:
-    """What is wrong with the name of a port in a model."""
+    """The problem with the name of a port in a model; empty if there is none."""
     if name in RESERVED_PORTS:
         return f"{name!r} is reserved and cannot name a port"
     if name[:1].isdigit():
@@ -66,7 +66,7 @@ def port_name_problem(name: str) -> str:
 
 
 def value_problem(node: str, kind: str, value: str) -> str:
-    """What is wrong with the constant `value` of a built-in node's port of type `kind`."""
+    """The problem with the constant `value` of a built-in node's port of type `kind`, or ""."""
     trimmed = value.strip()
     if kind == INTEGER and not _INTEGER.fullmatch(trimmed):
         return f"{shown(value)} is not a whole number"
@@ -86,7 +86,7 @@ def value_problem(node: str, kind: str, value: str) -> str:
 
 
 def typing_problem(kind: str, value: str) -> tuple[str, bool]:
-    """What is odd about a value of type `kind` that has a meaning; whether it cannot be loaded."""
+    """The oddity of a readable value of type `kind`, and whether BehaviorTree.CPP refuses it."""
     is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, "double", LIST)
     if not is_constant(value, "port"):
         is_odd = is_typed and (value == "=" or value != value.strip())
@@ -126,7 +126,7 @@ def _list_problem(item_kind: str, text: str) -> str:
 
 
 def script_problem(text: str) -> str:
-    """What is wrong with a script."""
+    """The problem with a script; empty if there is none."""
     try:
         script = parse(text)
     except ScriptError as error:
@@ -141,5 +141,5 @@ def script_problem(text: str) -> str:
 
 
 def is_constant(value: str, attribute: str) -> bool:
-    """Whether a port's value stands in the file, not on the blackboard."""
+    """Whether a port has a constant, not an entry of the blackboard."""
     return pointer(value, attribute) is None

@@ -102,7 +102,7 @@ def metadata(element: Element) -> dict[str, str]:
 def pointer(value: str, attribute: str = "") -> str | None:
     """The blackboard key that a port's value names, None for a constant.
 
-    `{=}` and `=` stand for the key that is called like the attribute.
+    `{=}` and `=` mean the key with the name of the attribute.
     """
     trimmed = value.strip()
     if trimmed in ("{=}", "=") and attribute:
@@ -114,7 +114,7 @@ def pointer(value: str, attribute: str = "") -> str | None:
 
 @dataclass(slots=True)
 class Document:
-    """One file. `items` are the root element and what stands around it.
+    """One file. `items` are the root element and the comments and instructions around it.
 
     `tolerated` and `refused`: what of its XML only BehaviorTree.CPP reads, and what it does not.
     """

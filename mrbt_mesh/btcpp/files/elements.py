@@ -40,7 +40,7 @@ class Instruction:
 class Element:
     """One element; attributes keep their order. `line` and `column` count from 1, 0: unknown.
 
-    Two elements are equal if they say the same in the same order, wherever they stand.
+    Elements are equal if tags, attributes and content are, in order; lines do not count.
     """
 
     tag: str

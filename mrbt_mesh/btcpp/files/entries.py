@@ -76,7 +76,7 @@ def access_below(nodes: Iterable[ExpandedNode], library: Library) -> EntryAccess
 
 
 def script_access(texts: Iterable[str]) -> EntryAccess:
-    """The names in scripts; an enum's looks like an entry's, and nobody writes it."""
+    """The names in scripts; the name of an enum looks like an entry that is never written."""
     found = EntryAccess()
     for script in read_scripts(texts):
         found |= EntryAccess(script.read, script.written)

@@ -1,4 +1,4 @@
-"""One tree from many: SubTrees replaced by what they stand for, blackboards made one.
+"""One tree from many: SubTrees are replaced by their trees, and all blackboards become one.
 
 Every SubTree has a blackboard of its own. In the expanded tree there is one, and the entries of
 an inner one have names of their own, except those that are remapped to an outer one.
@@ -77,8 +77,8 @@ class Scope:
 class ExpandedNode:
     """A node of the expanded tree; pointers and scripts name entries of the one blackboard.
 
-    A SubTree has the tree that it stands for as its one child, or none if there is no such tree.
-    `is_guessed` says that the category is a guess: a compact node without a model. `metadata` are
+    A SubTree has its tree as its one child, or none if there is no such tree.
+    `is_guessed`: the category is a guess: a compact node without a model. `metadata` are
     the attributes that BehaviorTree.CPP keeps and ignores. `element` is the node in its file, where
     it names entries as its blackboard, `scope`, does. `call`: the task that a team has in its
     place.
@@ -116,7 +116,7 @@ class ExpandedTree:
     constants: dict[str, str]
 
     def blackboard(self) -> dict[str, Value]:
-        """What is on the one blackboard before the first tick."""
+        """The entries of the one blackboard before the first tick."""
         return {key: constant_value(text) for key, text in self.constants.items()}
 
 

@@ -75,7 +75,7 @@ def _merge(document: Document, library: Library) -> None:
 
 
 def _add_models(document: Document, library: Library) -> None:
-    """Describe each node that the document uses and nobody describes yet."""
+    """Describe each node that the document uses and that has no model yet."""
     described = set(document.models())
     uses: dict[str, list[Element]] = {}
     for tree in document.trees:
@@ -95,7 +95,7 @@ def _add_models(document: Document, library: Library) -> None:
 
 
 def model_element(model: NodeManifest) -> Element:
-    """A model as it stands in <TreeNodesModel>."""
+    """A model as an element of <TreeNodesModel>."""
     element = Element(model.category, {"ID": model.id})
     if model.description:
         element.content.append(Element("description", {}, [Text(model.description)]))
@@ -126,7 +126,7 @@ def _guessed_model(name: str, uses: list[Element]) -> Element:
 def with_ids(library: Library) -> Document:
     """One <BehaviorTree> per SubTree in use, with `_fullpath`, and `_uid` at every node.
 
-    As BehaviorTree.CPP tells a monitor which node is which: nodes are numbered from 1, depth first,
+    As BehaviorTree.CPP describes its nodes to a monitor: they are numbered from 1, depth first,
     those of a SubTree right after it. Raises FileError without a main tree, and for a tree that
     cannot be expanded.
     """

@@ -1,4 +1,4 @@
-"""What is no XML and BehaviorTree.CPP's reader, tinyxml2, takes all the same.
+"""Text that is not XML, but that BehaviorTree.CPP's reader, tinyxml2, accepts.
 
 Raw `<` and `&`, where XML wants `&lt;` and `&amp;`: people write `_skipIf="a < 3 && b"`.
 Attributes with nothing between them: `<Go to="a"speed="2"/>`. And `--` inside comments.
@@ -16,7 +16,7 @@ _RAW = {
 }
 # Possessive, so that nothing is tried twice.
 _TAG = re.compile(r"""</?[^\W\d](?:[^"'<>]++|"[^"]*+"|'[^']*+')*+>""")
-# What is behind so many `<` stays as it is: a file with more elements is refused anyway.
+# Text after that many `<` is left as it is: a file with more elements is refused anyway.
 MAX_MARKUP = 400_000
 _COMMENT = "<!--"
 _CLOSED_BY = ((_COMMENT, "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"))
@@ -39,7 +39,7 @@ def mended(text: str) -> tuple[str, list[tuple[int, str]]]:
         at = start + min(index for index, _ in found)
         line += text.count("\n", done, at)
         place = "comment" if where == _COMMENT else f"attribute {where!r}" if where else "text"
-        notes.append((line + 1, f"{place}: {' and '.join(told for _, told in found)}"))
+        notes.append((line + 1, f"{place}: {' and '.join(message for _, message in found)}"))
         parts += (text[done:start], kept)
         line += text.count("\n", at, end)
         done = end

@@ -28,7 +28,7 @@ MAX_FILES = 100
 
 @dataclass(frozen=True, slots=True)
 class TreeSource:
-    """A <BehaviorTree> and the document that it stands in."""
+    """A <BehaviorTree> and its document."""
 
     id: str
     document: Document

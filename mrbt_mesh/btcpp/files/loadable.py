@@ -93,7 +93,7 @@ def _single_quoted(script: str) -> str:
 
 
 def _plain_list(kind: str, text: str) -> str:
-    """`json:[1, 2]` as `1;2`, where that says the same."""
+    """`json:[1, 2]` as `1;2`, where that means the same."""
     if not text.startswith(_JSON):
         return text
     try:

@@ -49,13 +49,13 @@ _PORTS_OF_4 = frozenset(RENAMED_PORTS["Parallel"].values())
 
 
 def is_version_3(document: Document) -> bool:
-    """Whether a file is read as one of version 3: it says so, or uses what only version 3 has."""
+    """Whether a file is read as one of version 3: by its `BTCPP_format`, or what it uses."""
     version, _ = _version(document)
     return version == 3
 
 
 def _version(document: Document) -> tuple[int, str]:
-    """The version of a file, and how that is known if it does not say so.
+    """The version of a file, and how it is known without BTCPP_format.
 
     What only one version has decides; else constants that a SubTree is given, which in version 3
     are the names of entries: they are, if the file uses such an entry.
@@ -133,8 +133,8 @@ def upgrade(document: Document, findings: Findings) -> Document:
             def note(
                 message: str, refused: bool, line: int = element.line, place: str = place
             ) -> None:
-                tell = findings.rule if refused else findings.warn
-                tell(document.file, line, place, f"version 3: {message}")
+                add = findings.rule if refused else findings.warn
+                add(document.file, line, place, f"version 3: {message}")
 
             _upgrade_element(element, part.tag == TREE, note)
             if part.tag == TREE and element.tag != SUBTREE and type_id(element) in models:

@@ -1,7 +1,7 @@
 """Evaluate BehaviorTree.CPP's scripts over the entries of a blackboard.
 
 Values are those of C++: an `int` is an int64_t, a `float` a double, `None` an entry that was
-declared and never written. `values` says how they become one another.
+declared and never written. `values` converts between them.
 """
 
 from __future__ import annotations
@@ -81,8 +81,8 @@ class Entries(Protocol):
         """Set an entry, or create it."""
         ...
 
-    def create(self, name: str) -> None:
-        """Declare an entry of any type."""
+    def declare(self, name: str) -> object:
+        """Make an entry of any type, unless there is one."""
         ...
 
 
@@ -216,7 +216,7 @@ class _Run:
         if name not in self.entries:
             if symbol != ":=":
                 raise ScriptError(f"there is no blackboard entry {name!r}; ':=' creates one")
-            self.entries.create(name)
+            self.entries.declare(name)
         value = self.value(expression.value)
         if value is None:
             raise ScriptError(f"the right operand of {symbol!r} has no value")
@@ -242,7 +242,7 @@ class _Run:
         return copied_into(before, value)
 
     def changed(self, name: str, before: Any, symbol: str, value: Any) -> Any:
-        """What `x += value` and its kin make of x."""
+        """The value of x after `x += value`, `-=`, `*=` or `/=`."""
         if before is None:
             raise ScriptError(f"the entry {name!r} has no value")
         if _is_number(value):
