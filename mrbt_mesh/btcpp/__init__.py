@@ -1,5 +1,7 @@
 """BehaviorTree.CPP trees in Python, without a team: read, check and run them.
 
+The reference is BehaviorTree.CPP 4.10, wherever no other version is named.
+
     from mrbt_mesh import btcpp
 
     for finding in btcpp.check("navigate.xml"):

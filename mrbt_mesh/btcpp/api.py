@@ -25,7 +25,7 @@ def check(
 ) -> list[Finding]:
     """Check a file with all that it includes: errors and warnings, in the order of the file.
 
-    With `is_strict` all that BehaviorTree.CPP 4.10 refuses is an error. `package_folders` are
+    With `is_strict` all that BehaviorTree.CPP refuses is an error. `package_folders` are
     searched for the packages that `ros_pkg` of an <include> names. Raises FileError if the file
     cannot be read as XML with a <root>.
     """

@@ -14,10 +14,12 @@ order: pause
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeAlias
+
+from pydantic import Field
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluator import Evaluator
@@ -37,10 +39,41 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import robot_condition
 from mrbt_mesh.errors import nearest
-from mrbt_mesh.formats.problems import Report, SourcePath, found
+from mrbt_mesh.formats.file_model import FileModel, one_of, read_model
+from mrbt_mesh.formats.problems import Report, SourcePath
+from mrbt_mesh.formats.yaml_source import read_mapping
 
-_OUTCOME_KEYS = frozenset({"robot", "global_task", "local_task", "success"})
 ALIVE = Incarnation(1, "file")
+
+
+MAX_BID = MAX_PERFORMANCE // MICRO
+_Bid: TypeAlias = Annotated[
+    float | None,
+    one_of(
+        f"a number from {-MAX_BID} to {MAX_BID}, or null, expected",
+        lambda v: v is None or (type(v) in (int, float) and -MAX_BID <= v <= MAX_BID),
+    ),
+]
+_Order: TypeAlias = Annotated[str, one_of(" or ".join(OrderKind), lambda v: v in tuple(OrderKind))]
+
+
+class _OutcomeModel(FileModel):
+    robot: str
+    global_task: str
+    local_task: str
+    success: bool
+
+
+class _FactsModel(FileModel):
+    conditions: dict[str, bool] = Field(default={})
+    done: list[str] = Field(default=[])
+    failed: list[str] = Field(default=[])
+    outcomes: list[_OutcomeModel] = Field(default=[])
+    running: dict[str, str] = Field(default={})
+    bids: dict[str, dict[str, dict[str, _Bid]]] = Field(default={})
+    lost: dict[str, list[str]] = Field(default={})
+    performances: dict[str, dict[str, Any]] = Field(default={})
+    order: _Order | None = None
 
 
 def facts_from_file(mission: Mission, path: Path | None) -> TeamFacts:
@@ -70,111 +103,82 @@ class _Builder:
             self._write_member(robot.id, member, ())
 
     def read(self, path: Path) -> None:
-        from mrbt_mesh.formats.yaml_source import read_mapping
-
         data, self._report = read_mapping(path, "a mapping is expected")
-        sections: dict[str, Callable[[SourcePath, Any], None]] = {
-            "performances": self._performances,
-            "lost": self._lost,
-            "conditions": self._conditions,
-            "done": lambda path, value: self._ended(path, value, success=True),
-            "failed": lambda path, value: self._ended(path, value, success=False),
-            "outcomes": self._outcomes,
-            "bids": self._bids,
-            "running": self._running,
-            "order": self._order,
-        }
-        for key in data:
-            if key not in sections:
-                self._report.add((key,), f"unknown key{nearest(key, sections)}")
-        # In this order, since conditions decide which activation an outcome belongs to.
-        for key, take in sections.items():
-            if key in data:
-                take((key,), data[key])
+        given = read_model(_FactsModel, data, self._report)
+        self._performances(given.performances)
+        self._lost(given.lost)
+        # Before outcomes, since conditions decide which activation an outcome belongs to.
+        self._conditions(given.conditions)
+        self._ended("done", given.done)
+        self._ended("failed", given.failed)
+        self._outcomes(given.outcomes)
+        self._bids(given.bids)
+        self._running(given.running)
+        if given.order is not None:
+            self._write(self._first, records.ORDER, [given.order, 1])
         self._report.raise_if_any()
 
     # -- sections -------------------------------------------------------------------------
 
-    def _conditions(self, path: SourcePath, value: Any) -> None:
-        for name, holds in self._mapping(path, value):
-            here = (*path, name)
+    def _conditions(self, conditions: Mapping[str, bool]) -> None:
+        for name, holds in conditions.items():
+            here = ("conditions", name)
             if name in self.mission.per_robot:
                 robot = robot_condition(name, self._first)
                 self._report.add(here, f"every robot has its own: say whose, as in {robot}")
             elif not self.mission.can_be_set(name):
                 self._report.add(here, f"no condition{nearest(name, self.mission.conditions)}")
-            elif not isinstance(holds, bool):
-                self._report.add(here, f"true or false expected, found {found(holds)}")
             elif self.facts.condition(name) != holds:
                 revision = self.facts.conditions.revision(name) + 1
                 self._write(self._first, f"{records.CONDITION}/{name}", [holds, revision, 1])
 
-    def _ended(self, path: SourcePath, value: Any, *, success: bool) -> None:
-        for index, task in self._list(path, value):
-            if not self._is_task((*path, index), task):
-                continue
-            for activation in self._activations(task):
-                if not success:
+    def _ended(self, section: str, tasks: list[str]) -> None:
+        for index, task in enumerate(tasks):
+            here = (section, index)
+            for activation in self._activations(task) if self._is_task(here, task) else ():
+                if section == "failed":
                     self._write(self._first, f"{records.FAILURE}/{activation}", True)
                     continue
                 for need in self.mission.global_tasks[task].needs:
                     able = self._able(need.local_task)[: need.min_robots]
                     if len(able) < need.min_robots:
                         text = f"no {need.min_robots} robots can do {need.local_task}"
-                        self._report.add((*path, index), text)
+                        self._report.add(here, text)
                     for robot in able:
                         self._outcome(robot, activation, need.local_task, True)
 
-    def _outcomes(self, path: SourcePath, value: Any) -> None:
-        for index, row in self._list(path, value):
-            here = (*path, index)
-            if not isinstance(row, dict) or set(row) != _OUTCOME_KEYS:
-                keys = ", ".join(sorted(_OUTCOME_KEYS))
-                self._report.add(here, f"a mapping with {keys} expected")
-                continue
-            task, local_task, success = row["global_task"], row["local_task"], row["success"]
-            if not self._is_robot(here, row["robot"]) or not self._is_task(here, task):
+    def _outcomes(self, outcomes: list[_OutcomeModel]) -> None:
+        for index, row in enumerate(outcomes):
+            here, task = ("outcomes", index), row.global_task
+            if not self._is_robot(here, row.robot) or not self._is_task(here, task):
                 continue
             needs = [need.local_task for need in self.mission.global_tasks[task].needs]
-            if local_task not in needs:
-                self._report.add(here, f"{task} needs no {local_task!r}{nearest('', needs)}")
-            elif not isinstance(success, bool):
-                self._report.add(here, f"success: true or false expected, found {found(success)}")
-            else:
-                for activation in self._activations(task):
-                    self._outcome(row["robot"], activation, local_task, success)
+            if row.local_task not in needs:
+                self._report.add(here, f"{task} needs no {row.local_task!r}{nearest('', needs)}")
+                continue
+            for activation in self._activations(task):
+                self._outcome(row.robot, activation, row.local_task, row.success)
 
-    def _bids(self, path: SourcePath, value: Any) -> None:
-        for task, needs in self._mapping(path, value):
-            if not self._is_task((*path, task), task):
+    def _bids(self, bids: Mapping[str, Mapping[str, Mapping[str, float | None]]]) -> None:
+        for task, needs in bids.items():
+            if not self._is_task(("bids", task), task):
                 continue
             by_bid = [n.local_task for n in self.mission.global_tasks[task].needs if n.by_bid]
-            for local_task, rows in self._mapping((*path, task), needs):
-                here = (*path, task, local_task)
+            for local_task, rows in needs.items():
+                here = ("bids", task, local_task)
                 if local_task not in by_bid:
                     text = f"{task} has no bids for {local_task!r}{nearest(local_task, by_bid)}"
                     self._report.add(here, text)
                     continue
-                for robot, bid in self._mapping(here, rows):
-                    if self._is_robot((*here, robot), robot):
-                        self._bid((*here, robot), robot, self._activations(task), local_task, bid)
+                for robot, bid in rows.items():
+                    value = None if bid is None else round(bid * MICRO)
+                    known = self._is_robot((*here, robot), robot)
+                    for activation in self._activations(task) if known else ():
+                        self._write(robot, f"{records.BID}/{activation}/{local_task}", value)
 
-    def _bid(
-        self, path: SourcePath, robot: str, activations: list[str], local_task: str, bid: Any
-    ) -> None:
-        most = MAX_PERFORMANCE // MICRO
-        is_number = isinstance(bid, int | float) and not isinstance(bid, bool)
-        if bid is not None and not (is_number and -most <= bid <= most):
-            text = f"a number from {-most} to {most}, or null, expected, found {found(bid)}"
-            self._report.add(path, text)
-            return
-        for activation in activations:
-            value = None if bid is None else round(bid * MICRO)
-            self._write(robot, f"{records.BID}/{activation}/{local_task}", value)
-
-    def _running(self, path: SourcePath, value: Any) -> None:
-        for robot, task in self._mapping(path, value):
-            here = (*path, robot)
+    def _running(self, running: Mapping[str, str]) -> None:
+        for robot, task in running.items():
+            here = ("running", robot)
             if not self._is_robot(here, robot) or not self._is_task(here, task):
                 continue
             member = self.facts.members[robot].member
@@ -202,34 +206,25 @@ class _Builder:
         by_coalition = self.mission.global_tasks[task].by_coalition
         return str(CoalitionId(1, self._first, *ALIVE)) if by_coalition else ""
 
-    def _lost(self, path: SourcePath, value: Any) -> None:
-        for robot, names in self._mapping(path, value):
-            if self._is_robot((*path, robot), robot):
-                lost = [str(name) for _, name in self._list((*path, robot), names)]
-                before = self.facts.members[robot].member
-                self._write_member(robot, before, lost)
+    def _lost(self, lost: Mapping[str, list[str]]) -> None:
+        for robot, names in lost.items():
+            if self._is_robot(("lost", robot), robot):
+                self._write_member(robot, self.facts.members[robot].member, names)
 
-    def _performances(self, path: SourcePath, value: Any) -> None:
-        for robot, rows in self._mapping(path, value):
-            if not self._is_robot((*path, robot), robot):
+    def _performances(self, performances: Mapping[str, Mapping[str, Any]]) -> None:
+        for robot, rows in performances.items():
+            if not self._is_robot(("performances", robot), robot):
                 continue
             known = self.mission.robots[robot]
             described = Description(robot, known.type, known.capabilities, "", "", 0)
-            for local_task, number in self._mapping((*path, robot), rows):
+            for local_task, number in rows.items():
                 try:
                     problem = described.perform(local_task, micro_performance(number))
                 except ValueError as error:
                     problem = str(error)
                 if problem is not None:
-                    self._report.add((*path, robot, local_task), problem)
+                    self._report.add(("performances", robot, local_task), problem)
             self._write(robot, records.MEMBER, described.member(is_leaving=False).to_value())
-
-    def _order(self, path: SourcePath, value: Any) -> None:
-        kinds = [str(kind) for kind in OrderKind]
-        if value in kinds:
-            self._write(self._first, records.ORDER, [value, 1])
-        else:
-            self._report.add(path, f"one of {', '.join(kinds)} expected, found {found(value)}")
 
     # -- helpers --------------------------------------------------------------------------
 
@@ -259,27 +254,15 @@ class _Builder:
         self._sequence += 1
         self.facts.map.merge([parse_entry(robot, name, Version(ALIVE, self._sequence), value)])
 
-    def _mapping(self, path: SourcePath, value: Any) -> list[tuple[str, Any]]:
-        if isinstance(value, dict):
-            return [(str(key), item) for key, item in value.items()]
-        self._report.add(path, f"a mapping expected, found {found(value)}")
-        return []
-
-    def _list(self, path: SourcePath, value: Any) -> list[tuple[int, Any]]:
-        if isinstance(value, list):
-            return list(enumerate(value))
-        self._report.add(path, f"a list expected, found {found(value)}")
-        return []
-
-    def _is_robot(self, path: SourcePath, value: Any) -> bool:
+    def _is_robot(self, path: SourcePath, value: str) -> bool:
         if value in self.mission.robots:
             return True
-        self._report.add(path, f"no robot {value!r}{nearest(str(value), self.mission.robots)}")
+        self._report.add(path, f"no robot {value!r}{nearest(value, self.mission.robots)}")
         return False
 
-    def _is_task(self, path: SourcePath, value: Any) -> bool:
-        if isinstance(value, str) and value in self.mission.global_tasks:
+    def _is_task(self, path: SourcePath, value: str) -> bool:
+        if value in self.mission.global_tasks:
             return True
-        hint = nearest(str(value), self.mission.global_tasks)
+        hint = nearest(value, self.mission.global_tasks)
         self._report.add(path, f"no global task {value!r} in this mission{hint}")
         return False

@@ -1,6 +1,6 @@
 """Blackboards: entries with types and write counts, one board per SubTree, remapped to its parent.
 
-Source: BehaviorTree.CPP 4.10's `Blackboard`. Raises BlackboardError.
+Source: BehaviorTree.CPP's `Blackboard`. Raises BlackboardError.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What all nodes have in common: statuses, conditions before and after a tick, halting, ports.
 
-Source: BehaviorTree.CPP 4.10. Ticking is a plain call: nothing here waits, reads a clock or uses
+Source: BehaviorTree.CPP. Ticking is a plain call: nothing here waits, reads a clock or uses
 randomness. The time is `TreeWorld.now_us`; actions are started and stopped by a list of effects.
 """
 

@@ -1,4 +1,4 @@
-"""Write what BehaviorTree.CPP 4.7 to 4.10 loads: forms that mean the same and that it reads."""
+"""Write forms of the same meaning that BehaviorTree.CPP loads, from version 4.7 on."""
 
 from __future__ import annotations
 

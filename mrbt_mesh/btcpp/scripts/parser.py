@@ -57,15 +57,13 @@ def parse(text: str) -> Script:
 
 
 def quoting_problem(text: str) -> str:
-    """Which quoted text of a script BehaviorTree.CPP 4.10 cannot read, and why; else "".
+    """The quoted text of a script that BehaviorTree.CPP cannot read, and why; else "".
 
     It takes single quotes and ASCII. Raises ScriptError.
     """
     for token in _tokens(text):
         if token.kind == "text" and token.text[0] == '"':
-            return (
-                f"BehaviorTree.CPP 4.10 refuses a text in double quotes, {token}; use single ones"
-            )
+            return f"BehaviorTree.CPP refuses a text in double quotes, {token}; use single ones"
         if token.kind == "text" and not token.text.isascii():
             return f"BehaviorTree.CPP refuses the text {token}, which is not ASCII"
     return ""

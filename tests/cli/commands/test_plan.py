@@ -231,13 +231,13 @@ def test_the_facts_of_the_documentation_can_be_planned_for(tmp_path: Path) -> No
     [
         ("done: [remove_screw]", "1: done[1]: no global task 'remove_screw' in this mission"),
         ("conditions: {brokn(2): true}", "no condition; did you mean 'broken'?"),
-        ("conditions: {broken(2): 3}", "true or false expected, found the number 3"),
+        ("conditions: {broken(2): 3}", "true or false is expected, found the number 3"),
         ("running: {Z9: remove_screws}", "no robot 'Z9'"),
         ("running: {A1: remove_screws}", "A1 can do nothing that remove_screws needs"),
-        ("dome: []", "unknown key; did you mean 'done'?"),
-        ("order: stop", "one of resume, pause, abort expected"),
-        ("outcomes: [1]", "a mapping with global_task, local_task, robot, success expected"),
-        ("lost: [A1]", "a mapping expected, found a list"),
+        ("dome: []", "unknown key 'dome'; did you mean 'done'?"),
+        ("order: stop", "resume or pause or abort is expected"),
+        ("outcomes: [1]", "outcomes[1]: a mapping (key: value) is expected"),
+        ("lost: [A1]", "a mapping (key: value) is expected, found a list"),
         ("- a", "a mapping is expected, found a list"),
     ],
 )
