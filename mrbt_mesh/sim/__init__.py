@@ -1,11 +1,11 @@
 """Run whole missions in virtual time, with faults, to test them: see `simulate`.
 
-`engine` is one run; `checkers` look on and hold it against the invariants; `run` puts both
-together; `chaos` draws faults and missions, `statistics` counts over many runs, `parallel` spreads
-them over processes. Users' own tests may import what is listed here.
+`world` is the simulated team and its network, `checkers` check the invariants during a run, `run`
+joins both; `chaos` draws missions and faults, `estimate` counts over many runs, `parallel` spreads
+them over processes. The names that are imported here are for users' own tests.
 
-It may import the runtime, whose action runner carries out users' programs, and what is below;
-never Zenoh. The same seed gives the same run, to the byte.
+The simulator runs users' programs with the runtime's action runner, and never imports Zenoh. The
+same seed gives the same run, to the byte.
 """
 
 from mrbt_mesh.sim.run import SimulationError, SimulationResult, simulate

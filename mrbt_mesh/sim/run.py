@@ -23,7 +23,7 @@ from mrbt_mesh.runtime.user_code import UserCall, place_of
 from mrbt_mesh.sim.checkers.checkers import Checkers
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.world.clock import VirtualLoop
-from mrbt_mesh.sim.world.faults import EndRouter, Schedule, StartRouter
+from mrbt_mesh.sim.world.faults import EndRouter, RobotFault, Schedule, StartRouter
 from mrbt_mesh.sim.world.network import NetworkKnobs
 from mrbt_mesh.sim.world.process import Inspection
 from mrbt_mesh.sim.world.scenario import Scenario
@@ -105,7 +105,7 @@ def simulate(
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
-    named = {fault.robot for _, fault in steps if hasattr(fault, "robot")}
+    named = {fault.robot for _, fault in steps if isinstance(fault, RobotFault)}
     for robot in sorted({*team, *named}):
         if robot not in mission.robots:
             known = ", ".join(sorted(mission.robots))

@@ -11,7 +11,6 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.named_faults import (
     NamedFault,
-    RobotFault,
     check_local_task,
     check_robot,
 )
@@ -21,7 +20,7 @@ _WHEN = re.compile(r"(?P<what>[^@]+)@(?P<at_s>\d+(?:\.\d+)?)", re.ASCII)
 NEVER_S = 1e12
 # A comma between two faults, not one between the arguments of a local task.
 _COMMA = re.compile(r",(?![^(]*\))")
-_OF_A_ROBOT: dict[str, Callable[[str], RobotFault]] = {
+_OF_A_ROBOT: dict[str, Callable[[str], faults.RobotFault]] = {
     "--kill": faults.Kill,
     "--restart": faults.Restart,
     "--freeze": faults.Freeze,

@@ -1,4 +1,4 @@
-"""The faults that there are in the simulator: a schedule is a list of (at_us, fault).
+"""The faults of the simulator; a schedule is a list of (at_us, fault).
 
 Times count from the launch of the team, in microseconds.
 """
@@ -14,20 +14,29 @@ from mrbt_mesh.sim.world.network import Link, LinkKnobs
 
 
 @dataclass(frozen=True, slots=True)
-class Kill:
-    """SIGKILL: the process is gone, and what it had not written to its journal yet."""
+class Fault:
+    """Something that goes wrong, or its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFault(Fault):
+    """A fault of one robot."""
 
     robot: str
 
 
 @dataclass(frozen=True, slots=True)
-class KillAfter:
-    """SIGKILL right after the robot has told the team how its `actions`-th action from now ended.
+class Kill(RobotFault):
+    """SIGKILL: the process ends, and what was not in its journal yet is lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class KillAfter(RobotFault):
+    """SIGKILL right after the robot has reported the end of its `actions`-th action from now.
 
     Actions that were cancelled do not count. Raises ValueError if `actions` is below 1.
     """
 
-    robot: str
     actions: int
 
     def __post_init__(self) -> None:
@@ -36,127 +45,111 @@ class KillAfter:
 
 
 @dataclass(frozen=True, slots=True)
-class Restart:
+class Restart(RobotFault):
     """Start a new process of this robot: one that died or left, or that was not there before.
 
     A process that still runs is killed first. `keeps_journal`: it finds what it had written.
     """
 
-    robot: str
     keeps_journal: bool = True
 
 
 @dataclass(frozen=True, slots=True)
-class Disk:
+class Disk(RobotFault):
     """From now on the robot's disk takes `sync_us` for a sync.
 
     `fails`: nothing can be written, as when it is full; `is_locked`: the journal cannot be read
-    either, which a process that starts then has to go without. With the defaults it works again.
+    either, and a process that starts then begins without it. The defaults: it works again.
     """
 
-    robot: str
     sync_us: int = 0
     fails: bool = False
     is_locked: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class Freeze:
+class Freeze(RobotFault):
     """SIGSTOP: nothing of the process runs, its messages wait, its token stays."""
 
-    robot: str
-
 
 @dataclass(frozen=True, slots=True)
-class Suspend:
+class Suspend(RobotFault):
     """Its computer sleeps: as `Freeze`, but its waits stand still too; `Thaw` wakes it."""
 
-    robot: str
-
 
 @dataclass(frozen=True, slots=True)
-class Thaw:
+class Thaw(RobotFault):
     """SIGCONT, or the end of a suspend."""
 
-    robot: str
-
 
 @dataclass(frozen=True, slots=True)
-class Leave:
+class Leave(RobotFault):
     """The robot leaves on purpose."""
 
-    robot: str
-
 
 @dataclass(frozen=True, slots=True)
-class Lose:
+class Lose(RobotFault):
     """A minor fault: the robot loses a local task (a type, a ground one, or `all`)."""
 
-    robot: str
     local_task: str
     reason: str = "injected"
 
 
 @dataclass(frozen=True, slots=True)
-class Restore:
+class Restore(RobotFault):
     """The end of a minor fault."""
 
-    robot: str
     local_task: str = "all"
 
 
 @dataclass(frozen=True, slots=True)
-class ChangePerformance:
-    """From now on the robot does a local task (a type or a ground one) so well, in micro-units.
+class ChangePerformance(RobotFault):
+    """A robot's performance at a local task (a type or a ground one) from now on.
 
-    0 is a minor fault.
+    In micro-units; 0 is a minor fault.
     """
 
-    robot: str
     local_task: str
     performance: int
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class Block(Fault):
     """Nothing passes over these links, each in one direction."""
 
     links: frozenset[Link]
 
 
 @dataclass(frozen=True, slots=True)
-class Unblock:
+class Unblock(Fault):
     """Messages pass again; None: on all links."""
 
     links: frozenset[Link] | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Slow:
-    """The robot's event loop comes round every `lag_us` only; 0: it is fast again."""
+class Slow(RobotFault):
+    """The robot's event loop runs only every `lag_us`; 0: it is fast again."""
 
-    robot: str
     lag_us: int
 
 
 @dataclass(frozen=True, slots=True)
-class ClockRate:
+class ClockRate(RobotFault):
     """The robot's clocks run faster by `rate_ppm` parts in a million, or slower below 0."""
 
-    robot: str
     rate_ppm: int
 
 
 @dataclass(frozen=True, slots=True)
-class ClockJump:
+class ClockJump(RobotFault):
     """The robot's boot-time clock jumps ahead, as when a virtual machine is resumed."""
 
-    robot: str
     ahead_us: int
 
 
 @dataclass(frozen=True, slots=True)
-class Disturb:
+class Disturb(Fault):
     """Links behave otherwise from now on: loss, delay, doubling; None: all links."""
 
     link: LinkKnobs
@@ -164,24 +157,23 @@ class Disturb:
 
 
 @dataclass(frozen=True, slots=True)
-class Settle:
+class Settle(Fault):
     """Links behave as usual again; None: all links."""
 
     links: frozenset[Link] | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class Replay(RobotFault):
     """The last `count` messages that `source` had published by `until_us` reach `robot` again."""
 
-    robot: str
     source: str
     until_us: int
     count: int = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Heal:
+class Heal(Fault):
     """All faults end: links, disks, frozen and slow robots, clocks, lost capabilities, a pause.
 
     `robots` that do not run are started again, with what their journals kept. `broken` are links
@@ -193,71 +185,41 @@ class Heal:
 
 
 @dataclass(frozen=True, slots=True)
-class LoseToken:
-    """A liveliness token lies: `seen_by` sees `robot`'s go although the robot lives."""
+class LoseToken(RobotFault):
+    """`seen_by` loses sight of `robot`'s liveliness token although the robot lives."""
 
-    robot: str
     seen_by: str
 
 
 @dataclass(frozen=True, slots=True)
-class EndRouter:
+class EndRouter(Fault):
     """A router dies (`NetworkKnobs.routers`): its clients are without a link for a moment."""
 
     router: str
 
 
 @dataclass(frozen=True, slots=True)
-class StartRouter:
-    """A router is there again; who has found another one stays with that."""
+class StartRouter(Fault):
+    """A router is back; clients of other routers stay where they are."""
 
     router: str
 
 
 @dataclass(frozen=True, slots=True)
-class Garbage:
+class Garbage(RobotFault):
     """`robot` receives `count` malformed, foreign or forged messages of all kinds."""
 
-    robot: str
     count: int = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class Command(RobotFault):
     """An operator's command arrives at `robot`, as `mrbt fault` and the like send it."""
 
-    robot: str
     command: str
     argument: str = ""
 
 
-Fault: TypeAlias = (
-    Kill
-    | KillAfter
-    | Restart
-    | Disk
-    | Freeze
-    | Suspend
-    | Thaw
-    | Slow
-    | ClockRate
-    | ClockJump
-    | Leave
-    | Lose
-    | Restore
-    | ChangePerformance
-    | Block
-    | Unblock
-    | Disturb
-    | Settle
-    | Replay
-    | Heal
-    | LoseToken
-    | EndRouter
-    | StartRouter
-    | Garbage
-    | Command
-)
 Schedule: TypeAlias = Iterable[tuple[int, Fault]]
 
 

@@ -1,10 +1,11 @@
-"""Fault injection: what each fault of a schedule does to the simulated world."""
+"""Fault injection: the effect of each fault of a schedule on the simulated world."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from mrbt_mesh.core.agent.commands import ORDER, command_body
 from mrbt_mesh.core.agent.inputs import (
@@ -26,7 +27,7 @@ from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.robots import Robots
 from mrbt_mesh.sim.world.setup import Setup
 
-# Faults that may leave a robot alone with what it believes for a while.
+# Faults after which a robot may not hear all others in time.
 _ISOLATING = (
     faults.Block
     | faults.Freeze
@@ -39,13 +40,13 @@ _ISOLATING = (
     | faults.EndRouter
     | faults.LoseToken  # a suspect is left out when agreement is counted
 )
-# What a robot lacks from the beginning it finds out once it has started.
+# A robot that is starting notices these right after its start.
 _OF_THE_ROBOT = faults.Lose | faults.Restore | faults.ChangePerformance
 BOOT_US = 1_000
 
 
 class Injector:
-    """Lets faults happen, until the mission is over where robots stop then.
+    """Carries out faults, until the mission is over if robots stop then.
 
     `counts`: how many there were, by kind. `pending`: how many of the schedule are still to come.
     `cut_off`: some robot could not hear all others in time for a while. `healed_us`: when all
@@ -70,10 +71,35 @@ class Injector:
         self._inspection = inspection
         self._has_result = has_result
         self._forger = Forger(setup.seed, setup.header)
-        # What robots have published, where it may be replayed: (time in us, message).
+        # What robots have published, if it may be replayed: (time in us, message).
         self._published: dict[str, list[tuple[int, MessageReceived]]] | None = None
         if any(isinstance(fault, faults.Replay) for _, fault in setup.schedule):
             self._published = {}
+        network = bus.network
+        self._of_the_world: dict[type[faults.Fault], Callable[[Any], object]] = {
+            faults.Kill: lambda f: robots.kill(f.robot),
+            faults.KillAfter: lambda f: robots.kill_after(f.robot, f.actions),
+            faults.Restart: lambda f: robots.restart(f.robot, f.keeps_journal),
+            faults.Disk: lambda f: robots.change_disk(f.robot, f.sync_us, f.fails, f.is_locked),
+            faults.ClockRate: lambda f: robots.local_clock(f.robot).set_rate(f.rate_ppm),
+            faults.ClockJump: lambda f: robots.local_clock(f.robot).jump(f.ahead_us),
+            faults.Block: lambda f: network.block(f.links),
+            faults.Unblock: lambda f: network.unblock(f.links),
+            faults.Disturb: lambda f: network.disturb(f.link, f.links),
+            faults.Settle: lambda f: network.settle(f.links),
+            faults.EndRouter: lambda f: bus.end_router(f.router),
+            faults.StartRouter: lambda f: bus.routers.begin(f.router),
+            faults.Heal: self._heal,
+        }
+        self._of_a_process: dict[type[faults.Fault], Callable[[SimProcess, Any], object]] = {
+            faults.Freeze: lambda process, _: process.pace.freeze(),
+            faults.Suspend: lambda process, _: process.suspend(),
+            faults.Thaw: lambda process, _: process.thaw(),
+            faults.Slow: lambda process, f: process.pace.slow(f.lag_us),
+            faults.LoseToken: lambda _, f: self._lose_token(f),
+            faults.Garbage: self._send_garbage,
+            faults.Replay: lambda _, f: self._replay(f),
+        }
 
     def begin(self) -> None:
         """Schedule the faults that happen at given times."""
@@ -93,98 +119,44 @@ class Injector:
     def inject(self, fault: faults.Fault) -> None:
         """Let one fault happen now."""
         if self._setup.agents.exit_when_done and self._has_result():
-            return  # the mission is over, and with it the story
+            return
         self._inspection.fault_comes(fault)
         self.counts[type(fault).__name__] += 1
         self.cut_off |= isinstance(fault, _ISOLATING)
         self.cut_off |= isinstance(fault, faults.Heal) and bool(fault.broken)
         self._carry_out(fault)
-        if isinstance(fault, faults.Heal):
-            self.healed_us = self._bus.clock.now_us
 
     def _carry_out(self, fault: faults.Fault) -> None:
-        network, robots, clock = self._bus.network, self._robots, self._bus.clock
-        match fault:
-            case faults.Kill() | faults.KillAfter() | faults.Restart():
-                self._end(fault)
-            case faults.Block(links):
-                network.block(links)
-            case faults.Unblock(links):
-                network.unblock(links)
-            case faults.Disturb(link, links):
-                network.disturb(link, links)
-            case faults.Settle(links):
-                network.settle(links)
-            case faults.Heal(names, broken):
-                self._heal(names)
-                network.block(broken)
-            case faults.EndRouter() | faults.StartRouter():
-                act = (
-                    self._bus.end_router
-                    if isinstance(fault, faults.EndRouter)
-                    else self._bus.routers.begin
-                )
-                act(fault.router)
-            case faults.Disk() | faults.ClockRate() | faults.ClockJump():
-                self._change_computer(fault)
-            case _:
-                process = robots.processes.get(fault.robot)
-                if isinstance(fault, _OF_THE_ROBOT) and robots.is_coming(fault.robot):
-                    clock.at(clock.now_us + BOOT_US, partial(self._carry_out, fault))
-                elif process is not None and not process.is_over:
-                    self._suffer(process, fault)
-
-    def _change_computer(self, fault: faults.Disk | faults.ClockRate | faults.ClockJump) -> None:
-        """Faults of what outlives a robot's processes."""
-        match fault:
-            case faults.Disk(robot, sync_us, fails, is_locked):
-                self._robots.change_disk(robot, sync_us, fails, is_locked)
-            case faults.ClockRate(robot, rate_ppm):
-                self._robots.local_clock(robot).set_rate(rate_ppm)
-            case faults.ClockJump(robot, ahead_us):
-                self._robots.local_clock(robot).jump(ahead_us)
-
-    def _end(self, fault: faults.Kill | faults.KillAfter | faults.Restart) -> None:
-        """Faults of a robot whether it has a process yet or not."""
-        match fault:
-            case faults.Kill(robot):
-                self._robots.kill(robot)
-            case faults.KillAfter(robot, actions):
-                self._robots.kill_after(robot, actions)
-            case faults.Restart(robot, keeps_journal):
-                self._robots.kill(robot)
-                self._robots.launch(robot, keeps_journal)
-
-    def _suffer(self, process: SimProcess, fault: faults.Fault) -> None:
-        """What a process can only suffer while there is one."""
-        match fault:
-            case faults.Freeze():
-                process.pace.freeze()
-            case faults.Suspend():
-                process.local.suspend()
-                process.pace.freeze()
-            case faults.Thaw():
-                process.local.resume()
-                process.pace.thaw()
-            case faults.Slow(_, lag_us):
-                process.pace.slow(lag_us)
-            case faults.LoseToken(robot, seen_by):
-                if robot in self._bus.tokens:
-                    token = self._bus.tokens[robot]
-                    self._bus.deliver(seen_by, TokenChanged(robot, token, False))
-            case faults.Garbage(robot, count):
-                for event in self._forger.inputs(robot, self._setup.robots, count):
-                    self._inspection.garbage(process, event)
-            case faults.Replay(robot, source, until_us, count):
-                published = (self._published or {}).get(source, ())
-                past = [message for at_us, message in published if at_us <= until_us]
-                for message in past[-count:]:
-                    self._bus.deliver(robot, message)
-            case _:
+        if type(fault) in self._of_the_world:
+            self._of_the_world[type(fault)](fault)
+            return
+        assert isinstance(fault, faults.RobotFault)
+        process, clock = self._robots.processes.get(fault.robot), self._bus.clock
+        if isinstance(fault, _OF_THE_ROBOT) and self._robots.is_coming(fault.robot):
+            clock.at(clock.now_us + BOOT_US, partial(self._carry_out, fault))
+        elif process is not None and not process.is_over:
+            if type(fault) in self._of_a_process:
+                self._of_a_process[type(fault)](process, fault)
+            else:
                 process.deliver(self._input(fault))
 
-    def _input(self, fault: faults.Fault) -> Input:
-        """What arrives at the robot itself."""
+    def _lose_token(self, fault: faults.LoseToken) -> None:
+        token = self._bus.tokens.get(fault.robot)
+        if token is not None:
+            self._bus.deliver(fault.seen_by, TokenChanged(fault.robot, token, False))
+
+    def _send_garbage(self, process: SimProcess, fault: faults.Garbage) -> None:
+        for event in self._forger.inputs(fault.robot, self._setup.robots, fault.count):
+            self._inspection.garbage(process, event)
+
+    def _replay(self, fault: faults.Replay) -> None:
+        published = (self._published or {}).get(fault.source, ())
+        past = [message for at_us, message in published if at_us <= fault.until_us]
+        for message in past[-fault.count :]:
+            self._bus.deliver(fault.robot, message)
+
+    def _input(self, fault: faults.RobotFault) -> Input:
+        """The input that the robot itself receives."""
         match fault:
             case faults.Leave():
                 return LeaveRequested()
@@ -200,12 +172,12 @@ class Injector:
                 return QueryReceived(0, MessageKind.COMMAND, data)
         raise TypeError(f"unknown fault {fault!r}")
 
-    def _heal(self, robots: tuple[str, ...]) -> None:
-        processes = self._robots.processes
-        self._bus.network.unblock()
-        self._bus.network.settle()
-        for router in self._bus.routers.names:
-            self._bus.routers.begin(router)
+    def _heal(self, heal: faults.Heal) -> None:
+        processes, bus = self._robots.processes, self._bus
+        bus.network.unblock()
+        bus.network.settle()
+        for router in bus.routers.names:
+            bus.routers.begin(router)
         for robot, process in sorted(processes.items()):
             self._robots.change_disk(robot, 0, False, False)
             process.local.set_rate(0)
@@ -214,13 +186,15 @@ class Injector:
                 process.pace.slow(0)
                 process.pace.thaw()
                 process.deliver(CapabilityChanged("all", False, source=OPERATOR))
-        for robot in robots:
+        for robot in heal.robots:
             if robot not in processes or processes[robot].is_over:
                 self._robots.launch(robot, keeps_journal=True)
         self._resume()
+        bus.network.block(heal.broken)
+        self.healed_us = bus.clock.now_us
 
     def _resume(self) -> None:
-        """The operator says so again as long as a robot comes with an older word."""
+        """End a pause, again and again: a robot may come with an older order."""
         clock = self._bus.clock
         for process in self._robots.living():
             if process.agent and process.agent.view.facts.order() is OrderKind.PAUSE:

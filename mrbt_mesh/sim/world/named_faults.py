@@ -4,23 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.sim.world import faults
-
-RobotFault: TypeAlias = (
-    faults.Kill
-    | faults.Restart
-    | faults.Freeze
-    | faults.Thaw
-    | faults.Leave
-    | faults.Lose
-    | faults.Restore
-    | faults.ChangePerformance
-)
 
 
 @dataclass(frozen=True)
@@ -28,7 +16,7 @@ class NamedFault:
     """A fault, when it comes, and how it was written: `--kill A1@12.5`."""
 
     at_us: int
-    fault: RobotFault
+    fault: faults.RobotFault
     said: str
 
 

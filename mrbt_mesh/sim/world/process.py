@@ -229,6 +229,16 @@ class SimProcess:
         self._world.inspection.booted(self)
         self.deliver(TIMER_FIRED)
 
+    def suspend(self) -> None:
+        """Its computer sleeps."""
+        self.local.suspend()
+        self.pace.freeze()
+
+    def thaw(self) -> None:
+        """It goes on after a freeze or a suspend."""
+        self.local.resume()
+        self.pace.thaw()
+
     def kill(self) -> None:
         """SIGKILL."""
         self.killed = True

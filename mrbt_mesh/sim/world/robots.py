@@ -105,6 +105,11 @@ class Robots:
         self._start_program(process)
         self._world.launched(process)
 
+    def restart(self, robot: str, keeps_journal: bool) -> None:
+        """End this robot's process, if there is one, and start another."""
+        self.kill(robot)
+        self.launch(robot, keeps_journal)
+
     def change_disk(self, robot: str, sync_us: int, fails: bool, is_locked: bool) -> None:
         """What the disk of a robot is like from now on, for this process and those after it."""
         journal = self._journals.setdefault(robot, SimJournal())

@@ -14,8 +14,11 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 
+_BASES = (faults.Fault, faults.RobotFault)
 KINDS: dict[str, type[faults.Fault]] = {
-    kind.__name__: kind for kind in typing.get_args(faults.Fault)
+    name: kind
+    for name, kind in vars(faults).items()
+    if isinstance(kind, type) and issubclass(kind, faults.Fault) and kind not in _BASES
 }
 Step: typing.TypeAlias = tuple[int, faults.Fault]
 
