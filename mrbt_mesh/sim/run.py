@@ -211,10 +211,9 @@ def _blocked(frames: list[tuple[str, int]]) -> None:
 
 def _result(world: World) -> SimulationResult:
     observer, now_us = world.observer, world.clock.now_us
-    if world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us):
-        world.inspection.never_stopped()
-    if world.timed_out and observer.record.result is None:
-        world.inspection.timed_out()
+    outlived = world.gave_up and not world.cut_off and world.network.is_reliable_at(now_us)
+    inspection = world.inspection
+    inspection.ended(outlived, world.timed_out and observer.record.result is None)
     result = observer.result(anybody_lives=bool(world.living()))
     processes = world.robots.processes
     return SimulationResult(
@@ -222,12 +221,12 @@ def _result(world: World) -> SimulationResult:
         result=result,
         summary=run_summary(observer.record, result, now_us),
         events=world.events,
-        effect_log_digest=world.inspection.effect_log_digest,
-        effect_log=list(world.inspection.effect_log),
-        violations=list(world.inspection.violations),
-        checks=dict(world.inspection.checks),
-        done_twice=world.inspection.done_twice,
-        exclusive_done_twice=world.inspection.exclusive_done_twice,
+        effect_log_digest=inspection.effect_log_digest,
+        effect_log=list(inspection.effect_log),
+        violations=list(inspection.violations),
+        checks=dict(inspection.checks),
+        done_twice=inspection.done_twice,
+        exclusive_done_twice=inspection.exclusive_done_twice,
         stops={r: (p.stop.code, p.stop.reason) for r, p in processes.items() if p.stop},
         fault_counts=dict(world.injector.counts),
         agents={r: p.agent for r, p in processes.items() if p.agent},

@@ -23,11 +23,11 @@ from mrbt_mesh.sim.world.sharing import Recent
 class PlanComparison:
     """Gives robots an engine that makes every plan again by the definition.
 
-    `engine` is that engine. `findings` notes where two plans differ; it must be there before the
-    first one is made. `compared` counts.
+    `engine` is that engine. `run` notes differences; it is set before the first plan is made.
+    `compared` counts plans.
     """
 
-    findings: RunFindings
+    run: RunFindings
 
     def __init__(self, engine: Engine) -> None:
         self.compared = 0
@@ -61,4 +61,4 @@ class PlanComparison:
             mine, others = plan.to_json(), other.to_json()
             parts = [part for part in mine if json.dumps(mine[part]) != json.dumps(others[part])]
             parts = parts or ["evaluation"]  # what is not shown of it
-            self.findings.say("I7", f"a plan is not that of the definitions: {', '.join(parts)}")
+            self.run.violation("I7", f"a plan is not that of the definitions: {', '.join(parts)}")

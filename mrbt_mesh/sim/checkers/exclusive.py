@@ -50,9 +50,9 @@ class Exclusive:
     `done_twice` counts the coalitions that succeeded after another one: there must be none.
     """
 
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
-        tasks = findings.world.mission.global_tasks.values()
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
+        tasks = run.world.mission.global_tasks.values()
         self._tasks = {task.id: task for task in tasks if task.exclusive}
         self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
         self._givers: dict[tuple[str, str], set[str]] = {}
@@ -86,17 +86,17 @@ class Exclusive:
                     self._claimed[process.robot] = entry.record.activation
 
     def _start(self, process: SimProcess, start: StartAction) -> None:
-        findings, task = self._findings, self._tasks[start.global_task]
-        findings.checks["I5"] += 1
+        run, task = self._run, self._tasks[start.global_task]
+        run.checks["I5"] += 1
         known = self._coalitions.setdefault((start.global_task, start.activation), {})
         givers = self._givers.get((start.activation, start.coalition), set())
-        if 2 * len(givers) <= len(findings.world.mission.robots):
+        if 2 * len(givers) <= len(run.world.mission.robots):
             who = ", ".join(sorted(givers)) or "nobody"
             text = f"{process.robot} begins {start.activation}, which only {who} granted"
-            findings.say("I5", text)
+            run.violation("I5", text)
         if self._claimed.get(process.robot) != start.activation:
             text = f"{process.robot} begins {start.activation}, and its claim is not on disk"
-            findings.say("I5", text)
+            run.violation("I5", text)
         for token, other in known.items():
             if token == start.coalition:
                 continue
@@ -109,7 +109,7 @@ class Exclusive:
                 text = f"{who}, which was left in doubt ({token})"
             else:
                 continue
-            findings.say("I5", text)
+            run.violation("I5", text)
         mine = known.setdefault(start.coalition, _Coalition())
         mine.tasks[process] = start.local_task
         mine.tickets[process] = start.ticket
@@ -117,7 +117,7 @@ class Exclusive:
     @property
     def wait_us(self) -> int:
         """How long everybody may wait, and write nothing, for grants to run out."""
-        return self._findings.world.timing.lease_us if self._tasks else 0
+        return self._run.world.timing.lease_us if self._tasks else 0
 
     @property
     def done_twice(self) -> int:

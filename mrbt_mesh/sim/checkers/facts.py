@@ -21,95 +21,82 @@ from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.process import SimProcess
 
 
-class Convergence:
-    """I2: once no message is lost, everybody holds what anybody held, within a bounded time.
+def no_difference(run: RunFindings, agents: Sequence[AgentView]) -> None:
+    """I2: once nothing has been written for long, all facts are equal."""
+    run.checks["I2"] += 1
+    if len({agent.facts.map.digest() for agent in agents}) > 1:
+        names = ", ".join(f"{a.robot}={a.facts.map.digest().hex()[:8]}" for a in agents)
+        run.violation("I2", f"facts still differ: {names}")
 
-    Also while new facts are written all the time; and where none is, all facts and views of
-    who is alive are equal.
-    """
 
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
+def same_members(run: RunFindings, agents: Sequence[AgentView]) -> bool:
+    """I2: once there has been no fault for long, these agents take exactly each other for alive."""
+    alive = {agent.robot: agent.incarnation for agent in agents}
+    if all(agent.alive() == alive for agent in agents):
+        return True
+    views = "; ".join(f"{a.robot}: {' '.join(sorted(a.alive()))}" for a in agents)
+    run.violation("I2", f"views of who is alive still differ from {' '.join(alive)}: {views}")
+    return False
+
+
+def not_dead_but_heard(run: RunFindings, agent: AgentView, robot: str) -> None:
+    """I2: nobody is declared dead whom the agent, or a robot that it hears, hears well."""
+    since_us = run.world.clock.now_us - run.agreement_us - run.repair_us
+    present = [each.robot for each in joined(run.world)]
+    if not run.is_tolerable or run.other_us > since_us or robot not in present:
+        return
+
+    def steady(source: str, target: str) -> bool:
+        link = (source, target)
+        return link not in run.world.network.blocked and run.cut_us.get(link, 0) <= since_us
+
+    run.checks["I2"] += 1
+    if steady(robot, agent.robot):
+        run.violation("I2", f"{agent.robot} holds {robot} for dead, which it hears")
+    for other in present:
+        if (
+            other not in (agent.robot, robot)
+            and steady(robot, other)
+            and steady(other, agent.robot)
+        ):
+            run.violation("I2", f"{agent.robot} holds {robot} for dead, which {other} hears")
+
+
+class Delivery:
+    """I2: while no message is lost, every fact reaches everybody within a bounded time."""
+
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
         self._noted_us = 0
         self._noted: FactMap | None = None
         self._holders: list[AgentView] = []
 
-    def at_rest(self, agents: Sequence[AgentView]) -> None:
-        """For long nothing was written, and there was no fault."""
-        self._findings.checks["I2"] += 1
-        digests = {agent.facts.map.digest() for agent in agents}
-        if len(digests) > 1:
-            names = ", ".join(f"{a.robot}={a.facts.map.digest().hex()[:8]}" for a in agents)
-            self._findings.say("I2", f"facts still differ: {names}")
-
-    def check_views(self, agents: Sequence[AgentView]) -> bool:
-        """There was no fault for long: whether all agree that they are alive, and nobody else."""
-        alive = {agent.robot: agent.incarnation for agent in agents}
-        if any(agent.alive() != alive for agent in agents):
-            views = "; ".join(f"{a.robot}: {' '.join(sorted(a.alive()))}" for a in agents)
-            known = " ".join(alive)
-            self._findings.say("I2", f"views of who is alive still differ from {known}: {views}")
-            return False
-        return True
-
-    def declared_dead(self, agent: AgentView, robot: str) -> None:
-        """The agent declares `robot` dead: not while somebody in between hears it well."""
-        findings, world = self._findings, self._findings.world
-        since_us = world.clock.now_us - findings.failure_latch_us - findings.repair_us
-        if not findings.is_tolerable or findings.other_us > since_us:
-            return
-
-        def steady(source: str, target: str) -> bool:
-            link = (source, target)
-            changed_us = findings.cut_us.get(link, since_us)
-            return link not in world.network.blocked and changed_us <= since_us
-
-        present = [each.robot for each in joined(world)]
-        if robot not in present:
-            return
-        findings.checks["I2"] += 1
-        if steady(robot, agent.robot):
-            findings.say("I2", f"{agent.robot} holds {robot} for dead, which it hears")
-        for other in present:
-            if (
-                other not in (agent.robot, robot)
-                and steady(robot, other)
-                and steady(other, agent.robot)
-            ):
-                findings.say("I2", f"{agent.robot} holds {robot} for dead, which {other} hears")
-
     def sample(self, agents: list[AgentView]) -> None:
-        """While facts keep coming: what anybody held a while ago has reached everybody."""
-        findings, now_us = self._findings, self._findings.world.clock.now_us
-        connected = is_connected(agents, findings.world.network.blocked)
-        if not findings.is_tolerable or not connected or not agents:
+        run, now_us = self._run, self._run.world.clock.now_us
+        connected = is_connected(agents, run.world.network.blocked)
+        if not run.is_tolerable or not connected or not agents:
             self._noted = None
             return
-        period_us = 2 * findings.repair_us + findings.failure_latch_us
-        if self._noted is None or findings.fault_us > self._noted_us:
-            self._note(agents, now_us)
-        elif now_us > self._noted_us + period_us:
+        if self._noted is not None and run.fault_us <= self._noted_us:
+            if now_us <= self._noted_us + 2 * run.repair_us + run.agreement_us:
+                return
             for agent in agents:
                 if any(agent is holder for holder in self._holders):
                     self._check(agent, self._noted)
-            self._note(agents, now_us)
-
-    def _note(self, agents: Sequence[AgentView], now_us: int) -> None:
-        self._noted_us, self._holders = now_us, list(agents)
-        self._noted = FactMap()
+        self._noted_us, self._holders, self._noted = now_us, list(agents), FactMap()
         for agent in agents:
             self._noted.merge(agent.facts.map)
 
     def _check(self, agent: AgentView, noted: FactMap) -> None:
-        self._findings.checks["I2"] += 1
+        self._run.checks["I2"] += 1
         for entry in noted:
             if not stands(agent, entry) and not is_obsolete(agent, entry):
                 text = f"{agent.robot} still lacks {entry.name} {entry.version} of {entry.author}"
-                self._findings.say("I2", text)
+                self._run.violation("I2", text)
 
 
 def stands(agent: AgentView, entry: Entry) -> bool:
-    """Whether the agent holds this entry, or one that goes before it."""
+    """Whether the agent holds this entry, or one that wins over it."""
     mine = agent.facts.map.get(entry.author, entry.name)
     if mine is None:
         return False
@@ -118,7 +105,7 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 
 
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
-    """Whether the agent may have dropped this entry, because nothing can reach it any more."""
+    """Whether the agent may have dropped this entry, since no evaluation can read it."""
     parts = entry.parts
     if parts[0] not in ACTIVATION_KINDS:
         return False
@@ -126,12 +113,13 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
 
 
 class NothingUndone:
-    """I3: a process never loses an outcome, and what is finished stays finished: global tasks, and
-    the mission. Robots that have always heard one another stop with the same result.
+    """I3: a process never loses an outcome; global tasks and missions that are finished stay so.
+
+    Robots that have always heard one another stop with the same result.
     """
 
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
         self._outcomes: dict[SimProcess, dict[tuple[str, str], bool]] = {}
         self._finished: dict[SimProcess, set[str]] = {}
         self._seen: dict[SimProcess, tuple[int, int]] = {}
@@ -141,18 +129,18 @@ class NothingUndone:
     def started(self, agent: AgentView, start: StartAction) -> None:
         if agent.facts.task_status(start.global_task, start.activation) is not Status.RUNNING:
             text = f"{agent.robot} starts {start.activation}, which it knows to be over"
-            self._findings.say("I3", text)
+            self._run.violation("I3", text)
         if agent.facts.result(agent.alive()) is not None:
             text = f"{agent.robot} starts {start.activation}, but knows that the mission has ended"
-            self._findings.say("I3", text)
+            self._run.violation("I3", text)
 
     def stopped(self, agent: AgentView, stop: Stop) -> None:
         if not stop.reason.startswith("mission "):
             return
         for other, reason in self._stopped.items():
-            if reason != stop.reason and not self._findings.world.cut_off:
+            if reason != stop.reason and not self._run.world.cut_off:
                 text = f"{agent.robot} stops with {stop.reason}, {other} has with {reason}"
-                self._findings.say("I3", text)
+                self._run.violation("I3", text)
         self._stopped[agent.robot] = stop.reason
 
     def check(self, process: SimProcess, agent: AgentView) -> None:
@@ -172,11 +160,11 @@ class NothingUndone:
             if now.get(key, False) < success or key not in now:
                 robot, name = key
                 if not evaluator.is_obsolete(parse_activation(split_name(name)[1]), facts):
-                    self._findings.say("I3", f"{agent.robot} has lost {name} of {robot}")
+                    self._run.violation("I3", f"{agent.robot} has lost {name} of {robot}")
         self._outcomes[process] = now
-        self._findings.checks["I3"] += len(now)
+        self._run.checks["I3"] += len(now)
         finished = self._finished.setdefault(process, set())
-        begun = {name for name, said in facts.activations.items() if said.has_outcome}
+        begun = {name for name, each in facts.activations.items() if each.has_outcome}
         for activation in sorted(finished | begun):
             scope = parse_activation(activation)
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
@@ -187,15 +175,15 @@ class NothingUndone:
                 finished.discard(activation)
                 if not evaluator.is_obsolete(scope, facts):
                     text = f"for {agent.robot} {activation} is not finished any more"
-                    self._findings.say("I3", text)
+                    self._run.violation("I3", text)
 
     def _check_end(self, process: SimProcess, agent: AgentView) -> None:
-        """What most robots have agreed on is the mission's result, unless success comes later."""
+        """The mission's result is final, unless success follows failure."""
         result, before = agent.facts.result(agent.mission.robots), self._ended.get(process)
         if before is not None and result not in (before, Status.SUCCESS):
-            self._findings.say("I3", f"for {agent.robot} the mission has not ended any more")
+            self._run.violation("I3", f"for {agent.robot} the mission has not ended any more")
         if result is not None:
-            self._findings.checks["I3"] += 1
+            self._run.checks["I3"] += 1
             self._ended[process] = result
 
     def _check_round(
@@ -205,7 +193,7 @@ class NothingUndone:
         activation: str,
         outcomes: Mapping[tuple[str, str], bool],
     ) -> None:
-        """I4 for what coalitions do: nu successes of one coalition, or the operator's word."""
+        """I4 of coalitions: nu successes of one coalition, or the operator has ended the task."""
         task = agent.mission.global_tasks[task_id]
         if not task.by_coalition:
             return
@@ -217,27 +205,19 @@ class NothingUndone:
         enough = (all(r[n.local_task] >= n.min_robots for n in task.needs) for r in rounds.values())
         done = any(entry.name == f"{DONE}/{activation}" for entry in agent.facts.map)
         if not done and not any(enough):
-            text = (
-                f"for {agent.robot} {activation} is finished, but no coalition has done all of it"
-            )
-            self._findings.say("I4", text)
+            text = f"for {agent.robot} {activation} is finished, but by no whole coalition"
+            self._run.violation("I4", text)
 
 
-class GarbageChangesNothing:
-    """I8: nothing malformed, foreign or forged stops an agent or leaves a trace."""
-
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
-
-    def arrives(self, process: SimProcess, event: Input) -> None:
-        """Let garbage arrive, and see that nothing of it stays."""
-        process.deliver(TimerFired())
-        if process.runs and not process.is_slow:
-            self._findings.checks["I8"] += 1
-        before = _state(process)
-        process.deliver(event)
-        if before != _state(process):
-            self._findings.say("I8", f"{process.robot} was changed by garbage {event!r:.200}")
+def garbage_changes_nothing(run: RunFindings, process: SimProcess, event: Input) -> None:
+    """I8: deliver something malformed, foreign or forged; the agent's state stays as it was."""
+    process.deliver(TimerFired())
+    if process.runs and not process.is_slow:
+        run.checks["I8"] += 1
+    before = _state(process)
+    process.deliver(event)
+    if before != _state(process):
+        run.violation("I8", f"{process.robot} was changed by garbage {event!r:.200}")
 
 
 def _state(process: SimProcess) -> tuple[object, ...]:

@@ -1,4 +1,4 @@
-"""What all checkers share: where they note what they find, and how long things may take."""
+"""The state that all checkers share: violations found, and how long things may take."""
 
 from __future__ import annotations
 
@@ -17,13 +17,11 @@ MAX_VIOLATIONS = 50
 
 
 class RunFindings:
-    """Collects violations.
+    """The violations of a run, and the times that checkers wait for.
 
-    `changed_us` is when a fact was last written, `fault_us` when the last fault came, `cut_us` when
-    a link was last cut or came back, `other_us` when the last fault of another kind came.
-
-    `checks` counts how often there was something to check, per invariant: no violation of what
-    was never checked means nothing.
+    `changed_us`: the last write of a fact; `fault_us`: the last fault; `cut_us`: by link, when it
+    was last cut or came back; `other_us`: the last fault of another kind. `checks` counts the
+    checks per invariant: without checks, no violations mean nothing.
     """
 
     def __init__(self, world: World) -> None:
@@ -36,14 +34,14 @@ class RunFindings:
         self.checks: Counter[str] = Counter()
 
     def fault_came(self, links: Iterable[Link] | None = None) -> None:
-        """There is a fault now: of these links, or (None) of something else."""
+        """Note a fault: of these links, or (None) of another kind."""
         self.fault_us = now_us = self.world.clock.now_us
         if links is None:
             self.other_us = now_us
         else:
             self.cut_us.update(dict.fromkeys(links, now_us))
 
-    def say(self, invariant: str, text: str) -> None:
+    def violation(self, invariant: str, text: str) -> None:
         """Note a violation."""
         if len(self.violations) < MAX_VIOLATIONS:
             at_s = self.world.clock.now_us / 1e6
@@ -53,21 +51,26 @@ class RunFindings:
     def repair_us(self) -> int:
         """How long facts may take to reach everybody, when no message is lost."""
         timing = self.world.timing
-        # A question may just have been asked in vain; then facts are pulled in at most two steps.
+        # A question may just have failed; then facts are pulled in at most two steps.
         repair_us = timing.ask_timeout_us + 4 * timing.repair_us + 2 * timing.heartbeat_us
         return repair_us + 6 * (self.world.network.slowest_us + self.world.plan_delay_us)
 
     @property
-    def failure_latch_us(self) -> int:
-        """How long it may take until all agree on who is alive, and newcomers have joined."""
+    def agreement_us(self) -> int:
+        """How long it may take until all have the same members, and newcomers have joined."""
         knobs = self.world.network.knobs
         return self.world.timing.max_detection_us + (knobs.token_delay_us or 0)
+
+    @property
+    def settling_us(self) -> int:
+        """How long it may take until all have the same facts and the same members."""
+        return self.repair_us + self.agreement_us
 
     @property
     def may_lack_grants(self) -> bool:
         """Whether a living robot does not hear a majority, itself included, both ways.
 
-        Grants ride on heartbeats, which nobody passes on, so it may ask for them in vain.
+        Grants travel with heartbeats, which nobody relays.
         """
         blocked, grantors = self.world.network.blocked, self.world.mission.robot_ids
         living = [process.robot for process in self.world.living() if process.robot in grantors]
@@ -79,7 +82,7 @@ class RunFindings:
 
     @property
     def is_tolerable(self) -> bool:
-        """Whether nothing is broken now: liveness may be demanded."""
+        """Whether no message is lost and no robot is slow now, so that liveness is required."""
         world = self.world
         reliable = world.network.is_reliable_at(world.clock.now_us)
         return reliable and not any(process.is_slow for process in world.living())
@@ -100,14 +103,14 @@ def joined(world: World) -> list[AgentView]:
 
 
 def is_connected(agents: list[AgentView], blocked: set[Link]) -> bool:
-    """Whether all hear one another both ways, directly or over others."""
+    """Whether all hear one another both ways, directly or through others."""
     return not blocked or len(components(agents, blocked)) == 1
 
 
 def components(agents: list[AgentView], blocked: set[Link]) -> list[list[AgentView]]:
-    """The robots that hear one another both ways, directly or over others.
+    """The groups of robots that hear one another both ways, directly or through others.
 
-    Left out are those that hear, or are heard by, somebody who is in no such relation to them.
+    A group that has a one-way link to or from another one is left out.
     """
     rest, found = list(agents), []
     while rest:

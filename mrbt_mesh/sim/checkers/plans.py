@@ -1,4 +1,4 @@
-"""I1: same facts and same alive set give the same plan. I7: assignments are optimal, canonical."""
+"""I1: same facts and same alive set, same plan. I7: assignments are optimal and canonical."""
 
 from __future__ import annotations
 
@@ -18,99 +18,70 @@ from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
 MAX_CHOICES = 2_000
 
 
-class SamePlan:
+def same_plan(run: RunFindings, agents: Iterable[AgentView]) -> None:
     """I1: robots with the same facts and the same alive set hold the same plan."""
-
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
-
-    def sample(self, agents: Iterable[AgentView]) -> None:
-        groups: dict[tuple[object, ...], list[AgentView]] = {}
-        for agent in agents:
-            key = (agent.facts.map.digest(), tuple(sorted(agent.alive().items())))
-            groups.setdefault(key, []).append(agent)
-        for group in groups.values():
-            if len(group) > 1:
-                self._findings.checks["I1"] += 1
-                solver = self._findings.world.solver
-                plans = {current_plan(agent, solver).packed for agent in group}
-                if len(plans) > 1:
-                    names = ", ".join(agent.robot for agent in group)
-                    self._findings.say("I1", f"{names} have the same facts, but plan differently")
+    groups: dict[tuple[object, ...], list[AgentView]] = {}
+    for agent in agents:
+        key = (agent.facts.map.digest(), tuple(sorted(agent.alive().items())))
+        groups.setdefault(key, []).append(agent)
+    for group in groups.values():
+        if len(group) > 1:
+            run.checks["I1"] += 1
+            if len({current_plan(agent, run.world.solver).packed for agent in group}) > 1:
+                names = ", ".join(agent.robot for agent in group)
+                run.violation("I1", f"{names} have the same facts, but plan differently")
 
 
-class OptimalAssignment:
-    """I7: what is assigned is what trying out everything finds first, on cases that are small.
+def optimal_assignment(run: RunFindings, agent: AgentView) -> None:
+    """I7: the plan is that of the facts, and its assignment the first of the best.
 
-    Looks at one robot's plan per sample, in turn; it must also be the plan that follows from
-    the facts as they are now, evaluated from scratch.
+    The best is found by trying every assignment, in problems that are small enough for that.
     """
+    problems: list[AssignmentProblem] = []
 
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
-        self._turn = 0
+    def noting(problem: AssignmentProblem) -> Sequence[int] | Integers | None:
+        problems.append(problem)
+        return run.world.solver(problem)
 
-    def sample(self, agents: Sequence[AgentView]) -> None:
-        if not agents:
-            return
-        self._turn += 1
-        agent = agents[self._turn % len(agents)]
-        problems: list[AssignmentProblem] = []
-
-        def noting(problem: AssignmentProblem) -> Sequence[int] | Integers | None:
-            problems.append(problem)
-            return self._findings.world.solver(problem)
-
-        noting.supports_constraints = True  # type: ignore[attr-defined]
-        plan = make_plan(agent.facts, agent.alive(), noting)
-        if current_plan(agent, self._findings.world.solver).packed != plan.packed:
-            self._findings.say("I7", f"the plan of {agent.robot} is not that of its facts")
-        for problem in problems:
-            self._check(agent, problem)
-
-    def _check(self, agent: AgentView, problem: AssignmentProblem) -> None:
+    noting.supports_constraints = True  # type: ignore[attr-defined]
+    plan = make_plan(agent.facts, agent.alive(), noting)
+    if current_plan(agent, run.world.solver).packed != plan.packed:
+        run.violation("I7", f"the plan of {agent.robot} is not that of its facts")
+    for problem in problems:
         if math.prod(len(options) + 1 for options in problem.performance) > MAX_CHOICES:
-            return
-        self._findings.checks["I7"] += 1
-        best = brute_force(problem)
-        found = solve(problem, self._findings.world.solver)
+            continue
+        run.checks["I7"] += 1
+        best, found = brute_force(problem), solve(problem, run.world.solver)
         if best != found:
             text = f"{agent.robot} assigns {found}, the first of the best is {best}, of {problem}"
-            self._findings.say("I7", text)
+            run.violation("I7", text)
         if list(problem.robots) != sorted(problem.robots):
-            self._findings.say("I7", f"{agent.robot} assigns robots in the order {problem.robots}")
+            run.violation("I7", f"{agent.robot} assigns robots in the order {problem.robots}")
 
 
-class BidsFirst:
-    """I7 needs the bids: nobody claims what robots bid for while a bid of the living is missing,
-    unless it was waited for long enough, or somebody else is at work on the activation already.
+def bids_first(run: RunFindings, agent: AgentView, claim: Claim) -> None:
+    """I7: a robot claims what robots bid for only once it has the bids of all living ones.
+
+    Unless the time for bids is over, or another robot already works on the activation.
     """
-
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
-
-    def claimed(self, agent: AgentView, claim: Claim) -> None:
-        """The agent has just made this claim."""
-        facts, activation = agent.facts, claim.activation
-        needs = agent.mission.global_tasks[claim.global_task].needs
-        alive = {r: life for r, life in agent.alive().items() if r in facts.members}
-        others = [facts.valid_claim(robot) for robot in alive if robot != agent.robot]
-        at_work = [each for each in others if each is not None and each.phase > Phase.CLAIMED]
-        if any(each.activation == activation for each in at_work):
-            return
-        if any(facts.results(activation, need.local_task) for need in needs):
-            return
-        for need in needs:
-            said = facts.bids(activation)
-            if not need.by_bid or need.local_task in said.closed:
-                continue
-            self._findings.checks["I7"] += 1
-            bids = said.of(need.local_task)
-            for robot in sorted(alive.keys() - bids.keys()):
-                member, life = facts.members[robot]
-                able = capability(member, need.local_task) is not None
-                if lacked(facts, activation, robot):
-                    continue  # it is not asked
-                if able and life == alive[robot] and not member.is_leaving:
-                    text = f"{agent.robot} claims {claim.local_task} of {activation}"
-                    self._findings.say("I7", f"{text} without a bid of {robot}")
+    facts, activation = agent.facts, claim.activation
+    needs = agent.mission.global_tasks[claim.global_task].needs
+    alive = {r: life for r, life in agent.alive().items() if r in facts.members}
+    others = [facts.valid_claim(robot) for robot in alive if robot != agent.robot]
+    at_work = [each for each in others if each is not None and each.phase > Phase.CLAIMED]
+    if any(each.activation == activation for each in at_work):
+        return
+    if any(facts.results(activation, need.local_task) for need in needs):
+        return
+    known = facts.bids(activation)
+    for need in needs:
+        if not need.by_bid or need.local_task in known.closed:
+            continue
+        run.checks["I7"] += 1
+        for robot in sorted(alive.keys() - known.of(need.local_task).keys()):
+            member, life = facts.members[robot]
+            able = capability(member, need.local_task) is not None
+            is_asked = able and life == alive[robot] and not member.is_leaving
+            if is_asked and not lacked(facts, activation, robot):
+                text = f"{agent.robot} claims {claim.local_task} of {activation}"
+                run.violation("I7", f"{text} without a bid of {robot}")

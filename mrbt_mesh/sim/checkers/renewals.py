@@ -37,9 +37,9 @@ class _Seen:
 class Renewals:
     """I3: an action has another activation once conditions have stood against it, only then."""
 
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
-        self._barriers = list(barriers(findings.world.mission.tree))
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
+        self._barriers = list(barriers(run.world.mission.tree))
         self._seen: dict[SimProcess, _Seen] = {}
 
     def check(self, process: SimProcess, agent: AgentView) -> None:
@@ -53,7 +53,7 @@ class Renewals:
         for request in plan.evaluation.requests:
             last = seen.requested.pop(request.node, None)
             if last is not None:
-                self._findings.checks["I3"] += 1
+                self._run.checks["I3"] += 1
                 self._compare(agent, last, request.activation, request.node in seen.turned)
             seen.turned.discard(request.node)
             if not is_late:  # else its name may tell of a turn of which only the note is here
@@ -67,12 +67,12 @@ class Renewals:
         if last == now:
             if has_turned:
                 text = "what stands before it has turned against it, and it is not done again"
-                self._findings.say("I3", f"for {agent.robot} {now}: {text}")
+                self._run.violation("I3", f"for {agent.robot} {now}: {text}")
             return
         before, after = parse_activation(last), parse_activation(now)
         if before.attempts == after.attempts and not _may_turn(agent, after.node):
             text = f"is done again as {now}, though nothing has turned against it"
-            self._findings.say("I3", f"for {agent.robot} {last} {text}")
+            self._run.violation("I3", f"for {agent.robot} {last} {text}")
 
 
 def _may_turn(agent: AgentView, node: int) -> bool:

@@ -26,8 +26,8 @@ class Resumption:
     has read.
     """
 
-    def __init__(self, findings: RunFindings) -> None:
-        self._findings = findings
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
         self._synced: dict[str, dict[tuple[str, str], Entry]] = {}
         self._versions: dict[tuple[str, str, Version], bytes] = {}
 
@@ -51,12 +51,12 @@ class Resumption:
 
     def _check_restored(self, process: SimProcess, agent: AgentView) -> None:
         for entry in self._synced.get(process.robot, {}).values():
-            self._findings.checks["I9"] += 1
+            self._run.checks["I9"] += 1
             if not stands(agent, entry):
                 text = (
                     f"{agent.robot} had synced {entry.name} {entry.version}, but starts without it"
                 )
-                self._findings.say("I9", text)
+                self._run.violation("I9", text)
 
     def handled(self, process: SimProcess, event: Input, effects: Iterable[Effect]) -> None:
         if isinstance(event, JournalOpened):
@@ -77,7 +77,7 @@ class Resumption:
                 is_known = (process.robot, name) in self._synced.get(process.robot, {})
                 if is_known and process.has_read_journal:
                     text = f"{process.robot} starts {name} again, of which it has the outcome"
-                    self._findings.say("I9", text)
+                    self._run.violation("I9", text)
         for entry in written.values():
             self._check_written(process, entry)
 
@@ -89,7 +89,7 @@ class Resumption:
             return
         if found.version != entry.version:
             text = f"{process.robot} writes {entry.name} {entry.version}, but {found.version}"
-            self._findings.say("I9", f"{text}, which is older, stands")
+            self._run.violation("I9", f"{text}, which is older, stands")
 
     def _forget(self, process: SimProcess, keys: Iterable[tuple[str, str]]) -> None:
         assert process.agent is not None
@@ -98,7 +98,7 @@ class Resumption:
             entry = synced.get(key)
             if entry is not None and not is_obsolete(process.agent.view, entry):
                 text = f"{process.robot} forgets {entry.name}, which can still be reached"
-                self._findings.say("I9", text)
+                self._run.violation("I9", text)
 
     def _check_told(self, process: SimProcess, data: bytes) -> None:
         assert process.agent is not None
@@ -106,11 +106,11 @@ class Resumption:
         for entry in parse_entries(body)[0]:
             if (entry.author, entry.name, entry.version) not in self._versions:
                 text = f"{process.robot} tells {entry.name} {entry.version} before it is synced"
-                self._findings.say("I9", text)
+                self._run.violation("I9", text)
 
     def _write(self, entry: Entry) -> None:
         version = (entry.author, entry.name, entry.version)
         known = self._versions.setdefault(version, entry.packed)
         if known != entry.packed:
             text = f"{entry.author} uses version {entry.version} of {entry.name} for two contents"
-            self._findings.say("I9", text)
+            self._run.violation("I9", text)

@@ -60,35 +60,21 @@ class Surroundings(Protocol):
 
 
 class Inspection:
-    """Called at the moments of a run at which something may be checked; this one checks nothing.
+    """Called at the moments of a run that may be checked; this one checks nothing.
 
-    What it does has no influence on the run.
-    `violations` are the invariants that did not hold, `checks` how often each one was checked.
-    `watches_steps`: whether `handling` and `handled` are called, for each step of each agent.
-    `is_settled`: nothing more will come of the run. `done_twice` counts local tasks that
-    succeeded more often than their `max`, `exclusive_done_twice` exclusive tasks that did.
+    It has no influence on the run. `violations` are the invariants that did not hold, `checks`
+    counts checks per invariant. `is_settled`: nothing more will come of the run. `done_twice`
+    counts local tasks that succeeded more often than their `max`, `exclusive_done_twice` exclusive
+    tasks that did.
     """
 
-    violations: Sequence[str] = ()
-    checks: Mapping[str, int] = {}
-    effect_log: Sequence[str] = ()
-    watches_steps = False
-
-    @property
-    def effect_log_digest(self) -> str:
-        return ""
-
-    @property
-    def is_settled(self) -> bool:
-        return False
-
-    @property
-    def done_twice(self) -> int:
-        return 0
-
-    @property
-    def exclusive_done_twice(self) -> int:
-        return 0
+    def __init__(self) -> None:
+        self.violations: Sequence[str] = ()
+        self.checks: Mapping[str, int] = {}
+        self.effect_log: Sequence[str] = ()
+        self.effect_log_digest = ""
+        self.is_settled = False
+        self.done_twice = self.exclusive_done_twice = 0
 
     def lost_journal(self, robot: str) -> None:
         """A robot is launched with an empty journal."""
@@ -108,27 +94,18 @@ class Inspection:
     def logged(self, robot: str, effect: Effect) -> None:
         """A robot's program, or what runs it, has written to the log."""
 
-    def published_facts(self) -> None:
-        """A robot has published facts."""
-
     def fault_comes(self, fault: Fault) -> None:
         """A fault is about to happen."""
-
-    def stopped(self) -> None:
-        """A robot has stopped by itself."""
 
     def garbage(self, process: SimProcess, event: Input) -> None:
         """Something malformed, foreign or forged arrives."""
         process.deliver(event)
 
     def sample(self) -> None:
-        """Called once per beat period."""
+        """Called once per heartbeat period."""
 
-    def never_stopped(self) -> None:
-        """Some time after robots stopped because the mission is over, others still run."""
-
-    def timed_out(self) -> None:
-        """The run has ended without a result."""
+    def ended(self, outlived: bool, timed_out: bool) -> None:
+        """The run has ended: some robots still run long after the mission; without a result."""
 
 
 class SimProcess:
@@ -266,15 +243,13 @@ class SimProcess:
         if gap_us > world.setup.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TIMER_FIRED)  # as runtime.fencing does
         inspection = world.inspection
-        if inspection.watches_steps:
-            inspection.handling(self, event)
+        inspection.handling(self, event)
         effects = agent.handle(event, now_us)
         if self._recorder is not None:
             self._recorder.step(event, effects, self._clock.now_us)
         for effect in effects:
             self._carry_out(effect)
-        if inspection.watches_steps:
-            inspection.handled(self, event, effects)
+        inspection.handled(self, event, effects)
         if isinstance(event, ActionFinished):
             world.completed(self)
         if not self.pace.is_over:

@@ -13,7 +13,6 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
@@ -117,8 +116,6 @@ class World:
         message = self.bus.publish(process.robot, effect)
         self.injector.heard(message)
         self.observer.message(effect.kind, process.robot, effect.data, self.clock.now_us)
-        if effect.kind is MessageKind.FACT:
-            self.inspection.published_facts()
         self._observe_soon()
 
     def stopped(self, process: SimProcess) -> None:
@@ -132,7 +129,6 @@ class World:
             self.observer.record.over(plan.result, now_us)
             self.clock.at(now_us + GIVE_UP_DETECTIONS * self.timing.detection_us, self._give_up)
         self.bus.withdraw(process.robot)
-        self.inspection.stopped()
 
     def outcome(self, process: SimProcess, event: ActionFinished) -> ActionFinished:
         return self.failures.outcome(process, event)

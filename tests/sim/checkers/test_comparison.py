@@ -74,7 +74,7 @@ def test_what_differs_is_said(change: Callable[[Plan], Plan], part: str) -> None
 @pytest.mark.parametrize(("engine", "times"), TIMES, ids=["changed", "definitions"])
 def test_every_plan_is_compared_with_all_others(team: Team, engine: Engine, times: int) -> None:
     comparison = PlanComparison(engine)
-    comparison.findings = team.checkers.findings
+    comparison.run = team.checkers.run
     facts, alive = team.views[0].facts, team.views[0].alive()
     plan = comparison.engine.plan_making(default_solver)
     plans = []

@@ -23,7 +23,7 @@ def test_i2_waits_until_the_network_is_quiet(team: Team) -> None:
     facts = team.agents[0].view.facts.map
     entry = next(entry for entry in facts if entry.name.startswith(OUTCOME))
     facts.drop(entry.author, entry.name)
-    team.checkers.findings.changed_us = team.clock.now_us - SECOND_US
+    team.checkers.run.changed_us = team.clock.now_us - SECOND_US
     assert team.sample() == []
 
 
@@ -51,10 +51,10 @@ def test_i2_nobody_is_held_for_dead_who_is_heard(team: Team) -> None:
     team.network.blocked = {("B1", "A1"), ("B1", "A2"), ("B2", "A1")}
     assert declared_dead("B1") == [f"{text} C2 hears"]
     # A link that has just come back, or a fault of another kind: give it time.
-    team.checkers.findings.fault_came([("B1", "C2")])
+    team.checkers.run.fault_came([("B1", "C2")])
     assert declared_dead("B1") == []
     team.network.blocked = set()
-    team.checkers.findings.fault_came()
+    team.checkers.run.fault_came()
     assert declared_dead("B1") == []
 
 
@@ -76,9 +76,9 @@ def test_i3_work_that_is_started_although_it_is_done(team: Team) -> None:
 def test_i8_input_that_leaves_a_trace(team: Team) -> None:
     team.clock.now_us = 9 * SECOND_US + 1
     process: Any = team.processes[0]
-    team.checkers.i8.arrives(process, TimerFired())
+    team.checkers.garbage(process, TimerFired())
     assert team.checkers.violations == []
-    team.checkers.i8.arrives(process, CapabilityChanged("replace_hw", lost=True))
+    team.checkers.garbage(process, CapabilityChanged("replace_hw", lost=True))
     assert team.checkers.violations[0].startswith("I8")
 
 
@@ -89,7 +89,7 @@ def test_i2_what_somebody_held_long_ago_and_another_still_lacks(team: Team) -> N
     facts.drop(entry.author, entry.name)
     for _ in range(40):
         team.clock.now_us += SECOND_US // 5
-        team.checkers.findings.changed_us = team.clock.now_us
+        team.checkers.run.changed_us = team.clock.now_us
         team.checkers.sample()
     lacking = [text for text in team.checkers.violations if text.startswith("I2")]
     assert lacking

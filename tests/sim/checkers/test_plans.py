@@ -12,6 +12,7 @@ from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Bounds, SolverError
 from mrbt_mesh.core.assignment.solvers import brute_force, min_cost_flow
 from mrbt_mesh.sim import simulate
+from mrbt_mesh.sim.checkers.plans import optimal_assignment
 from tests.support import inside
 from tests.support.checked_team import SECOND_US, Team
 from tests.support.runs import example
@@ -54,7 +55,7 @@ def test_i7_an_assignment_that_is_not_the_canonical_one() -> None:
     team = Team([agent])
     team.solver = lambda problem: [-1] * len(problem.robots)
     with pytest.raises(SolverError):
-        team.checkers.i7.sample([agent.view])
+        optimal_assignment(team.checkers.run, agent.view)
 
 
 def _waiting_for_work() -> Agent:
@@ -70,11 +71,11 @@ def _waiting_for_work() -> Agent:
 def test_i7_a_plan_that_is_not_that_of_its_facts() -> None:
     agent = _waiting_for_work()
     team = Team([agent])
-    team.checkers.i7.sample([agent.view])
+    optimal_assignment(team.checkers.run, agent.view)
     assert team.checkers.violations == []
     assert team.checkers.checks["I7"] == 1
     assert agent.view.plan is not None
     agent.view.facts.changes -= 1
     inside.planner(agent).plan = dataclasses.replace(agent.view.plan, assignments={})
-    team.checkers.i7.sample([agent.view])
+    optimal_assignment(team.checkers.run, agent.view)
     assert "the plan of R1 is not that of its facts" in team.checkers.violations[0]

@@ -119,7 +119,7 @@ def test_i6_a_robot_that_does_not_join(team: Team) -> None:
     team.healed_us = 0
     agent = team.agents[0]
     inside.context(agent).joining = Joining(team.timing, frozenset(), team.clock.now_us)
-    team.checkers.findings.fault_came()
+    team.checkers.run.fault_came()
     team.checkers.i6.sample()
     assert team.checkers.violations == []
     team.clock.now_us += 30 * SECOND_US
@@ -207,7 +207,7 @@ def test_i6_a_mission_that_may_go_on_for_ever_has_to_go_on(team: Team, goes_on: 
             name = entry.name.replace("::0", f"::{team.clock.now_us}")
             again = parse_entry(entry.author, name, entry.version, [True, None])
             done: Any = Persist((again,), at_once=True)
-            checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
+            checker.handled(process.agent.view, [done])
         checker.sample()
     assert checker.is_settled
     assert bool(team.checkers.violations) is not goes_on
@@ -228,7 +228,7 @@ def test_i6_coalitions_that_form_and_break_are_no_progress(team: Team) -> None:
         names |= {f"{BROKEN}/{scope}/{token}": True}
         entries = tuple(parse_entry("C2", n, version, value) for n, value in names.items())
         done: Any = Persist(entries, at_once=True)
-        checker.handled(process, TimerFired(), [done])  # type: ignore[arg-type]
+        checker.handled(process.agent.view, [done])
         checker.sample()
     assert "remove_cover::0 could be served" in team.checkers.violations[0]
 

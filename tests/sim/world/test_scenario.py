@@ -10,7 +10,7 @@ import pytest
 
 from mrbt_mesh.sim.chaos.draw import ChaosKnobs, chaos, draw_knobs
 from mrbt_mesh.sim.chaos.generate import generate_mission
-from mrbt_mesh.sim.checkers.work import is_endless
+from mrbt_mesh.sim.checkers.progress import is_endless
 from mrbt_mesh.sim.world.faults import Block, Disturb, Heal, Kill, LinkKnobs, Replay
 from mrbt_mesh.sim.world.scenario import KINDS, Scenario, ScenarioError, dump, scenario_from_json
 from tests.support.runs import example
