@@ -14,7 +14,7 @@ _YIELDING = frozenset({"AsyncSequence", "AsyncFallback"})
 def notes(type_name: str, spec: NodeSpec, yields: bool) -> Iterator[str]:
     """The differences at one node with this type in the file.
 
-    `yields`: whether a guard of it, as it stands in the file, returns RUNNING between its steps.
+    `yields`: whether a guard of it, as written in the file, returns RUNNING between its steps.
     """
     is_reactive = spec.memory is Memory.NONE and spec.kind in _REACTIVE_KINDS
     if is_reactive and spec.kind is Kind.IF_THEN_ELSE:

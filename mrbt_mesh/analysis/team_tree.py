@@ -56,7 +56,7 @@ KINDS = {
 
 # Written by our own export: BehaviorTree.CPP keeps it, and ignores it.
 REACTIVE = "_reactive"
-# The condition that stands for AlwaysSuccess; a mission declares it with the default true.
+# The condition in place of AlwaysSuccess; a mission declares it with the default true.
 ALWAYS = "always"
 
 _REASONS = {
@@ -109,7 +109,7 @@ def to_team_tree(
     """Translate a tree with its SubTrees.
 
     A leaf without a model is refused, since it may be an action or a condition, unless
-    `unknown_leaves` says which, or it is one of `conditions`. Raises FileError if the tree
+    `unknown_leaves` gives its category, or it is one of `conditions`. Raises FileError if the tree
     cannot be expanded.
     """
     return translated(library, expand(library, tree), unknown_leaves, conditions)
@@ -147,7 +147,7 @@ def _annotations(root: ExpandedNode) -> dict[tuple[int, ...], dict[str, str]]:
 
 
 class _RefusedError(Exception):
-    """A node that cannot be carried out; the message says why."""
+    """A node that cannot be carried out; the message gives the reason."""
 
 
 class _Translation:
@@ -218,7 +218,7 @@ class _Translation:
                 raise _RefusedError(f"there is no tree {node.type!r}")
             return NodeSpec(Kind.SUBTREE, name=node.name)
         if node.type not in KINDS:
-            raise _RefusedError(f"an unknown {node.category}; a team cannot tell what it does")
+            raise _RefusedError(f"an unknown {node.category}; its effect is not known")
         kind, memory = KINDS[node.type]
         spec = NodeSpec(kind, name=node.name if node.name != node.type else "", memory=memory)
         match kind:

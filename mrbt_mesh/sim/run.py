@@ -47,7 +47,7 @@ class SimulationResult:
     `summary` is what `mrbt up --json` prints, `events` what the robots recorded themselves (the
     lines of events.jsonl), `violations` the invariants that did not hold, `checks` how often each
     one was checked. `done_twice` counts local tasks that succeeded more often than their `max`,
-    `exclusive_done_twice` exclusive tasks that did. `stops` says why each agent stopped: (exit
+    `exclusive_done_twice` exclusive tasks that did. `stops`: why each agent stopped, (exit
     code, reason). `fault_counts`: how many faults of each kind there were. `agents` are those of
     the last processes, to be looked at.
     """
@@ -199,7 +199,7 @@ def _step() -> int | None:
 
 
 def _blocked(frames: list[tuple[str, int]]) -> None:
-    """A program has blocked for too long: said at once, and its work fails when it goes on."""
+    """A program blocks for too long: log it at once, and let its work fail when it goes on."""
     call = UserCall.stepping
     if call is not None:
         call.blocked = (

@@ -23,7 +23,7 @@ MAY_FAIL = "_may_fail"
 def annotated(
     known: Declaration | None, attributes: Mapping[str, str], team: TeamFile
 ) -> Declaration | None:
-    """What the team file says of an action, and besides it what its node says."""
+    """The declaration of an action in the team file, with the annotations of its node."""
     if not {*LISTS, *VALUES, MAY_FAIL} & attributes.keys():
         return known
     known = known or Declaration()

@@ -33,7 +33,7 @@ Pair: TypeAlias = tuple[int, int]
 
 
 def closure(count: int, before: Iterable[Pair]) -> list[set[int]]:
-    """For each element all that come after it. Pairs (i, j) say that i < j comes first."""
+    """For each element all that come after it. Of a pair (i, j), i < j, i comes first."""
     after: list[set[int]] = [set() for _ in range(count)]
     for first, second in sorted(before, reverse=True):
         after[first] |= {second} | after[second]
@@ -65,7 +65,7 @@ def _arranged(
     parts = _components(elements, lambda i, j: j not in after[i] and i not in after[j])
     if len(parts) == 1:
         parts = _cut(elements, after, work, added)
-    # Of two parts all of one come before all of the other: any two elements tell which.
+    # Of two parts all of one come before all of the other: any two elements decide which.
     parts.sort(key=lambda part: sum(part[0] in after[other[0]] for other in parts))
     return Series(tuple(_arranged(part, after, work, added) for part in parts))
 

@@ -33,7 +33,7 @@ _TRANSPARENT = (Kind.INVERTER, Kind.FORCE_SUCCESS, Kind.FORCE_FAILURE, Kind.SUBT
 class Follows:
     """An action that requires what belongs to a robot, and the one whose robot has it.
 
-    `before` is None where the tree does not tell which; then `reason` says why.
+    `before` is None if the tree does not determine it, for this `reason`.
     """
 
     action: str
@@ -94,7 +94,7 @@ def _is_guarded_by(spec: NodeSpec, place: tuple[int, ...], condition: str) -> bo
 def templates(
     found: Iterable[Follows], parameters: Callable[[str], Sequence[str]]
 ) -> tuple[Templates, list[Follows]]:
-    """By type of action, what its robot has to have done; and what cannot be said by type."""
+    """By type of action the call that its robot has to have done; and actions without one."""
     by_type: dict[str, list[Follows]] = {}
     for each in found:
         by_type.setdefault(split_call(each.action)[0], []).append(each)

@@ -82,8 +82,8 @@ class _Flow:
         self.reads(script_access(before).reads, written)
         after = self.inner(node, written)
         for name in POSTCONDITIONS:
-            told = self.scripts([node.conditions.get(name, "")], after)
-            after = told if name in ("_onSuccess", "_post") else after
+            ended = self.scripts([node.conditions.get(name, "")], after)
+            after = ended if name in ("_onSuccess", "_post") else after
         return after
 
     def inner(self, node: ExpandedNode, written: Entries) -> Entries:

@@ -1,7 +1,7 @@
 """What actions and conditions read, write and need, and what a whole subtree does of that.
 
 A subtree is worked through with what is known before it: which conditions hold for certain. An
-action succeeds where what it requires is known to hold, unless it says that it may fail all the
+action succeeds where what it requires is known to hold, unless it declares that it may fail all the
 same; a condition that is asked may always turn out either way, since the world may change it.
 """
 
@@ -20,7 +20,7 @@ Declarations: TypeAlias = Mapping[str, Declaration]
 
 @dataclass(frozen=True, slots=True)
 class EffectSummary:
-    """What a subtree does. `undeclared` are actions that do not say; they may do anything."""
+    """What a subtree does. `undeclared` are actions without declarations; they may do anything."""
 
     reads: frozenset[str] = frozenset()
     writes: frozenset[str] = frozenset()

@@ -22,7 +22,7 @@ from mrbt_mesh.formats.team_file import TeamFile, UnitTaskModel
 
 @dataclass(frozen=True)
 class UnitsByHand:
-    """What a file says belongs together: names of units, and the nodes in each."""
+    """The units of a file: their names, and the nodes in each."""
 
     file: str
     units: Mapping[str, Collection[str]]
@@ -145,7 +145,7 @@ def _check_apart(found: Piece, by_hand: Mapping[int, HandUnit], file: str) -> No
         named = {by_hand[id(node)] for node in inside if id(node) in by_hand}
         if len(named) > 1:
             listed = " and ".join(repr(name) for name in sorted(each.name for each in named))
-            message = f"{listed} cannot be told apart: {'; '.join(unit.reasons)}"
+            message = f"{listed} cannot be separate units: {'; '.join(unit.reasons)}"
             problems.append(Problem(file, 0, "units", message))
     if problems:
         raise FileError(problems)
@@ -230,7 +230,7 @@ def _notes(tasks: UnitTasks, team: UnitTeam) -> list[Problem]:
     file, known = team.team.file, team.team.model.local_tasks
     for entry, reader in tasks.lacking.items():
         message = f"{reader} reads it and nothing in the tree writes it; give it a value here, "
-        message += f"or have the program say it: @robot.entry({entry!r})"
+        message += f"or have the program provide it: @robot.entry({entry!r})"
         notes.append(Problem(file, 0, f"parameters/{entry}", message))
     actions = {n.type: n for use in tasks.uses for n in team.actions(use.piece.nodes)}
     unnamed = [name for name in actions if name not in known]

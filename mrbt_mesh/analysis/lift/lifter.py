@@ -78,7 +78,7 @@ class Lifted:
 @dataclass
 class Lifter:
     """Lifts one tree. `independent` are paths of nodes whose children do not depend on one
-    another, as somebody who knows says: actions there that declare nothing are no obstacle.
+    another, as the user has declared: actions there that declare nothing are no obstacle.
     """
 
     declared: Declarations
@@ -198,7 +198,7 @@ class Lifter:
             Dependence(names[i], names[j], "only to keep the others: no nesting does", True)
             for i, j in added
         ]
-        notes = ("its children are taken to be independent, as was said",) if assumed else ()
+        notes = ("its children are independent, as declared",) if assumed else ()
         self._decide(spec, path, arrangement, dependences, notes)
         before = _before(count, [*reasons, *added])
         return arrangement, [self._known_after(spec, known, before[j]) for j in range(count)]
@@ -213,7 +213,7 @@ class Lifter:
     ) -> str | None:
         """Why the first of the pair has to come before the second, whatever may fail.
 
-        `assumed`: somebody who knows says that the children are independent.
+        `assumed`: the user has declared the children to be independent.
         """
         i, j = pair
         one, other = found[i], found[j]

@@ -140,7 +140,7 @@ def _check_capable(actions: Collection[str], found: Collection[Follows], team: T
 
 
 def _whose(each: Follows, left: Collection[Follows]) -> str:
-    """What became of an action of which the tree does not tell which robot it is for."""
+    """How an action is treated whose robot the tree does not determine."""
     if any((row.action, row.condition) == (each.action, each.condition) for row in left):
         return f"requires {each.condition} of its robot, but any robot may be asked: {each.reason}"
     return f"goes to a robot with {each.condition}, and fails if there is none: {each.reason}"
@@ -182,7 +182,7 @@ def _check_tasks(spec: NodeSpec, team: TeamFile, source: TreeSource) -> None:
 
 
 def _declarations(spec: NodeSpec, found: TeamTree, team: TeamFile) -> dict[str, Declaration]:
-    """What the team file says of each action, and the annotations at the node."""
+    """The declarations of each action: of the team file, and the annotations at the node."""
     declared: dict[str, Declaration] = {}
     for place, _, node in walk(spec):
         if node.kind is not Kind.ACTION:

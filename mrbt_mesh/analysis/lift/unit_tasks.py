@@ -41,7 +41,7 @@ class UnitTask:
 
 @dataclass(frozen=True)
 class UnitUse:
-    """One unit where it stands: the call in the team's tree, and what was split off there."""
+    """One use of a unit: the call in the team's tree, and the piece that was split off there."""
 
     piece: Piece
     task: UnitTask
@@ -52,7 +52,7 @@ class UnitUse:
 class UnitTasks:
     """All units of a tree. `trees`: the <BehaviorTree> elements by ID.
 
-    `lacking`: entries that somebody has to give, and nobody does, each with who reads it.
+    `lacking`: entries without a value, each with its reader.
     """
 
     team: UnitTeam
@@ -210,7 +210,7 @@ def _inside(
 
 
 def _is_plain(node: ExpandedNode) -> bool:
-    """Whether a SubTree can stand by itself, with values for what it is given."""
+    """Whether a SubTree can be a tree of its own, with values for what it is given."""
     scope = node.children[0].scope
     if node.conditions or len(set(scope.remapped.values())) < len(scope.remapped):
         return False
@@ -238,7 +238,7 @@ def _is_subtree(node: ExpandedNode) -> bool:
 
 
 def _is_used(node: ExpandedNode, trees: Mapping[str, Element]) -> bool:
-    """Whether a SubTree stands as such in what is written."""
+    """Whether a SubTree is used as such in the trees that are written."""
     return any(
         (element.get("ID") or element.tag) == node.type
         for tree in trees.values()

@@ -1,4 +1,4 @@
-"""What a team file says of the leaves of a single robot's tree, and so of its units.
+"""The declarations in a team file of the leaves of a single robot's tree, and so of its units.
 
 Local tasks of the team file are leaves here, by their types; their parameters are ports, by name
 or, if no port has such a name, by position. A leaf that the file does not name is one that every
@@ -163,7 +163,7 @@ class UnitTeam:
         return {name: f"the robot's own {kind} {name!r}" for kind, name in own}
 
     def is_undeclared(self, node: ExpandedNode) -> bool:
-        """Whether nobody has said what a leaf of the program needs and changes."""
+        """Whether a leaf of the program has no declarations."""
         if node.type in BUILTIN or self.is_asked(node):
             return False
         match self.category(node):

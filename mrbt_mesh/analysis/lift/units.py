@@ -79,7 +79,7 @@ class OwnUsers:
             self.undeclared[leaf.name] = None
 
     def join(self, other: OwnUsers, number: int) -> None:
-        """Take in child `number`, which uses it as `other` says."""
+        """Take in child `number`, which uses it as in `other`."""
         self.numbers.append(number)
         self.undeclared |= other.undeclared
         self.is_declared |= other.is_declared
@@ -111,7 +111,7 @@ class HandUnit:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What the team file says of leaves.
+    """The declarations of leaves in the team file.
 
     `is_asked`: whether a node is a condition that the whole team knows. `of_robots`: what a leaf
     needs, reads or changes that every robot has for itself. `by_hand`: the unit that a node was
@@ -226,7 +226,7 @@ class Splitter:
         skipping = next((child for child in node.children if may_skip(child)), None)
         is_run = node.type in _RUNS or _needs_all(node)
         if skipping is not None and node.type not in _RUNS and len(node.children) > 1:
-            return self.whole(node, f"{skipping.name} may be skipped, which no outcome tells")
+            return self.whole(node, f"{skipping.name} may be skipped, and no outcome reports that")
         groups = self.groups(node)
         if len(groups) == 1 and len(node.children) > 1:
             return Piece((node,), True, groups[0][1])
@@ -246,7 +246,7 @@ class Splitter:
         return Piece((node,), True, (reason,))
 
     def undecidable(self, node: ExpandedNode, children: Sequence[Piece]) -> str:
-        """What comes up once it is known which units there would be."""
+        """Why the units that were found cannot be used; empty if they can."""
         guards = children[:1] if node.type == "WhileDoElse" else children[:-1]
         if node.type in _REACTIVE:
             for guard in guards:
@@ -358,7 +358,7 @@ class Splitter:
                 yield use
 
     def why(self, entry: str, rows: Sequence[tuple[ExpandedNode, EntryAccess]]) -> str:
-        """Who writes an entry and who reads it."""
+        """The writers and the readers of an entry."""
         parts = []
         for child, found in rows:
             does = "reads and writes" if entry in found.reads & found.writes else "writes"
@@ -367,7 +367,7 @@ class Splitter:
         return f"the entry {self.key(entry, rows[0][0])!r}: {', '.join(parts)}"
 
     def key(self, entry: str, node: ExpandedNode) -> str:
-        """What an entry is called where a node stands."""
+        """The name of an entry at a node."""
         return next(iter(node.scope.names_of(entry)), entry)
 
     def guarded(self, node: ExpandedNode) -> Iterator[tuple[int, int, str]]:
@@ -390,7 +390,7 @@ class Splitter:
             if not self.acts(child):
                 yield first, last, f"{child.name} alone is no work for a robot"
             elif may_skip(child):
-                yield first, last, f"{child.name} may be skipped, which no outcome tells"
+                yield first, last, f"{child.name} may be skipped, and no outcome reports that"
 
     def acts(self, node: ExpandedNode) -> bool:
         """Whether any action of the program is in it."""

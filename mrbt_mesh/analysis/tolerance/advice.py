@@ -83,7 +83,7 @@ def advise(
     if reading.is_feasible and not reading.critical(single):
         return Additions(0, 0, True, {}, ())
     if any(reading.services[each].is_bound for each in reading.required.services):
-        # Who may be added would have to be able to do both tasks, and be lost after neither.
+        # An added robot would have to do both tasks, and not be lost after either.
         return Additions(None, 0, False, {}, ())
     built = _Advice(reading, costs, *kinds)
     built.survive(None)
@@ -107,7 +107,7 @@ def advise(
 
 
 def _canonical(mission: Mission, fault: Fault) -> Fault:
-    """New robots of one type are alike: the first stands for all."""
+    """New robots of one type are alike: the first represents all."""
     robot = _robot_of(fault)
     if robot in mission.robots:
         return fault
@@ -221,7 +221,7 @@ class _Advice:
         for (kind, name), row in rows.items():
             supply: Variable = 1
             if kind == "type":
-                # The one that the fault hits stands beside the others of its type.
+                # The one that the fault hits is counted apart from the others of its type.
                 is_hit = fault is not None and _robot_of(fault) == _first_of(name)
                 supply = self.robots[name] - (self.any_new[name] if is_hit else 0)
             elif kind == "hit":

@@ -29,7 +29,7 @@ ASSUMPTIONS = (
     "Each condition may read either value each time it is read; values with which the tree "
     "could not succeed even if every task were feasible do not count.",
     "A feasible task succeeds or fails as the mission needs it; an infeasible one blocks for "
-    "ever, or fails where it says blocked: {fail_after_s}.",
+    "ever, or fails with blocked: {fail_after_s}.",
     "A task with same_robot_as is for the robots that did another one, which may be any that could "
     "have, and may be lost in between. Conditions alone take a living robot, too.",
     "An exclusive task needs a living majority of the robots that the mission names; minor faults "
@@ -63,7 +63,7 @@ def assumptions(mission: Mission) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class ReadingResult:
-    """One reading: both kinds of faults, and what stands in the way if it is not feasible."""
+    """One reading: both kinds of faults, and the obstacle if it is not feasible."""
 
     question: Question
     major: Tolerance

@@ -79,7 +79,7 @@ def _before(mission: Mission, need: Need) -> tuple[list[str], int]:
 def _choices(
     befores: dict[str, tuple[list[str], int]], needs: int
 ) -> Iterator[dict[str, set[str]]]:
-    """Who may have done what, if there are few ways; one need alone is simpler as a count."""
+    """The ways in which robots may have done it, if these are few; one need alone is a count."""
     if needs == 1 or prod(comb(len(r), count) for r, count in befores.values()) > MAX_CHOICES:
         return
     for chosen in product(*(combinations(robots, count) for robots, count in befores.values())):
@@ -95,7 +95,7 @@ def _limited(need: JointNeed, chosen: dict[str, set[str]]) -> JointNeed:
 
 
 def _all_but_spare(need: JointNeed, bound: Need, before: tuple[list[str], int]) -> JointNeed:
-    """So many of those who may have done it have to be able that enough of any choice are."""
+    """As many of the robots that may have done it have to be able as make any choice sufficient."""
     robots, count = before
     entries = {robot: e for robot, e in need.entries.items() if robot in robots}
     return JointNeed(need.local_task, len(robots) - count + bound.min_robots, entries)

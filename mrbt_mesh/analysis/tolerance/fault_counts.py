@@ -249,7 +249,7 @@ def _branches(reading: Reading) -> tuple[Formula, ...]:
 
 @dataclass(frozen=True)
 class _Estimate:
-    """At least so many faults make a formula true; `fatal` do; it is `touched` by these."""
+    """A formula takes at least `least` faults, `fatal` are some, and only `touched` matter."""
 
     least: int
     fatal: tuple[Fault, ...]

@@ -269,7 +269,7 @@ def optimum(
         # The bound that the solver reports then need not be one.
         return Answer(None, None, False), {}
     proved = status == cp_model.OPTIMAL
-    # The bound is a float that may fall short of the integer that it stands for.
+    # The bound is a float that may be a little below its integer.
     bound = round(solver.best_objective_bound)
     values = {key: solver.value(variable) for key, variable in variables.items()}
     return Answer(round(solver.objective_value), bound, proved), values

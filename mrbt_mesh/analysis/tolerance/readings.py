@@ -137,7 +137,7 @@ def _impossible(mission: Mission, services: tuple[Service, ...]) -> Reading:
 def _checked(reading: Reading) -> Question:
     last = len(reading.services) - 1  # somebody
     if not reading.required.is_ruined(range(last)):
-        # Conditions may be all that it takes, and who is left to read them?
+        # Conditions alone may suffice, but a living robot has to read them.
         formulas = reading.required.formulas
         ruin = formulas.any((reading.required.ruin, formulas.atom(last)))
         reading = replace(reading, required=Requirement(formulas, ruin))

@@ -3,6 +3,5 @@
 `draw` makes a scenario of a seed, `generate` a mission (its robots: `random_robot`), `campaign`
 runs many seeds, `minimise` cuts down.
 
-Imports `run`, `checkers` and `engine`, never `statistics`. A seed says everything: a failure can
-be replayed from it.
+A seed determines the whole run, so a failure can be replayed from it.
 """

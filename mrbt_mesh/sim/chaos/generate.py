@@ -1,7 +1,7 @@
 """Random missions: trees of all kinds of nodes, robots, capabilities, policies. One seed, one file.
 
-They are written as mission files and read like any other, so that whatever fails can be kept,
-looked at and cut down by hand.
+They are written as mission files and read like any other, so that a failing one can be kept and
+reduced by hand.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The robots of generated missions: work that takes time, fails now and then, sets conditions.
 
-What they do is in the mission file's parameters, so that the file says it all:
+The mission file's parameters determine their behaviour:
 
     parameters:
       salt: 7
@@ -53,7 +53,7 @@ def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
 
 @robot.local_task("*")
 async def work(task: TaskContext, *arguments: str) -> bool:
-    """Take as long as this robot needs, then end as the mission file says."""
+    """Take as long as this robot needs, then end as the mission file determines."""
     behaviour = task.parameters.get("tasks", {}).get(task.local_task.partition("(")[0], {})
     _record(task, "start")
     try:
@@ -80,7 +80,7 @@ async def work(task: TaskContext, *arguments: str) -> bool:
 async def bid(task: TaskContext, *arguments: str) -> float | None:
     """A travel cost from one of a few distances, so that many assignments are equally good.
 
-    Some have none to tell, some break, and some think for longer than anybody waits.
+    Some make no bid, some raise, and some take longer than the time for bids.
     """
     behaviour = task.parameters.get("tasks", {}).get(task.local_task.partition("(")[0], {})
     chances, drawn = behaviour.get("bid", {}), _permille(task, "bids")

@@ -17,7 +17,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 class Barrier:
     """A subtree of conditions alone, and the actions that it can keep from being reached.
 
-    While `evaluator` says `against`, the nodes `behind` are out of reach.
+    While `evaluator` returns `against`, the nodes `behind` cannot be reached.
     """
 
     evaluator: Evaluator
@@ -64,7 +64,7 @@ def actions_below(tree: Tree, indexes: Iterable[int]) -> frozenset[int]:
 def lacked(facts: TeamFacts, activation: str, robot: str) -> str:
     """The conditions that keep a robot from an activation, with its own values in their places.
 
-    Empty if there are none. Looked at is what the robots have for themselves and what stands left
+    Empty if there are none. Considered are per-robot conditions left
     of the activation in a Sequence or Fallback without memory, or in such a Sequence as the first
     child of a Fallback with an action, or as the alternative to actions that have failed.
     """

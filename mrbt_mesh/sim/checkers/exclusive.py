@@ -1,8 +1,7 @@
 """I5: an exclusive task has one coalition at a time, and is not begun again once it was.
 
-Judged by what the robots' actions do, not by what anybody believes: a robot works from the
-start of its action until that has ended, or its process is gone. One that is frozen does
-nothing meanwhile. Whether a majority has let it begin is judged by what robots have put on disk.
+A robot works from the start of its action until that has ended, or its process has; a frozen one
+does not work. Grants and claims count once robots have them on disk.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from mrbt_mesh.sim.world.process import SimProcess
 
 @dataclass
 class _Coalition:
-    """Who has begun, who is still at it, and how the others ended (None: without an outcome)."""
+    """The robots that began, their tickets, and how they ended (None: without an outcome)."""
 
     tasks: dict[SimProcess, str] = field(default_factory=dict)
     tickets: dict[SimProcess, int] = field(default_factory=dict)
@@ -40,7 +39,7 @@ class _Coalition:
         return all(done.count(need.local_task) >= need.min_robots for need in task.needs)
 
     def is_resolved(self) -> bool:
-        """Whether everybody who has begun has ended with an outcome."""
+        """Whether all that began have ended with an outcome."""
         return all(self.ends.get(process) is not None for process in self.tasks)
 
 
@@ -91,8 +90,8 @@ class Exclusive:
         known = self._coalitions.setdefault((start.global_task, start.activation), {})
         givers = self._givers.get((start.activation, start.coalition), set())
         if 2 * len(givers) <= len(run.world.mission.robots):
-            who = ", ".join(sorted(givers)) or "nobody"
-            text = f"{process.robot} begins {start.activation}, which only {who} granted"
+            granted = ", ".join(sorted(givers)) or "nobody"
+            text = f"{process.robot} begins {start.activation}, which only {granted} granted"
             run.violation("I5", text)
         if self._claimed.get(process.robot) != start.activation:
             text = f"{process.robot} begins {start.activation}, and its claim is not on disk"
@@ -100,13 +99,13 @@ class Exclusive:
         for token, other in known.items():
             if token == start.coalition:
                 continue
-            who = f"{process.robot} begins {start.activation} ({start.coalition})"
+            begins = f"{process.robot} begins {start.activation} ({start.coalition})"
             if others := other.at_work():
-                text = f"{who} while {', '.join(others)} are at it ({token})"
+                text = f"{begins} while {', '.join(others)} are at it ({token})"
             elif other.has_succeeded(task):
-                text = f"{who}, which was finished ({token})"
+                text = f"{begins}, which was finished ({token})"
             elif not other.is_resolved() and task.in_doubt is not InDoubtPolicy.RETRY:
-                text = f"{who}, which was left in doubt ({token})"
+                text = f"{begins}, which was left in doubt ({token})"
             else:
                 continue
             run.violation("I5", text)
@@ -116,7 +115,7 @@ class Exclusive:
 
     @property
     def wait_us(self) -> int:
-        """How long everybody may wait, and write nothing, for grants to run out."""
+        """How long robots may wait, and write nothing, for grants to expire."""
         return self._run.world.timing.lease_us if self._tasks else 0
 
     @property

@@ -1,8 +1,8 @@
 """Whether the living could finish a mission, by the plain evaluator over the rest of its tree.
 
 Every way in which what they can do may end is tried out. A request that the living can serve may
-succeed or fail; one that they cannot fails if a robot has failed there, or if its policy says so
-after a time; any other keeps what waits for it waiting for ever.
+succeed or fail; one that they cannot fails if a robot has failed there, or by its policy after a
+time; any other blocks for ever.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mrbt_mesh.core.planning.capabilities import capabilities_of
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.side_constraints import feasibility
 
-# After so many evaluations nothing is demanded of the team.
+# The search ends after this many evaluations, and nothing is required of the team.
 MAX_EVALUATIONS = 300
 
 

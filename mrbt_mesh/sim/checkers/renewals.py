@@ -1,6 +1,6 @@
-"""I3: what stands behind conditions is done again where they turn against it, and only there.
+"""I3: work behind conditions is done again if they turn against it, and only then.
 
-Told from the tree and from what conditions say, without the guards that the product derives.
+Found from the tree and the values of conditions, without the guards that the product derives.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_CONDITIONS = 6
 
 @dataclass
 class _Seen:
-    """What one process was asked for: by node the last activation, and what has turned since."""
+    """One process: its last plan, the last activation of each node, and the nodes renewed since."""
 
     plan: Plan | None = None
     requested: dict[int, str] = field(default_factory=dict)
@@ -35,7 +35,7 @@ class _Seen:
 
 
 class Renewals:
-    """I3: an action has another activation once conditions have stood against it, only then."""
+    """I3: an action gets another activation if conditions have turned against it, and only then."""
 
     def __init__(self, run: RunFindings) -> None:
         self._run = run
@@ -56,7 +56,7 @@ class Renewals:
                 self._run.checks["I3"] += 1
                 self._compare(agent, last, request.activation, request.node in seen.turned)
             seen.turned.discard(request.node)
-            if not is_late:  # else its name may tell of a turn of which only the note is here
+            if not is_late:  # else its name may count a turn that this robot has not received yet
                 seen.requested[request.node] = request.activation
         if seen.requested and not is_late:
             for barrier in self._barriers:
@@ -66,7 +66,7 @@ class Renewals:
     def _compare(self, agent: AgentView, last: str, now: str, has_turned: bool) -> None:
         if last == now:
             if has_turned:
-                text = "what stands before it has turned against it, and it is not done again"
+                text = "the conditions before it have turned against it, and it is not done again"
                 self._run.violation("I3", f"for {agent.robot} {now}: {text}")
             return
         before, after = parse_activation(last), parse_activation(now)
@@ -79,7 +79,7 @@ def _may_turn(agent: AgentView, node: int) -> bool:
     """Whether the conditions that have ever changed can keep a node from being reached.
 
     With what actions have done so far, or with all of it to be done again: a condition that turns
-    may have renewed what stands before the node.
+    may have renewed the work before the node.
     """
     facts = agent.facts
     conditions = sorted(conditions_in(facts.mission.tree.spec(0)))
@@ -108,7 +108,7 @@ class _Otherwise(OverlaidFacts):
 
 
 def _notes(facts: TeamFacts) -> Iterator[tuple[str, int]]:
-    """The conditions that robots have read for what they say of several, and their revisions."""
+    """The conditions that robots have read for joint guards, and their revisions."""
     for entry in facts.map:
         if isinstance(entry.record, ExpressionRevision):
             per_robot, name = facts.mission.per_robot, entry.parts[1]
@@ -126,5 +126,5 @@ def _changed(facts: TeamFacts) -> set[str]:
 
 
 def _has_late_news(facts: TeamFacts) -> bool:
-    """Whether others have read conditions of which this robot has yet to hear."""
+    """Whether others have read values of conditions that this robot has not received yet."""
     return any(facts.conditions.revision(name) < revision for name, revision in _notes(facts))

@@ -19,8 +19,8 @@ from mrbt_mesh.sim.world.process import SimProcess
 class Resumption:
     """Keeps its own account of what each robot has on disk, over all its lives.
 
-    What a robot writes goes before what it wrote earlier, also in earlier lives; nothing is told
-    before the journal has it to write; what is on disk is known after a restart, unless it was
+    A robot's entries win over its earlier ones, also of earlier lives; nothing is published
+    before it was handed to the journal; what is on disk is known after a restart, unless it was
     forgotten because nothing can reach it, or as soon as the disk can be read; no version is ever
     used for two contents; and no robot starts a local task again whose outcome it has on disk, and
     has read.
@@ -32,7 +32,7 @@ class Resumption:
         self._versions: dict[tuple[str, str, Version], bytes] = {}
 
     def lost_journal(self, robot: str) -> None:
-        """The robot's disk is gone: nothing of it can come back."""
+        """The robot has lost its disk."""
         self._synced.pop(robot, None)
 
     def booted(self, process: SimProcess, agent: AgentView) -> None:
@@ -71,7 +71,7 @@ class Resumption:
             elif isinstance(effect, Forget):
                 self._forget(process, effect.keys)
             elif isinstance(effect, Publish) and effect.kind is MessageKind.FACT:
-                self._check_told(process, effect.data)
+                self._check_published(process, effect.data)
             elif isinstance(effect, StartAction):
                 name = f"{OUTCOME}/{effect.activation}/{effect.local_task}"
                 is_known = (process.robot, name) in self._synced.get(process.robot, {})
@@ -89,7 +89,7 @@ class Resumption:
             return
         if found.version != entry.version:
             text = f"{process.robot} writes {entry.name} {entry.version}, but {found.version}"
-            self._run.violation("I9", f"{text}, which is older, stands")
+            self._run.violation("I9", f"{text}, which is older, wins")
 
     def _forget(self, process: SimProcess, keys: Iterable[tuple[str, str]]) -> None:
         assert process.agent is not None
@@ -100,12 +100,12 @@ class Resumption:
                 text = f"{process.robot} forgets {entry.name}, which can still be reached"
                 self._run.violation("I9", text)
 
-    def _check_told(self, process: SimProcess, data: bytes) -> None:
+    def _check_published(self, process: SimProcess, data: bytes) -> None:
         assert process.agent is not None
         _, body = decode(data, process.agent.view.header, MessageKind.FACT)
         for entry in parse_entries(body)[0]:
             if (entry.author, entry.name, entry.version) not in self._versions:
-                text = f"{process.robot} tells {entry.name} {entry.version} before it is synced"
+                text = f"{process.robot} publishes {entry.name} {entry.version} before it is synced"
                 self._run.violation("I9", text)
 
     def _write(self, entry: Entry) -> None:

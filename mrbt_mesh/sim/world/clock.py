@@ -81,7 +81,7 @@ class VirtualClock:
 class LocalClock:
     """The two clocks of one robot's computer, as Linux has them, in microseconds.
 
-    `monotonic_us` times its waits and stands still while the computer is suspended;
+    `monotonic_us` times its waits and does not run while the computer is suspended;
     `boottime_us`, which agents go by, does not. Both may run fast or slow by `rate_ppm`, and the
     boot-time clock may jump ahead (a virtual machine that is resumed). It never goes back.
     """
@@ -228,7 +228,7 @@ class VirtualLoop(RobotLoop):
     ) -> asyncio.TimerHandle:
         self._clock.touched = True
         gate = current_gate.get()
-        # Who asks for a part of a microsecond and then looks at `time` would ask for ever.
+        # A loop that waits for a part of a microsecond and then reads `time` would never end.
         now_s = self.time()
         if now_s < when < now_s + 1 / MICRO:
             when = now_s + 1 / MICRO

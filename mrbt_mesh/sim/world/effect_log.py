@@ -30,7 +30,7 @@ def _plain(value: Any) -> Any:
 
 
 def effect_json(effect: Effect) -> str:
-    """One effect as canonical JSON; messages stand as a digest of their bytes."""
+    """One effect as canonical JSON; of messages a digest of their bytes."""
     match effect:
         case Publish(kind, data):
             return f'{{"publish":"{kind}","data":"{_digest(data)}"}}'

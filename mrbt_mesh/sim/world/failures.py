@@ -1,4 +1,4 @@
-"""Lets what a failure model says happen. All draws come from the seed of the run.
+"""Injects the faults of a failure model. All draws come from the seed of the run.
 
 There is one stream per robot and purpose.
 """
@@ -82,7 +82,7 @@ class RandomFailures:
         return replace(event, success=False, conditions=(), error=why, reason=why)
 
     def completed(self, process: SimProcess) -> None:
-        """A robot has completed an action, and what came of it has been told."""
+        """A robot has completed an action, and has reported its outcome."""
         robot, clock = self._robot(process.robot), self._clock
         if self._happens("death", robot.id, rate_of(self._model.major, robot).per_action):
             clock.at(clock.now_us, partial(self._die, robot.id))

@@ -74,7 +74,7 @@ class Freeze(RobotFault):
 
 @dataclass(frozen=True, slots=True)
 class Suspend(RobotFault):
-    """Its computer sleeps: as `Freeze`, but its waits stand still too; `Thaw` wakes it."""
+    """Its computer sleeps: as `Freeze`, but its timers stop too; `Thaw` wakes it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ class SimJournal:
 class SimJournalWriter:
     """What one process writes to its robot's journal: at once, or a little later together.
 
-    `tell` hands its news to the agent; `synced` is called with what is on disk from now on.
+    `notify` hands its news to the agent; `synced` is called with what is on disk from now on.
     `is_read`: the process knows what the journal held at its start.
     """
 
@@ -60,17 +60,17 @@ class SimJournalWriter:
         journal: SimJournal,
         clock: VirtualClock,
         pace: Pace,
-        tell: Callable[[JournalNews], None],
+        notify: Callable[[JournalNews], None],
         synced: Callable[[Changes], None],
     ) -> None:
         self.is_read = not journal.is_locked
         self._journal = journal
         self._clock = clock
         self._pace = pace
-        self._tell = tell
+        self._notify = notify
         self._synced = synced
         self._pending: dict[tuple[str, str], Entry | None] = {}
-        self._number = self._told = 0
+        self._number = self._notified = 0
         # When the next commit begins; None: none is due. `_is_syncing`: one is under way.
         self._due_us: int | None = None
         self._is_syncing = False
@@ -129,22 +129,22 @@ class SimJournalWriter:
         if self._journal.fails or self._journal.is_locked:
             if not self._is_failing:
                 self._is_failing = True
-                self._tell(JournalReported(FULL, is_failing=True))
+                self._notify(JournalReported(FULL, is_failing=True))
             self._commit_by(self._clock.now_us + RETRY_US)
             return
         if not self.is_read:
             self.is_read = True
-            self._tell(JournalOpened(self._journal.read()))
+            self._notify(JournalOpened(self._journal.read()))
         self._write(changes)
         for key, entry in changes.items():
             if key in self._pending and self._pending[key] is entry:
                 del self._pending[key]
         if self._is_failing:
             self._is_failing = False
-            self._tell(JournalReported(""))
-        if number > self._told:
-            self._told = number
-            self._tell(JournalSynced(number))
+            self._notify(JournalReported(""))
+        if number > self._notified:
+            self._notified = number
+            self._notify(JournalSynced(number))
         if self._pending:
             now_us = self._clock.now_us
             self._commit_by(now_us if due_us is None else max(now_us, due_us))

@@ -37,7 +37,7 @@ class Endpoint(Protocol):
 
 @dataclass(slots=True)
 class _Question:
-    """A query on its way: who asked whom; the answer comes once."""
+    """A query on its way, its sender and receiver; it is answered once."""
 
     asker: Endpoint
     peer: str
@@ -118,7 +118,7 @@ class MessageBus:
         if not self.routers.reaches(source):
             return
         for page in effect.pages:
-            # A query's replies are not duplicated: Zenoh tells them apart.
+            # A query's replies are not duplicated: Zenoh drops duplicates.
             for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us)[:1]:
                 self.clock.at(arrival_us, partial(self._answer, question, page))
 
@@ -139,7 +139,7 @@ class MessageBus:
         self._tell_everybody(robot, incarnation, True)
 
     def withdraw(self, robot: str) -> None:
-        """A process is gone, and with it its token, if it held one, and its link to a router."""
+        """A process has ended: it loses its token, if it held one, and its link to a router."""
         self._take_down(robot)
         self.routers.unlink(robot)
 

@@ -98,7 +98,7 @@ class Network:
         self._seed = seed
         self._streams: dict[tuple[str, Link], random.Random] = {}
         # When the last message of each link arrives, and the very last one; of links that behave
-        # all alike only who sent to whom.
+        # all alike only sender and receivers.
         self._last_us: dict[Link, int] = {}
         self._latest_us = 0
         self._sent_at_all: dict[str, tuple[int, Sequence[str]]] = {}
@@ -249,5 +249,5 @@ class Routers:
         return not self.names or robot in self.of
 
     def is_linked(self, robot: str, router: str) -> bool | None:
-        """What this router says of its link to a robot; None if it is dead."""
+        """Whether this router is linked to a robot; None if it is dead."""
         return None if router in self._dead else self.of.get(robot) == router

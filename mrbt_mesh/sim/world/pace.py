@@ -56,7 +56,7 @@ class Pace:
             self._wake_later()
 
     def end(self) -> None:
-        """The process is gone."""
+        """The process has ended."""
         self.is_over = True
         self.gate.open()
 

@@ -186,7 +186,7 @@ class SimProcess:
             try:
                 await anyio.sleep_forever()
             finally:
-                # Apart from the robot's clock, which may stand still.
+                # By the simulation's clock: the robot's may be stopped.
                 loop = asyncio.get_running_loop()
                 contextvars.Context().run(loop.call_later, END_LIMIT_S, runner.abandon)
 

@@ -146,7 +146,7 @@ class Robots:
         """End this robot's process, or the first one before it has begun."""
         process = self.processes.get(robot)
         if process is None:
-            self._never.add(robot)  # it dies before it has said a word
+            self._never.add(robot)  # it dies before its first message
         elif not process.is_over:
             process.kill()
             self._world.killed(process)
@@ -157,7 +157,7 @@ class Robots:
         self._actions_left[robot] = actions
 
     def completed(self, robot: str) -> None:
-        """A robot has told the team how one of its actions ended."""
+        """A robot has reported the end of one of its actions."""
         if robot in self._actions_left:
             self._actions_left[robot] -= 1
             if not self._actions_left[robot]:

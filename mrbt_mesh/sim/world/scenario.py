@@ -27,7 +27,7 @@ USUAL = LinkKnobs()
 
 
 class ScenarioError(InputError):
-    """A schedule file that cannot be used; the message says what would be right."""
+    """A schedule file that cannot be used; the message names what is expected."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ EVERYBODY = ""
 @dataclass(frozen=True, slots=True)
 class Rate:
     """How often there is a fault of a robot: with a chance (0 to 1) each time it completes an
-    action, and so many times per hour on the average, at times that know nothing of each other.
+    action, and at independent times, with this mean number per hour.
     """
 
     per_action: float = 0.0

@@ -156,7 +156,7 @@ def test_a_split_by_hand(folder: Path) -> None:
         ("units: {a: [Report], b: [Report]}", "is in the unit 'a', too"),
         (
             "units: {a: [Plan], b: [Follow]}",
-            "'a' and 'b' cannot be told apart: the entry 'path'",
+            "'a' and 'b' cannot be separate units: the entry 'path'",
         ),
         ("units: {a: []}", "units.yaml"),
         ("unit: {a: [Plan]}", "unit"),

@@ -103,7 +103,7 @@ def test_tasks_for_the_robots_that_did_another_one(first: int) -> None:
 def test_a_team_that_waits_for_the_dead_is_found_out(seed: int) -> None:
     differing = [case for case in cases(seed) if not _agrees(case)]
     assert differing == []
-    with mock.patch.object(make_plan, "pending_verdicts", return_value={}):
+    with mock.patch.object(make_plan, "pending_failures", return_value={}):
         differing = [case for case in cases(seed) if not _agrees(case)]
     assert differing
 

@@ -94,7 +94,7 @@ def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     assert "A1 writes order" in team.checkers.violations[0]
 
 
-def test_i9_nothing_is_told_before_the_journal_has_it_to_write(team: Team) -> None:
+def test_i9_nothing_is_published_before_the_journal_has_it_to_write(team: Team) -> None:
     process: Any = team.processes[0]
     data, entries = pause(process, stamp=9)
     publish = Publish(MessageKind.FACT, data)
@@ -103,7 +103,7 @@ def test_i9_nothing_is_told_before_the_journal_has_it_to_write(team: Team) -> No
     data, entries = pause(process, stamp=10)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [publish, Persist(entries, at_once=True)])
-    assert "A1 tells order" in team.checkers.violations[0]
+    assert "A1 publishes order" in team.checkers.violations[0]
 
 
 def test_i9_a_finished_local_task_that_is_begun_again(team: Team) -> None:

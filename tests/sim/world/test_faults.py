@@ -154,13 +154,6 @@ def test_messages_are_lost_doubled_and_overtaken(run: Run, seed: int) -> None:
     run("vehicle_repair", seed, network=NetworkKnobs(ROUGH))
 
 
-@pytest.mark.parametrize("seed", seeds(6))
-def test_a_robot_is_killed_while_messages_are_lost(run: Run, seed: int) -> None:
-    choose = random.Random(seed)
-    schedule = [(choose.randrange(LENGTH_US), Kill(choose.choice(ROBOTS[:4])))]
-    run("vehicle_repair", seed, schedule=schedule, network=NetworkKnobs(ROUGH), speed=SPEED)
-
-
 def test_after_losses_all_come_to_the_same_facts_and_rest(run: Run) -> None:
     """I2 on a mission that is blocked, so that the end is quiet."""
     network = NetworkKnobs(ROUGH, quiet_from_us=8 * SECOND_US)
@@ -225,15 +218,6 @@ def test_garbage_changes_nothing(run: Run, seed: int) -> None:
     assert result.summary == expected.summary
 
 
-@pytest.mark.parametrize("seed", seeds(6))
-def test_a_robot_is_restarted(run: Run, seed: int) -> None:
-    choose = random.Random(seed)
-    robot, at_us = choose.choice(ROBOTS), choose.randrange(LENGTH_US)
-    pause_us = choose.choice([0, 100, 50_000, 2_000_000])
-    schedule = [(at_us, Kill(robot)), (at_us + pause_us, Restart(robot))]
-    run("vehicle_repair", seed, schedule=schedule, speed=SPEED)
-
-
 def test_a_robot_that_leaves_hands_its_work_over_at_once(run: Run) -> None:
     before = of(undisturbed(3), "replace_hw")[0]
     at_us = round((before.start_s + 0.7) * 1e6)
@@ -269,36 +253,3 @@ def test_the_operator_pauses_resumes_and_aborts(run: Run) -> None:
     abort = [(4 * SECOND_US, Command("C2", "order", "abort"))]
     aborted = run("vehicle_repair", 1, schedule=abort, expect="failure")
     assert aborted.duration_us < 5 * SECOND_US
-
-
-def chaos(seed: int) -> list[tuple[int, Fault]]:
-    """A few faults of any kind, each of which ends after a while."""
-    choose = random.Random(f"chaos/{seed}")
-    schedule: list[tuple[int, Fault]] = []
-    for _ in range(choose.randint(2, 5)):
-        at_us, robot = choose.randrange(LENGTH_US), choose.choice(ROBOTS)
-        end_us = at_us + choose.randrange(4 * SECOND_US)
-        others = choose.sample(ROBOTS, choose.randint(1, 5))
-        match choose.randrange(6):
-            case 0:
-                schedule += [(at_us, Freeze(robot)), (end_us, Thaw(robot))]
-            case 1:
-                schedule += [(at_us, Kill(robot)), (end_us, Restart(robot))]
-            case 2:
-                schedule += [(at_us, Leave(robot)), (end_us, Restart(robot))]
-            case 3:
-                schedule += [(at_us, Lose(robot, "all")), (end_us, Restore(robot))]
-            case 4:
-                rest = [other for other in ROBOTS if other not in others]
-                schedule += [(at_us, partition(others, rest)), (end_us, Unblock())]
-            case _:
-                schedule += [(at_us, Garbage(robot)), (at_us, LoseToken(robot, others[0]))]
-    return schedule
-
-
-@pytest.mark.parametrize("seed", seeds(20))
-def test_chaos(run: Run, seed: int) -> None:
-    link = (LinkKnobs(), ROUGH)[seed % 2]
-    tokens = (5_000, None)[seed // 2 % 2]
-    network = NetworkKnobs(link, token_delay_us=tokens, quiet_from_us=20 * SECOND_US)
-    run("vehicle_repair", seed, schedule=chaos(seed), network=network, speed=SPEED)
