@@ -45,7 +45,7 @@ class NamespaceError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class LinkFault:
     """What happens to packets of one robot on their way to another one."""
 
     blocked: bool = False
@@ -57,7 +57,7 @@ class Fault:
             raise ValueError(f"loss {self.loss_permille}: 0 to 1000 permille")
 
 
-WELL = Fault()
+WELL = LinkFault()
 
 
 def available() -> str | None:
@@ -116,7 +116,7 @@ class Namespaces:
         self._hub = f"{self._stem}hub"
         self._leg = f"mrbt{os.getpid()}.{number}"
         self._names = {r: f"{self._stem}{label}-{r}" for r in robots}
-        self._faults: dict[tuple[str, str], Fault] = {}
+        self._faults: dict[tuple[str, str], LinkFault] = {}
         self._network = RANGE
 
     def __enter__(self) -> Namespaces:
@@ -189,7 +189,7 @@ class Namespaces:
     # -- faults ---------------------------------------------------------------------------
 
     def disturb(self, pairs: Iterable[tuple[str, str]], **changes: Any) -> None:
-        """Change the fields of a Fault for packets from the first to the second of each pair.
+        """Change the fields of a LinkFault for packets from the first to the second of each pair.
 
         The other direction is left alone. A delay needs `can_delay`.
         """
@@ -236,7 +236,7 @@ class Namespaces:
             _tc(shaping(port, faults), self._hub)
 
 
-def firewall(faults: Mapping[str, Fault], *, with_loss: bool) -> str:
+def firewall(faults: Mapping[str, LinkFault], *, with_loss: bool) -> str:
     """The rules of one robot's namespace, for iptables-restore; source address -> fault."""
     lines = ["*filter", ":INPUT ACCEPT [0:0]"]
     for source, fault in faults.items():
@@ -259,7 +259,7 @@ def shaping_base(port: str) -> list[str]:
     ]
 
 
-def shaping(port: str, faults: Mapping[str, Fault]) -> list[str]:
+def shaping(port: str, faults: Mapping[str, LinkFault]) -> list[str]:
     """Commands for tc: loss and delay at the bridge's port to one robot, after `shaping_base`."""
     commands = []
     for number, (source, fault) in enumerate(faults.items(), start=2):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.drills.namespaces import Fault, Namespaces, firewall, shaping, shaping_base
+from mrbt_mesh.drills.namespaces import LinkFault, Namespaces, firewall, shaping, shaping_base
 
 FAULTS = {
-    "198.18.0.1": Fault(blocked=True),
-    "198.18.0.2": Fault(loss_permille=300),
-    "198.18.0.3": Fault(delay_ms=200),
-    "198.18.0.4": Fault(blocked=True, loss_permille=300),
+    "198.18.0.1": LinkFault(blocked=True),
+    "198.18.0.2": LinkFault(loss_permille=300),
+    "198.18.0.3": LinkFault(delay_ms=200),
+    "198.18.0.4": LinkFault(blocked=True, loss_permille=300),
 }
 
 
