@@ -70,31 +70,23 @@ class Entry:
     proof: BatchProof | None = field(default=None, compare=False, repr=False)
 
 
-def make_entry(
-    author: str, name: str, version: Version, record: Record, proof: BatchProof | None = None
-) -> Entry:
-    """An entry of a robot's own; raises ValueError if the record is too large."""
-    parts = split_name(name)
-    return _packed(author, name, parts, version, record.to_value(), record, proof)
-
-
 def parse_entry(
     author: str, name: str, version: Version, value: Any, proof: BatchProof | None = None
 ) -> Entry:
     """An entry from the wire or the disk; raises ValueError if the value is none of its kind."""
-    parts, record = parse_record(name, value)
-    return _packed(author, name, parts, version, value, record, proof)
+    return make_entry(author, name, version, parse_record(name, value)[1], proof, value)
 
 
-def _packed(
+def make_entry(
     author: str,
     name: str,
-    parts: tuple[str, ...],
     version: Version,
-    value: Any,
     record: Record,
-    proof: BatchProof | None,
+    proof: BatchProof | None = None,
+    value: Any = None,
 ) -> Entry:
+    """An entry; raises ValueError if it is too large. `value`: as it came, None: a robot's own."""
+    value = record.to_value() if value is None else value
     try:
         packed = msgpack.packb(value)
     except (TypeError, OverflowError) as error:
@@ -105,6 +97,7 @@ def _packed(
     head = msgpack.packb([author, name, counter, nonce, sequence])
     digest = hashlib.blake2b(head + packed, digest_size=16).digest()
     number = int.from_bytes(digest, "big")
+    parts = split_name(name)
     return Entry(author, name, parts, version, value, record, packed, number, proof)
 
 
