@@ -167,12 +167,12 @@ class Watcher:
                 take = partial(self._message, kind, source)
                 self._open(data, kind, source, take, now_us, envelope)
             case TokenChanged(robot, incarnation, held, router):
-                if observer.token(robot, incarnation, held, router):
+                if observer.membership.receive_token(robot, incarnation, held, router):
                     self._transport.ask_router(AskRouter(robot, incarnation, router))
             case InputRefused(source, reason):
                 observer.refused[source] = reason
             case RouterAnswered(robot, incarnation, is_linked):
-                observer.router_answered(robot, incarnation, is_linked)
+                observer.membership.router_answered(robot, incarnation, is_linked)
             case AnswerReceived(peer, data) if data is not None:
                 self._open(data, MessageKind.STATE, peer, partial(observer.state, peer), now_us)
             case _:

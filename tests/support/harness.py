@@ -283,7 +283,7 @@ class Team:
             for other in self._others(process):
                 self._post(other, _token(process, False))
             if self.observer is not None:
-                self.observer.token(process.robot, process.token, False)
+                self.observer.membership.receive_token(process.robot, process.token, False)
             process.token = None
 
     def _tell(self, process: Process, text: str) -> None:

@@ -14,7 +14,7 @@ from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
-from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
+from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
@@ -94,19 +94,17 @@ class Context:
 
         It does not wait for the disk: facts that others rely on are written by `promise`.
         """
-        data, entries = self.replica.write(facts, now_us)
-        self._effects += (Persist(entries, at_once=True), Publish(MessageKind.FACT, data))
+        self._write(facts, 0, now_us)
 
     def promise(self, facts: Sequence[Fact], now_us: int) -> int:
         """Write one batch of facts; returns the number by which to know when it is on disk."""
-        data, entries = self.replica.write(facts, now_us)
         number = self.durability.take_number()
-        self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
+        self._write(facts, number, now_us)
         return number
 
-    def keep(self, entries: Iterable[Entry]) -> None:
-        """Keep the entries of others in the journal."""
-        self._effects.append(Persist(tuple(entries), at_once=False))
+    def _write(self, facts: Sequence[Fact], number: int, now_us: int) -> None:
+        data, entries = self.replica.write(facts, now_us)
+        self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
 
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""

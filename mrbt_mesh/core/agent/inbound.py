@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.commands import Commands, answer_body
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import AskRouter, Reply
+from mrbt_mesh.core.agent.effects import AskRouter, Persist, Reply
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     FromOutside,
@@ -72,9 +72,7 @@ class Inbound:
                     if kind is _BEAT:
                         self._read_beat(source, data, now_us)
                     elif source != self._context.me:
-                        received = self._context.replica.receive(source, data, now_us)
-                        self._take_in(source, received)
-                        self._note_place(source, received, now_us)
+                        self._read_facts(source, data, now_us)
                 except WireError as error:
                     self._refuse(source, error)
             case TokenChanged(robot, incarnation, held, router):
@@ -190,11 +188,13 @@ class Inbound:
 
     def _take_in(self, source: str, received: Received) -> None:
         if received.changed:
-            self._context.keep(received.changed)
+            self._context.emit(Persist(tuple(received.changed), at_once=False))
         if received.refused:
             self._context.refuse(source, received.reason)
 
-    def _note_place(self, source: str, received: Received, now_us: int) -> None:
+    def _read_facts(self, source: str, data: bytes, now_us: int) -> None:
+        received = self._context.replica.receive(source, data, now_us)
+        self._take_in(source, received)
         for entry in received.changed:
             if entry.name == records.MEMBER and entry.author == source:
                 life, running = entry.version.incarnation, int(Status.RUNNING)

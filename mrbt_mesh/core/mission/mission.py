@@ -88,7 +88,7 @@ class LocalTask:
 
     name: str
     parameters: tuple[str, ...] = ()
-    work: int = 1_000_000
+    work: int = MICRO
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
 from mrbt_mesh.core.facts.records import Claim, OrderKind
-from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.membership import Membership
@@ -120,14 +120,6 @@ class Observer:
         if isinstance(error, IncompatibleError) and source not in self.refused:
             self.record.say(now_us, f"{source} is not of this run: {error}")
         self.refused[source] = str(error)
-
-    def token(self, robot: str, incarnation: Incarnation, held: bool, router: str = "") -> bool:
-        """A liveliness token came or went; whether the robot's router must be asked about it."""
-        return self.membership.receive_token(robot, incarnation, held, router)
-
-    def router_answered(self, robot: str, incarnation: Incarnation, is_linked: bool | None) -> None:
-        """A router was asked about a lost token: see `RouterAnswered`."""
-        self.membership.router_answered(robot, incarnation, is_linked)
 
     def _beat(self, source: str, beat: Heartbeat, now_us: int) -> None:
         if self._first_heard_us is None:

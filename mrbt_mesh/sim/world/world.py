@@ -149,7 +149,7 @@ class World:
     # -- the observer -------------------------------------------------------------------------
 
     def _token_changed(self, robot: str, incarnation: Incarnation, held: bool) -> None:
-        self.observer.token(robot, incarnation, held)
+        self.observer.membership.receive_token(robot, incarnation, held)
         self._observe_soon()
 
     def _observe_soon(self) -> None:

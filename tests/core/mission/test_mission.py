@@ -72,12 +72,8 @@ def test_a_capability_for_the_ground_task_goes_before_one_for_its_type() -> None
 
 def test_conditions_are_known_by_name_and_number_of_arguments() -> None:
     one = mission()
-    assert [one.knows_condition(name) for name in ("open", "open(1)", "shut", "op en")] == [
-        True,
-        False,
-        False,
-        False,
-    ]
+    names = ("open", "open(1)", "shut", "op en")
+    assert [name for name in names if one.knows_condition(name)] == ["open"]
     assert one.condition_default("open") is True
     assert one.condition_default("unheard_of") is False
 

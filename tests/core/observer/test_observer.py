@@ -81,23 +81,15 @@ def test_the_result_is_the_teams_and_says_who_took_part() -> None:
     }
 
 
-def test_minor_faults_have_a_beginning_and_an_end() -> None:
-    script, observer = watched(
-        COVER, "tell A fault weld", "pass 300", "tell A restore weld", "pass 100"
-    )
-    (fault,) = summary(script, observer)["faults"]
-    assert (fault["kind"], fault["robot"], fault["local_tasks"]) == ("minor", "A", ["weld"])
-    assert round(fault["until_s"] - fault["at_s"], 6) == 0.3
-
-
 def test_what_a_robot_does_worse_is_told_with_the_time() -> None:
     script, observer = watched(COVER, "tell A perform weld=0.25", "pass 100")
     assert summary(script, observer)["robots"]["A"]["performances"] == {"weld": 0.25}
     assert summary(script, observer)["faults"] == []
     assert "A: weld at 0.25" in [text for _, text in observer.record.timeline]
-    script.block(["tell A perform weld=0", "pass 100", "tell A perform weld=1", "pass 100"])
+    script.block(["tell A perform weld=0", "pass 300", "tell A perform weld=1", "pass 100"])
     (fault,) = summary(script, observer)["faults"]
-    assert (fault["local_tasks"], fault["until_s"] is None) == (["weld"], False)
+    assert (fault["kind"], fault["robot"], fault["local_tasks"]) == ("minor", "A", ["weld"])
+    assert round(fault["until_s"] - fault["at_s"], 6) == 0.3
     assert summary(script, observer)["robots"]["A"]["performances"] == {}
     assert "A: weld at 1" in [text for _, text in observer.record.timeline]
 
@@ -172,14 +164,19 @@ def test_a_run_that_ends_before_its_team_has_gathered_has_not_started() -> None:
     assert alone.result(anybody_lives=False) == "not_started", "the journals were empty"
 
 
-def test_a_run_that_ends_on_its_way_is_blocked_where_nobody_can_go_on() -> None:
-    _, observer = watched(COVER)
-    assert observer.result(anybody_lives=True) == "timeout"
-    assert observer.result(anybody_lives=False) == "blocked"
-    _, observer = watched(COVER, "succeed A", "kill B", "pass 1500")
-    assert observer.result(anybody_lives=True) == "blocked"
-    _, observer = watched(COVER, "succeed A", "kill B", "pass 1500", "start B", "pass 1500")
-    assert observer.result(anybody_lives=True) == "timeout"
+@pytest.mark.parametrize(
+    ("steps", "anybody_lives", "result"),
+    [
+        ((), True, "timeout"),
+        ((), False, "blocked"),
+        (("succeed A", "kill B", "pass 1500"), True, "blocked"),
+        (("succeed A", "kill B", "pass 1500", "start B", "pass 1500"), True, "timeout"),
+    ],
+)
+def test_a_run_that_ends_on_its_way_is_blocked_where_nobody_can_go_on(
+    steps: tuple[str, ...], anybody_lives: bool, result: str
+) -> None:
+    assert watched(COVER, *steps)[1].result(anybody_lives) == result
 
 
 @pytest.mark.parametrize(

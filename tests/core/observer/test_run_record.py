@@ -42,9 +42,15 @@ def test_a_robot_that_dies_before_it_joined_is_no_fault(record: RunRecord) -> No
     assert record.robots["A"]["state"] is State.ALIVE
 
 
-def test_the_earliest_word_of_a_processs_end_stands(record: RunRecord) -> None:
-    """Whoever kills it knows best; whoever waits for its end hears of it later."""
+@pytest.mark.parametrize("is_missed_before", [False, True])
+def test_the_earliest_end_of_a_process_is_the_time_of_death(
+    record: RunRecord, is_missed_before: bool
+) -> None:
+    """A fault that kills it knows the time; its launcher notices the end later."""
     record.robot_seen("A", FIRST, 0)
+    if is_missed_before:
+        record.state("A", State.DEAD, S, S)
+        assert record.major[0].at_us == S, "the last heartbeat"
     record.exited("A", 2 * S)
     record.exited("A", 2 * S + 30_000)
     record.declared_dead("A", FIRST, 2 * S + 20_000)
@@ -52,15 +58,6 @@ def test_the_earliest_word_of_a_processs_end_stands(record: RunRecord) -> None:
     assert (fault.at_us, fault.detected_us) == (2 * S, 2 * S + 20_000)
     record.exited("A", 2 * S + 40_000)
     assert fault.at_us == 2 * S
-
-
-def test_the_end_of_a_process_is_a_better_time_than_the_last_beat(record: RunRecord) -> None:
-    record.robot_seen("A", FIRST, 0)
-    record.state("A", State.DEAD, S, 2 * S)
-    (fault,) = record.major
-    assert fault.at_us == S
-    record.exited("A", S + 150_000)
-    assert fault.at_us == S + 150_000
 
 
 def test_the_end_of_a_life_says_nothing_of_the_next_one(record: RunRecord) -> None:

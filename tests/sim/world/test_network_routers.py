@@ -113,7 +113,9 @@ def test_without_asking_routers_a_client_of_a_dead_one_is_taken_for_dead(
 ) -> None:
     """The deliberate bug: these tests would notice if lost tokens counted at once."""
 
-    def credulous(self: Membership, robot: str, life: Incarnation, is_held: bool, _: str) -> bool:
+    def credulous(
+        self: Membership, robot: str, life: Incarnation, is_held: bool, _: str = ""
+    ) -> bool:
         return original(self, robot, life, is_held)
 
     original = Membership.receive_token
