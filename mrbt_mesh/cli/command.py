@@ -92,15 +92,21 @@ class LateGroup(click.Group):
     ) -> None:
         self._sections, self._modules, self._plugins = sections, modules, plugins
         self._own = [name for rows in sections.values() for row in rows for name in row.split()]
-        super().__init__(commands=dict.fromkeys(self._own, click.Command(None)), **settings)
+        super().__init__(**settings)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        # Only now, since a robot's process does not need the plug-ins' names. Click looks for
-        # names similar to an unknown one in `commands`.
-        for name in self._plugins.names():
-            if "." not in name:
-                self.commands.setdefault(name, click.Command(None))
-        return list(self.commands)
+        # Only now, since a robot's process does not need the plug-ins' names.
+        return [*self._own, *(name for name in self._plugins.names() if "." not in name)]
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.exceptions.NoSuchCommand:
+            # Click looks for similar names in `commands` alone.
+            possible = self.list_commands(ctx)
+            raise click.exceptions.NoSuchCommand(args[0], possibilities=possible, ctx=ctx) from None
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in self._own:

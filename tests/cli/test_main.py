@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import psutil
 import pytest
+from mkdocs_click._docs import make_command_docs
 from ruamel.yaml import YAML
 
 from mrbt_mesh.cli.main import main
@@ -59,6 +60,12 @@ def test_the_list_of_commands_fits_one_screen_and_has_them_all() -> None:
     assert len(lines) <= 24
     assert max(map(len, lines)) <= 80
     assert {path[0] for path in ALL} <= set(output.split())
+
+
+def test_the_page_of_commands_has_them_all() -> None:
+    lines = [*make_command_docs("mrbt", main, depth=1)]
+    headings = {line.lstrip("# ") for line in lines if line.startswith("#")}
+    assert {path[-1] for path in ALL} <= headings
 
 
 def test_a_command_that_is_none_is_refused_with_the_nearest_one() -> None:
