@@ -17,7 +17,9 @@ STAYING = """
 import os, pathlib, signal, sys, time
 if sys.argv[1:] == ["stubborn"]:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-pathlib.Path(os.environ["MRBT_BESIDE"], "there").write_text(os.getcwd())
+there = pathlib.Path(os.environ["MRBT_BESIDE"], "there")
+there.with_suffix(".part").write_text(os.getcwd())
+there.with_suffix(".part").rename(there)  # never seen half written
 time.sleep(600)
 """
 ASKING = """
