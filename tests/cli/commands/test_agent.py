@@ -75,6 +75,10 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         detection_s=0.4,
     )
     assert options == expected
+    # As a launcher gives them to its robots.
+    again = ("agent", "--mission", EXPLORE, "--robot", "R9", *expected.arguments())
+    assert mrbt(*again)[0] == 0
+    assert started[1][0] == expected
     assert (address.transport.team, address.run, address.keys) == ("t", "r", keys)
     assert address.transport.listen == ("tcp/127.0.0.1:1",)
     assert address.transport.connect == ("tcp/127.0.0.1:2", "tcp/127.0.0.1:3")
@@ -153,3 +157,10 @@ def test_heartbeats_are_a_part_of_a_recording(started: list[Started]) -> None:
     assert code == 2
     assert "--record-beats: of a recording: give --record as well" in problems
     assert not started
+
+
+def test_a_launchers_options_do_not_depend_on_the_environment(started: list[Started]) -> None:
+    words = RobotOptions(insecure=True).arguments()
+    variables = {"MRBT_BEAT": "0.1", "MRBT_DETECTION": "5", "MRBT_TRANSPORT": "wireless"}
+    assert mrbt("agent", "--mission", EXPLORE, "--robot", "R1", *words, **variables)[0] == 0
+    assert started[0][0] == RobotOptions(insecure=True)
