@@ -7,24 +7,17 @@ All waiting is done by the event loop, so that a simulation has it in virtual ti
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import Protocol
 
 import anyio
 
-from mrbt_mesh.core.agent.inputs import CapabilityChanged, Input, ProblemFound
+from mrbt_mesh.core.agent.inputs import CapabilityChanged, ProblemFound
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
+from mrbt_mesh.runtime.task_port import Host
 from mrbt_mesh.runtime.user_code import UserCodeError
 
 # Before it is started again: doubled at each failure.
 FIRST_PAUSE_S = 1.0
 MAX_PAUSE_S = 60.0
-
-
-class BackgroundHost(Protocol):
-    """What is needed of the robot's runtime."""
-
-    def submit(self, event: Input) -> None: ...
-    def log(self, level: str, event: str, **fields: object) -> None: ...
 
 
 class BackgroundRunner:
@@ -41,7 +34,7 @@ class BackgroundRunner:
         source: str,
         costs: tuple[str, ...],
         call: Callable[[], Awaitable[None]],
-        host: BackgroundHost,
+        host: Host,
     ) -> None:
         self._name = name
         self._source = source

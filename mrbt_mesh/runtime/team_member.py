@@ -269,15 +269,13 @@ _EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     "transport": (" or ".join(map(repr, PROTOCOLS)), lambda value: value in tuple(PROTOCOLS)),
     **dict.fromkeys(
         ("while_locked", "metrics_port", "metrics_host"),
-        ("for robots with a process of their own", lambda _: False),
+        ("None here (robots with a process of their own have it)", lambda _: False),
     ),
 }
 
 
 def _checked(options: RobotOptions) -> RobotOptions:
-    """The options with texts turned into paths; raises InputError for values that they cannot
-    have.
-    """
+    """The options, with texts turned into paths; raises InputError for a wrong value."""
     for each in fields(options):
         value = getattr(options, each.name)
         expected, accepts = _EXPECTED[each.name]

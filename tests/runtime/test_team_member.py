@@ -204,7 +204,7 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"insecure": True, "program": "none.py"}, "there is no such file"),
         ({"insecure": True, "mission": "none.yaml"}, "none.yaml"),
         ({"insecure": True, "detection_s": 0.01}, "detection"),
-        ({"insecure": True, "metrics_port": 1}, "for robots with a process of their own, not 1"),
+        ({"insecure": True, "metrics_port": 1}, "metrics_port is None here .*, not 1"),
         ({"insecure": 1}, "insecure is True or False, not 1"),
         ({"keys": 1}, "keys is a path, not 1"),
         ({"insecure": True, "connect": "tcp/1.2.3.4:7447"}, "connect is a list of texts, not 'tcp"),
