@@ -95,9 +95,9 @@ class Control:
             raise OrderError(f"{robot} runs already")
         if act != "join" and not has_process:
             raise OrderError(f"no process of {robot} runs on this machine")
-        told: list[str] = []
+        texts: list[str] = []
         injector = DrillInjector(
-            self._team, self._watcher, None, None, lambda fault: told.append(fault.text)
+            self._team, self._watcher, None, None, lambda fault: texts.append(fault.text)
         )
         key, _ = FAULTS[act]
         step = StepModel.model_validate({"after": 0, key: robot})
@@ -108,20 +108,20 @@ class Control:
             raise OrderError(str(error)) from error
         if injector.injected.problems:
             raise OrderError("; ".join(injector.injected.problems))
-        return f"{robot}: {', '.join(told)}"
+        return f"{robot}: {', '.join(texts)}"
 
     async def _word(self, act: str, robot: str, local_task: str) -> str:
         self._known(robot)
         command, _ = WORDS[act]
         argument = "" if command == LEAVE else local_task
-        return self._told(await self._watcher.command(robot, command, argument))
+        return self._answered(await self._watcher.command(robot, command, argument))
 
     async def _order(self, act: str) -> str:
         living = list(self._watcher.observer.membership.members())
         if not living:
             raise OrderError("no robot answers")
         kind, _ = ORDERS[act]
-        return self._told(await self._watcher.command(living[0], ORDER, str(kind)))
+        return self._answered(await self._watcher.command(living[0], ORDER, str(kind)))
 
     async def _drill(self, drills: TeamDrills, label: str) -> str:
         try:
@@ -129,7 +129,7 @@ class Control:
         except InputError as error:
             raise OrderError(str(error)) from error
 
-    def _told(self, answer: tuple[bool, str]) -> str:
+    def _answered(self, answer: tuple[bool, str]) -> str:
         good, text = answer
         if not good:
             raise OrderError(text)

@@ -222,7 +222,7 @@ class DrillInjector:
 
     async def _order(self, fault: str, robots: Sequence[str], command: str, argument: str) -> None:
         for robot in robots:
-            self._note(fault, [robot], f"is told: {command} {argument}".rstrip())
+            self._note(fault, [robot], f"gets the command: {command} {argument}".rstrip())
             good, text = await self._watcher.command(robot, command, argument)
             if not good:
                 self.injected.problems.append(f"{fault}: {robot}: {text}")

@@ -154,7 +154,7 @@ class _Run:
         self._hold_tasks()
         self.timeline: list[TimelineEntry] = []
         self._tell = tell
-        self._told = 0
+        self._shown = 0
 
     async def to_the_end(self, watcher: Watcher) -> Evidence:
         """Follow the team, carry steps out, and collect what the judge needs."""
@@ -241,14 +241,14 @@ class _Run:
     def _news(self, observer: Observer) -> None:
         """Show the new entries of the observer's record."""
         record = observer.record
-        for at_us, text in record.timeline[self._told :]:
+        for at_us, text in record.timeline[self._shown :]:
             robot, _, rest = text.partition(" ")
             if robot.rstrip(":") in record.robots:
                 line = TimelineEntry(record.seconds(at_us) or 0.0, robot.rstrip(":"), rest)
             else:
                 line = TimelineEntry(record.seconds(at_us) or 0.0, "", text)
             self._say(line)
-        self._told = len(record.timeline)
+        self._shown = len(record.timeline)
 
     def _show_fault(self, observer: Observer, fault: InjectedFault) -> None:
         at_s = observer.record.seconds(fault.at_us) or 0.0
