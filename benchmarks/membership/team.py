@@ -227,9 +227,8 @@ class _UnobservedWorld(World):
 class _Watch(Inspection):
     """Counts messages, and reports steps and heartbeats to the driver."""
 
-    watches_steps = True
-
     def __init__(self, team: SteppedTeam) -> None:
+        super().__init__()
         self._team = team
 
     def handling(self, process: SimProcess, event: Input) -> None:

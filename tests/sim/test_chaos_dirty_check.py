@@ -21,7 +21,7 @@ from mrbt_mesh.sim import (
 from mrbt_mesh.sim.chaos.campaign import Source
 from mrbt_mesh.sim.run import run_scenario
 from tests.support.effort import seeds
-from tests.support.runs import EXAMPLES
+from tests.support.paths import EXAMPLES
 
 SECOND_US = 1_000_000
 

@@ -23,7 +23,7 @@ from mrbt_mesh.sim.estimate import (
 from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.world.setup import EVERYBODY, NO_FAILURES, FailureModel, Rate
 from tests.support.effort import IS_LONG
-from tests.support.runs import EXAMPLES
+from tests.support.paths import EXAMPLES
 
 REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
 EXPLORE = str(EXAMPLES / "explore" / "mission.yaml")

@@ -9,7 +9,8 @@ import sys
 import pytest
 
 from mrbt_mesh.sim import Kill, LinkKnobs, NetworkKnobs, Restart, SimulationResult
-from tests.support.runs import EXAMPLES, Run
+from tests.support.paths import EXAMPLES
+from tests.support.runs import Run
 
 ROUGH = NetworkKnobs(LinkKnobs(jitter_us=3_000, loss_permille=100, duplicate_permille=50))
 SCHEDULE = [(1_200_000, Kill("A1")), (2_500_000, Kill("C2")), (3_500_000, Restart("C2"))]
