@@ -38,8 +38,10 @@ def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
 
 def test_up_shows_the_team_then_its_summary_and_a_recording_is_replayed(team: Team) -> None:
     arguments = (str(EXPLORE), "--speed", "5", "--run-dir", str(team.run_dir))
+    team.hold("explore")
     with Terminal("up", *arguments, environment=team.environment) as terminal:
         terminal.wait_for(r"R\d ● alive")
+        team.release()
         terminal.wait_for("mission succeeded")
         assert terminal.wait_for_end() == 0, terminal.text
     replayed = ("recording", "replay", f"{team.run_dir}/run.mcap")

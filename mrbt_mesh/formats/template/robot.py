@@ -4,7 +4,7 @@ import anyio
 
 from mrbt_mesh import RobotProgram, TaskContext
 
-robot = RobotProgram(record_work=True)  # starts and ends stand in the run's events.jsonl
+robot = RobotProgram(record_work=True)  # starts and ends are in the run's events.jsonl
 
 
 @robot.local_task
