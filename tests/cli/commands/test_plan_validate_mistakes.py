@@ -375,7 +375,7 @@ COMMANDS = [
     ),
     given(
         "plan mission.yaml --facts f.yaml",
-        "f.yaml:1: conditons: unknown key; did",
+        "f.yaml:1: conditons: unknown key 'conditons'; did",
         f_yaml="conditons: {}",
     ),
     given("up mission.yaml --port 70000", "Invalid value for '--port': 70000 is not in the range"),
