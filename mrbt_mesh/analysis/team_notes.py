@@ -33,7 +33,7 @@ def notes(type_name: str, spec: NodeSpec, yields: bool) -> Iterator[str]:
     if is_reactive and yields:
         yield (
             "between two attempts of a Repeat or Retry, and between two children of an Async node, "
-            "BehaviorTree.CPP halts what stands behind; a team decides such a guard at once"
+            "BehaviorTree.CPP halts the later children; a team decides such a guard at once"
         )
     if spec.kind is Kind.IF_THEN_ELSE and type_name == "IfThenElse" and len(spec.children) == 2:
         yield (

@@ -1,6 +1,6 @@
 """The pure core: facts and time come in as arguments, effects go out as data.
 
-No clock, no randomness, no I/O. Packages, each of which may import only what stands below it:
+No clock, no randomness, no I/O. Packages, each of which may import only those below it:
 
     agent | observer         one robot; a passive observer
     engine                   the functions that agents and observers use

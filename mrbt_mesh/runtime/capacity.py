@@ -81,7 +81,7 @@ class Overload:
 
 
 def overload(robots: int, beat_s: float, detection_s: float, machine: Machine) -> Overload | None:
-    """The overload by so many robots with these timings; None: the machine carries them."""
+    """The overload by this number of robots with these timings; None if there is none."""
     cores_s = machine.cores * MOST_OF_CORES
     by_processor = int(cores_s * beat_s / BEAT_COST_S)
     by_memory = int(machine.free_memory_mb * MOST_OF_MEMORY / ROBOT_MEMORY_MB)

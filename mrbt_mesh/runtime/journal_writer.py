@@ -73,7 +73,7 @@ class JournalWriter:
     def carry_out(self, effect: Persist | Forget) -> None:
         """Write entries, or drop them, together with all that waits: at once, or a little later.
 
-        JournalSynced tells when they and all before them are on disk, if the effect has a number.
+        JournalSynced reports when they and all before them are on disk, if the effect has a number.
         """
         if self._journal is None:
             return

@@ -252,7 +252,7 @@ async def watching(
 ) -> AsyncIterator[Watcher]:
     """An open Watcher, which records what it hears if that is wanted.
 
-    `tell_past` tells its observer what happened before it listens. Raises TransportError if the
+    `tell_past` gives its observer what happened before it listens. Raises TransportError if the
     session cannot be opened, InputError if nothing can be recorded.
     """
     watcher = Watcher(address, record)

@@ -4,9 +4,9 @@ A unit is a node with all below it, or a run of neighbouring children of a Seque
 Parallel. One robot carries it out, with a blackboard of its own. Children stay in one unit if they
 share what only a robot has: a blackboard entry that somebody writes, a condition or a resource with
 `per: robot`. An action that declares nothing may need any of these, and whatever other such actions
-leave behind, so these stay together as well. So does what a team cannot decide: nodes with
-conditions before or after them, nodes with rules or a memory of their own, and whatever stands
-behind a condition that only the robot knows. Everything else is cut apart.
+leave behind, so these stay together as well. So do nodes that a team cannot decide: those with
+conditions before or after them, those with rules or a memory of their own, and those behind a
+condition that only the robot knows. Everything else is cut apart.
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ class Conditions:
         """A guard with actions from which conditions have taken its status: to be noted.
 
         One at a time, since what was done behind it is to be done again before others are looked
-        at. One that has lost it stands against what it guards, so to note too much repeats nothing
+        at. One that has lost it is against what it guards, so to note too much repeats nothing
         that goes on.
         """
         before = OtherConditions(facts, self._values_before, self._counts_before)

@@ -67,7 +67,7 @@ class Bids:
 
         Those are the ones that wait themselves, and further right those that would take a robot
         that one of them could have, unless somebody is at them already. So the bids decide
-        for all of them together; and nothing waits for what stands further right.
+        for all of them together; and nothing waits for requests further right.
         """
         held: dict[int, tuple[str, ...]] = {}
         if not self.awaited:
