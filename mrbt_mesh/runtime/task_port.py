@@ -106,7 +106,7 @@ class AgentPort:
             declared = ", ".join(sorted(self._mission.conditions)) or "none"
             raise ValueError(f"condition {shown(name)} is not declared in the mission ({declared})")
         if self._mission.is_failure_reason(name):
-            text = "is a reason of failures: fail with this reason instead"
+            text = "is a reason of failures: fail with such a reason instead"
             raise ValueError(f"condition {name!r} {text}")
 
     def set_conditions(self, values: Mapping[str, bool]) -> None:
