@@ -274,8 +274,14 @@ class Team:
         found = []
         for robot, process in self.processes.items():
             if process.returncode == REFUSED:
+                path, said = self.run_dir.output_path(robot), ""
                 with contextlib.suppress(OSError):
-                    found.append(self.run_dir.output_path(robot).read_text().strip())
+                    said = path.read_text().strip()
+                found.append(
+                    said
+                    or f"error: {robot} ended with status {REFUSED} and could not write why to "
+                    f"{path}: is its disk full?"
+                )
         return found
 
     def _settle(self) -> None:

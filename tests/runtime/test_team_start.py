@@ -88,3 +88,15 @@ def test_one_that_has_ended_is_not_waited_for(team: Team, monkeypatch: pytest.Mo
 def test_nor_one_that_hangs(team: Team, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "UP_TIMEOUT_S", 0.05)
     assert steps_taken(team, time.time_ns(), [lambda: None] * 2, monkeypatch) == 2
+
+
+def test_robots_that_refuse_without_a_word_are_named(team: Team) -> None:
+    """On a full disk the message of a robot cannot be written."""
+    for process in team.processes.values():
+        process.returncode = module.REFUSED
+    team.run_dir.output_path("R1").write_text("error: no such program\n")
+    team.run_dir.output_path("R2").touch()
+    first, second = team.refusals()
+    assert first == "error: no such program"
+    assert second.startswith("error: R2 ended with status 2 and could not write why to ")
+    assert second.endswith("R2.out: is its disk full?")
