@@ -78,11 +78,11 @@ def of_simulated(sizes: Sequence[Size]) -> str:
             "an event until another robot has started, with the team's agreement (median / "
             "longest).",
             grid(["robots", "launch", "detection time", *kinds[1:]], times),
-            "**Facts, late robots, partitions.** That many facts, most of them new at once, until "
-            "all robots hold them; a robot that starts late, with an empty journal, until it has "
-            "them and is in the plan, and what all send for it, kB; two halves that are cut off, "
-            "until each has declared the other dead, and from the healing until they are one team "
-            "again. Seconds; `cpu`: of the simulation.",
+            "**Facts, late robots, partitions.** `known`: until all robots hold this number of "
+            "facts, most of them new at once. `late`: until a robot that starts with an empty "
+            "journal has them and is in the plan; `kB`: what all send for it. `cut off`: until "
+            "each half of a divided team has declared the other dead; `healed`: from the healing "
+            "until they are one team again. All in seconds; `cpu`: of the simulation.",
             grid(["robots", "facts", "known", "late", "kB", "cut off", "healed", "cpu"], rest),
         ]
     )

@@ -98,7 +98,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--pairs", type=int, default=15, help="so many pairs of files (default 15)")
+    parser.add_argument(
+        "--pairs", type=int, default=15, help="pairs of files to print (default 15)"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all that was counted here")
     options = parser.parse_args()
     found = {"outcome": outcome(), "kill": kill(), "plan": plan()}

@@ -6,6 +6,7 @@ Texts in such a file may contain `$name`: a parameter of the local task, or a va
 from __future__ import annotations
 
 import re
+from abc import abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -133,9 +134,9 @@ class BoundFile(FileModel):
         """An empty report on this file."""
         return Report(self.file, self._report.lines)
 
+    @abstractmethod
     def problems(self) -> Problems:
         """What is wrong beyond the shape of single parts."""
-        raise NotImplementedError
 
     def condition_places(self) -> Problems:
         """Each condition that is set, with its place."""

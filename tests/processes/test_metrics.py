@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 def free_ports(count: int) -> int:
-    """The first of so many ports in a row that are free now."""
+    """The first of `count` ports in a row that are free now."""
     while True:
         with contextlib.ExitStack() as stack, contextlib.suppress(OSError):
             first = stack.enter_context(socket.socket())
