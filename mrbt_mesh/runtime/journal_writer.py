@@ -7,8 +7,8 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol, TypeAlias
 
 from mrbt_mesh.core.agent.effects import Forget, Persist
@@ -21,10 +21,11 @@ LAZY_COMMIT_S = 0.1
 RETRY_S = 1.0
 # How often a journal is looked for that nothing is written to.
 LOOK_S = 1.0
-# A write that takes longer is reported, until FAST_WRITES in a row were faster.
+# A write that takes longer is reported, until none was for SLOW_FOR_S: each report is news for the
+# whole team.
 SLOW_S = 0.25
-FAST_WRITES = 10
-SLOW = "journal is slow"
+SLOW_FOR_S = 30.0
+SLOW = f"journal is slow: writes take more than {SLOW_S} s"
 DELETED = "was deleted while the robot ran"
 CLOSE_TIMEOUT_S = 5.0
 
@@ -61,7 +62,7 @@ class JournalWriter:
         self._due_s: float | None = time.monotonic() if problem else None
         self._is_failing = bool(problem)
         self._reported = problem
-        self._took_s: deque[float] = deque(maxlen=FAST_WRITES)
+        self._slow_at_s = -SLOW_FOR_S
         self._is_closing = False
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
 
@@ -126,7 +127,7 @@ class JournalWriter:
         with self._changed:
             changes, number = dict(self._pending), self._number
             self._due_s = None
-        began_s = time.perf_counter()
+        began_s = time.monotonic() - processor_wait_s()
         try:
             self._ensure_open(journal)
             if changes:
@@ -136,7 +137,7 @@ class JournalWriter:
         except Exception as error:  # nothing that goes wrong here may go unsaid
             self._failed(error)
             return
-        took_s = time.perf_counter() - began_s
+        took_s = max(0.0, time.monotonic() - processor_wait_s() - began_s)
         with self._changed:
             for key, entry in changes.items():
                 if key in self._pending and self._pending[key] is entry:
@@ -158,17 +159,16 @@ class JournalWriter:
         with self._changed:
             self._due_s = time.monotonic() + RETRY_S
             self._is_failing = True
-        self._took_s.clear()
+        self._slow_at_s = -SLOW_FOR_S
         self._report(f"journal cannot be written: {reason_of(error)}", is_failing=True)
 
     def _worked(self, took_s: float, number: int) -> None:
-        self._took_s.append(took_s)
         if self._synced_s is not None:
             self._synced_s.observe(took_s)
-        if max(self._took_s) < SLOW_S:
-            self._report("")
-        elif not self._reported.startswith(SLOW):
-            self._report(f"{SLOW}: a write took {took_s:.2f} s")
+        now_s = time.monotonic()
+        if took_s >= SLOW_S:
+            self._slow_at_s = now_s
+        self._report(SLOW if now_s < self._slow_at_s + SLOW_FOR_S else "")
         if number > self._told:
             self._told = number
             self._tell(JournalSynced(number))
@@ -177,3 +177,14 @@ class JournalWriter:
         if problem != self._reported:
             self._reported = problem
             self._tell(JournalReported(problem, is_failing))
+
+
+def processor_wait_s() -> float:
+    """How long this thread and the event loop's have waited for a processor so far; 0.0 where the
+    system does not say. A machine that is too busy makes no disk slow.
+    """
+    try:
+        files = ("/proc/thread-self/schedstat", "/proc/self/schedstat")
+        return sum(int(Path(file).read_text().split()[1]) for file in files) / 1e9
+    except OSError:
+        return 0.0

@@ -119,7 +119,8 @@ class Lifecycle:
         context.ask(context.replica.anti_entropy.choose_to_ask(wanted, now_us), now_us)
         awaited = joining.is_first and self._duplicates.is_other_life_relayed
         team_is_there = bool(context.membership.members())
-        if wanted or not joining.is_done(awaited, team_is_there, now_us):
+        all_there = joining.are_all_there(context.membership.peers, around.judges)
+        if wanted or not joining.is_done(all_there, awaited, team_is_there, now_us):
             return False
         if not joining.keeps_life:
             ahead = sum(robot < context.me for robot in around.newcomers)

@@ -3,8 +3,9 @@
 Every heartbeat has a digest of its sender's facts. If it differs from one's own for longer than a
 message may take, facts were lost on the way, and the peer is asked for them (`replica` writes and
 answers the pulls). Few are asked at a time: one answer holds all that is missing. A peer that still
-has the facts that this replica had a while ago is asked later, since it will ask itself. While no
-answers come, ever fewer are asked: questions would slow peers down that are too slow to answer.
+has the facts that this replica had a while ago is asked later, since it will ask itself. Where
+answers take long, because all are busy, so do facts: a difference may last for longer before it
+counts as a loss, and while no answers come, ever fewer are asked.
 
 Source: Demers et al., Epidemic algorithms for replicated database maintenance, 1987.
 """
@@ -22,6 +23,8 @@ from mrbt_mesh.core.membership.timing import NEVER_US, Timing
 PULLS_AT_A_TIME = 3
 # After that many questions without an answer the wait is doubled; how often, at most.
 IN_VAIN, MAX_DOUBLED = 2 * PULLS_AT_A_TIME, 4
+# A message may take this many times as long as answers have taken.
+PATIENCE = 2
 PAST_DIGESTS = 64
 
 
@@ -55,14 +58,16 @@ class AntiEntropy:
         self._not_before_us = 0
         self.changed_us = 0
         self._asked_in_vain = 0
+        # How long answers take, smoothed.
+        self._answer_us = 0
 
     @property
     def _repair_us(self) -> int:
-        return self._timing.repair_us << self._doubled
+        return max(self._timing.repair_us, PATIENCE * self._answer_us) << self._doubled
 
     @property
     def _ask_timeout_us(self) -> int:
-        return self._timing.ask_timeout_us << self._doubled
+        return max(self._timing.ask_timeout_us, PATIENCE * self._answer_us) << self._doubled
 
     @property
     def _doubled(self) -> int:
@@ -146,17 +151,25 @@ class AntiEntropy:
         Differences of others before their last heartbeats were due are outdated: this may have been
         the reason. If not, some robot hears of them again.
         """
+        asked = self._differences.get(peer)
+        if asked is not None and asked.asked_us is not None:
+            self._answer_us = (3 * self._answer_us + now_us - asked.asked_us) // 4
         self.forget(peer)
-        self._asked_in_vain = 0
+        # Not forgotten: one answer among many questions in vain does not show that peers have time.
+        self._asked_in_vain //= 2
         before_us = now_us - self._timing.overdue_us
         for other, difference in list(self._differences.items()):
             if difference.heard_us < before_us and not self.is_asking(other, now_us):
                 self.forget(other)
 
     def mark_unanswered(self, peer: str, now_us: int) -> None:
-        """The peer could not be asked: try again soon, it may be only just connecting."""
+        """There is no answer. A peer that could not even be asked may be only just connecting: try
+        again soon. One that has had the time is too slow to answer.
+        """
         difference = self._differences.get(peer)
-        if difference is not None and difference.asked_us is not None:
+        if difference is None or difference.asked_us is None:
+            return
+        if now_us < difference.asked_us + self._timing.repair_us:
             retry_us = now_us - self._timing.ask_timeout_us + self._timing.repair_us
             difference.asked_us = min(difference.asked_us, retry_us)
             self._ask_from(now_us + self._timing.repair_us)

@@ -9,7 +9,7 @@ answers, because it does not hear the newcomer, is waited for no longer than the
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.timing import Timing
@@ -20,7 +20,7 @@ JOINS_AT_A_TIME = 8
 
 class Joining:
     """Done once facts were exchanged with every peer that is heard, and either all expected
-    robots were heard or one detection time has passed.
+    robots are there or one detection time has passed.
 
     `is_first`: the process has just started (not: it fenced itself). `keeps_life`: it was silent
     for long and has nothing that others could have taken over, so it only catches up. `refusal` is
@@ -94,13 +94,28 @@ class Joining:
             self.yields_until_us = now_us + self._timing.detection_us
         return now_us < self.yields_until_us
 
-    def is_done(self, is_other_life_relayed: bool, is_team_there: bool, now_us: int) -> bool:
+    def are_all_there(
+        self, peers: Mapping[str, Peer], are_neighbours: Callable[[str], bool]
+    ) -> bool:
+        """Whether the expected robots are there: neighbours were heard, others are known, perhaps
+        by what their own neighbours relay.
+        """
+        return all(
+            robot in self._heard
+            or (robot in peers and peers[robot].state.is_healthy and not are_neighbours(robot))
+            for robot in self._expected
+        )
+
+    def is_done(
+        self, are_all_there: bool, is_other_life_relayed: bool, is_team_there: bool, now_us: int
+    ) -> bool:
         """Whether the robot may take its place in the team, if nobody's facts are needed.
 
-        `is_other_life_relayed`: others still hold an earlier life of this robot for alive; they
-        are given the time to notice. `is_team_there`: somebody has joined already.
+        `are_all_there`: the robots that it expects. `is_other_life_relayed`: others still hold an
+        earlier life of this robot for alive; they are given the time to notice. `is_team_there`:
+        somebody has joined already.
         """
-        if self._expected <= self._heard and not is_other_life_relayed:
+        if are_all_there and not is_other_life_relayed:
             return True
         return now_us >= (self.deadline_us if is_team_there else self.gathers_until_us)
 

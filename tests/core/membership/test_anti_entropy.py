@@ -53,6 +53,39 @@ def test_few_are_asked_at_a_time_and_ever_fewer_while_none_has_answered() -> Non
     assert mine.anti_entropy.choose_to_ask("QRS", 16 * TIMING.repair_us) == ["Q", "R", "S"]
 
 
+def test_one_answer_among_many_questions_in_vain_does_not_bring_back_the_haste() -> None:
+    mine = replica("A")
+    for peer in "BCDEFGHIJKLMNOPQ":
+        mine.compare_digest(peer, b"another!", 0)
+        mine.anti_entropy.mark_asked(peer, 0)
+    mine.anti_entropy.mark_answered("B", 1)
+    late_us = TIMING.ask_timeout_us
+    assert mine.anti_entropy.is_asking("C", late_us), "its eight others count: it waits for twice"
+    assert not mine.anti_entropy.is_asking("C", 2 * late_us)
+
+
+def test_where_answers_take_long_facts_may_take_as_long() -> None:
+    mine = replica("A")
+    mine.compare_digest("B", b"another!", 0)
+    mine.anti_entropy.mark_asked("B", 0)
+    took_us = 40 * TIMING.repair_us
+    mine.anti_entropy.mark_answered("B", took_us)
+    mine.compare_digest("C", b"another!", took_us)
+    # A quarter of what the first answer took, twice.
+    assert mine.anti_entropy.peers_to_ask(took_us + 20 * TIMING.repair_us - 1) == []
+    assert mine.anti_entropy.peers_to_ask(took_us + 20 * TIMING.repair_us) == ["C"]
+
+
+def test_a_peer_that_has_had_the_time_to_answer_is_not_asked_again_soon() -> None:
+    mine = replica("A")
+    for peer, none_at_us in ("B", 1), ("C", TIMING.repair_us):
+        mine.compare_digest(peer, b"another!", 0)
+        mine.anti_entropy.mark_asked(peer, 0)
+        mine.anti_entropy.mark_unanswered(peer, none_at_us)
+    assert not mine.anti_entropy.is_asking("B", TIMING.repair_us + 1)
+    assert mine.anti_entropy.is_asking("C", TIMING.repair_us + 1)
+
+
 def test_who_was_slow_himself_may_have_what_he_lacks_unread() -> None:
     mine = replica("A")
     mine.compare_digest("B", b"another!", 0)

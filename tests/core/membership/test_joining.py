@@ -76,23 +76,40 @@ def test_who_never_answers_is_waited_for_no_longer_than_the_longest_detection_ti
     assert new.wants(3_000) == []
 
 
-def test_all_must_be_heard_or_one_detection_time_pass() -> None:
+def everybody(robot: str) -> bool:
+    return True
+
+
+def test_all_must_be_there_or_one_detection_time_pass() -> None:
     new = Newcomer("AB")
     new.hear("A")
-    assert not new.joining.is_done(False, False, 999 * MS)
-    assert new.joining.is_done(False, False, 1_000 * MS)
+    assert not new.joining.are_all_there(new.members.peers, everybody)
+    assert not new.joining.is_done(False, False, False, 999 * MS)
+    assert new.joining.is_done(False, False, False, 1_000 * MS)
     new.hear("B")
-    assert new.joining.is_done(False, False, 10 * MS)
-    assert not new.joining.is_done(True, False, 10 * MS), "others still hear an earlier life"
+    assert new.joining.are_all_there(new.members.peers, everybody)
+    assert new.joining.is_done(True, False, False, 10 * MS)
+    assert not new.joining.is_done(True, True, False, 10 * MS), "others hear an earlier life"
+
+
+def test_of_robots_that_are_no_neighbours_it_is_enough_to_know() -> None:
+    new = Newcomer("ABC")
+    new.hear("A")
+    assert not new.joining.are_all_there(new.members.peers, "A".__eq__)
+    beside = Joining(TIMING, frozenset("A"), 0)
+    assert not beside.are_all_there(new.members.peers, "A".__eq__), "a neighbour has to be heard"
+    assert beside.are_all_there(new.members.peers, "B".__eq__)
+    new.members.detect_failures(1_000 * MS)
+    assert not beside.are_all_there(new.members.peers, "B".__eq__), "it is silent"
 
 
 def test_a_team_that_gathers_waits_longer_and_a_newcomer_to_one_that_is_there_does_not() -> None:
     joining = Joining(TIMING, frozenset("AB"), 0, gather_us=5_000 * MS)
     joining.mark_heard("A")
-    assert not joining.is_done(False, False, 4_999 * MS)
-    assert joining.is_done(False, False, 5_000 * MS)
-    assert not joining.is_done(False, True, 999 * MS)
-    assert joining.is_done(False, True, 1_000 * MS)
+    assert not joining.is_done(False, False, False, 4_999 * MS)
+    assert joining.is_done(False, False, False, 5_000 * MS)
+    assert not joining.is_done(False, False, True, 999 * MS)
+    assert joining.is_done(False, False, True, 1_000 * MS)
 
 
 def test_many_newcomers_of_a_large_team_join_a_few_at_a_time() -> None:
