@@ -92,10 +92,13 @@ async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
 
 def status_data(watcher: Watcher) -> dict[str, Any]:
     """The status as plain data."""
+    from mrbt_mesh.core.observer.headline import headline, robots_that_differ
+
     observer, run_dir = watcher.observer, watcher.address.run_dir
     started = run_dir.robots() if run_dir is not None else []
     robots = {r: _robot(watcher, r) for r in sorted({*observer.robots(), *started})}
     plan = observer.plan
+    statements = headline(observer, robots_that_differ(observer))
     waiting = plan.waiting if plan else ()
     working: dict[str, list[str]] = {}
     for robot, row in robots.items():
@@ -103,6 +106,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
             working.setdefault(row["global_task"], []).append(robot)
     return {
         "mission": observer.mission.name,
+        "headline": [statement.to_json() for statement in statements],
         "result": plan.result.name.lower() if plan else None,
         "ends": str(observer.mission.ends),
         "robots": robots,

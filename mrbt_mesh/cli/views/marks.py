@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from rich.text import Text
+
 from mrbt_mesh.core.bt.tree import Status
 
 MARKS = {
@@ -21,3 +25,16 @@ STATE_MARKS = {
 }
 # By `WorkEnd`. A death has a mark of its own.
 END_MARKS = {"done": ("✔", "green"), "failed": ("✘", "red"), "dropped": ("↷", "yellow")}
+# Of a headline's statements, by `Level`.
+LEVEL_MARKS = {
+    "bad": ("✘", "bold red"),
+    "warn": ("!", "yellow"),
+    "info": ("·", "cyan"),
+    "good": ("✔", "green"),
+}
+
+
+def statement_text(statement: Mapping[str, str]) -> Text:
+    """A statement of a headline, as plain data, with its sign and colour."""
+    sign, style = LEVEL_MARKS[statement["level"]]
+    return Text(f"{sign} {statement['text']}", style)

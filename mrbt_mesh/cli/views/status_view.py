@@ -10,13 +10,12 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
-from mrbt_mesh.cli.views.marks import STATE_MARKS
+from mrbt_mesh.cli.views.marks import STATE_MARKS, statement_text
 from mrbt_mesh.cli.views.plan_view import render_bounds
 from mrbt_mesh.cli.views.summary_view import (
     MOST_FAILURES,
     capability_changes,
     failure_line,
-    problem_line,
 )
 
 # Reasons of refusals that are named for each robot; `--json` has all.
@@ -25,8 +24,6 @@ MOST_REASONS = 5
 
 def render_status(data: Mapping[str, Any]) -> RenderableType:
     """The output of `mrbt status --json`, for a terminal."""
-    stands_by = data.get("ends") == "never" and data["result"] in ("success", "failure")
-    result = f": {data['result']}{', stands by' if stands_by else ''}"
     robots = table("robot", "type", "host", "pid", "state", "works on", "lost or changed")
     for robot, row in data["robots"].items():
         robots.add_row(
@@ -38,25 +35,19 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
             row["local_task"] or Text("nothing", "dim"),
             capability_changes(row),
         )
-    parts: list[RenderableType] = [Text.assemble((data["mission"], "bold"), result), robots]
+    parts: list[RenderableType] = [Text(data["mission"], "bold")]
+    parts += [Text.assemble("  ", statement_text(each)) for each in data["headline"]]
+    parts.append(robots)
     for status in ("running", "success", "failure", "cancelled"):
         names = [name for name, row in data["global_tasks"].items() if row["status"] == status]
         if names:
             parts.append(Text.assemble((f"{status}:", "dim"), f" {', '.join(names)}"))
     if data["bounds"]:
         parts.append(render_bounds(data["bounds"]))
-    parts += [Text(f"{row['request']} {row['reason']}", "red") for row in data["blocked"]]
     latest = data["failures"][-MOST_FAILURES:]
     if len(latest) < len(data["failures"]):
         parts.append(Text(f"{len(data['failures']) - len(latest)} earlier failures", "dim"))
     parts += map(failure_line, latest)
-    parts += [
-        problem_line({"robot": robot, "subject": subject, "problem": text})
-        for robot, row in data["robots"].items()
-        for subject, text in row["problems"].items()
-    ]
-    agree = ("all agree", "") if data["agreement"] else ("the robots are agreeing", "yellow")
-    parts.append(Text(*agree))
     parts += [_refused(robot, counts) for robot, counts in data.get("refused", {}).items()]
     if not data.get("secure", True):
         parts.append(Text("not secure: nothing is signed", "yellow"))

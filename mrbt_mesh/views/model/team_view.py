@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import Any, Protocol
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.mission.mission import MissionEnd
+from mrbt_mesh.core.observer.headline import headline, reported_plans, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
@@ -18,36 +18,28 @@ from mrbt_mesh.views.model.own_trees import running_tree
 from mrbt_mesh.views.model.timeline import TimelineView
 from mrbt_mesh.views.model.why import why_takeover
 
-
-def reported_plans(observer: Observer) -> dict[str, bytes]:
-    """Robot -> digest of the plan that it last reported, empty for none; sorted.
-
-    Only healthy robots that have joined.
-    """
-    return {
-        robot: peer.report.plan_digest
-        for robot, peer in sorted(observer.membership.peers.items())
-        if peer.report.has_joined and peer.state.is_healthy
-    }
+# A team that has another plan than a moment ago agrees within this time.
+AGREED_US = 500_000
 
 
 class AgreementView:
-    """Remembers since when each robot differs from most of the others."""
+    """Remembers since when each robot differs from most of the others.
+
+    `differing`: those that have done so for longer than it takes to agree.
+    """
 
     def __init__(self) -> None:
         self._since_us: dict[str, int] = {}
+        self.differing: list[str] = []
 
     def look(self, observer: Observer, now_us: int) -> dict[str, Any]:
         """`equal`, how many `robots` report a plan, and `differ`: robot -> since when, in s."""
-        digests = reported_plans(observer)
-        counts = Counter(digests.values())
-        own = observer.plan.digest if observer.plan is not None else b""
-        usual = max(counts, key=lambda digest: (counts[digest], digest == own, digest), default=b"")
-        differ = [robot for robot, digest in digests.items() if digest != usual]
+        differ = robots_that_differ(observer)
         self._since_us = {robot: self._since_us.get(robot, now_us) for robot in differ}
+        self.differing = [r for r, at_us in self._since_us.items() if now_us > at_us + AGREED_US]
         return {
             "equal": not differ,
-            "robots": len(digests),
+            "robots": len(reported_plans(observer)),
             "differ": {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()},
         }
 
@@ -55,9 +47,10 @@ class AgreementView:
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
-    `team`: result, order, agreement, what is blocked. `robot/ID`: one robot. `task/NAME`: a global
-    task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
-    `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
+    `team`: result, order, agreement, what is blocked. `headline`: how it is, the worst first, as
+    objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot. `task/NAME`: a
+    global task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever
+    ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -77,6 +70,8 @@ class TeamState:
         observer = self.observer
         agreement = self._agreement.look(observer, now_us)
         self.changes.put("team", self._team(agreement))
+        statements = headline(observer, self._agreement.differing)
+        self.changes.put("headline", [statement.to_json() for statement in statements])
         for robot in observer.robots():
             self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
             self.changes.put(f"position/{robot}", self._position(robot))

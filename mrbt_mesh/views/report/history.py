@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.core.observer.headline import reported_plans
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
-from mrbt_mesh.views.model.team_view import AgreementView, reported_plans
+from mrbt_mesh.views.model.team_view import AgreementView
 from mrbt_mesh.views.model.why import candidates, why_takeover
 from mrbt_mesh.views.report.model import Disagreement, ReportedPlan, Wait, WaitKind
 

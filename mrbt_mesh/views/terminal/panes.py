@@ -13,8 +13,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Static
 
-from mrbt_mesh.cli.views.marks import MARKS
-from mrbt_mesh.core.bt.tree import Kind, Status
+from mrbt_mesh.cli.views.marks import statement_text
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.terminal.lanes import LEAST_S, Window, axis, lane, latest_fault
 from mrbt_mesh.views.terminal.robot_rows import (
@@ -34,33 +34,18 @@ SIDE = 4
 SHORTEST_S = 0.5
 # Of what happened.
 ALARMING = re.compile(r"dead|blocked:|lost| failed")
-ORDERS = {"pause": "paused", "abort": "aborted"}
 
 
 def head_text(shown: ShownTeam) -> Text:
-    """The team in a line: mission, time, result, agreement, order, what is blocked."""
+    """The team in two lines: mission, time, and how the team is, the worst first."""
     team = shown.team
-    status = Status[(team["ended"] or team["result"] or "idle").upper()]
-    sign, style = MARKS[status]
-    text = Text(no_wrap=True, overflow="ellipsis")
+    text = Text(overflow="ellipsis")
     text.append(f" {shown.mission['name']} ", "bold reverse")
     text.append(f" {shown.now_s:.1f} s  " if team["started"] else " not begun  ")
-    text.append(f"{sign} {status.name.lower()}  ", style)
-    differ = team["agreement"]["differ"]
-    if not team["agreement"]["robots"]:
-        text.append("waiting for robots  ", "dim")
-    elif differ:
-        text.append(f"○ {', '.join(differ)} with another plan  ", "yellow")
-    else:
-        text.append(f"● all {team['agreement']['robots']} agree  ", "green")
-    if team["order"] != "resume":
-        text.append(f"{ORDERS[team['order']]}  ", "bold yellow")
-    if team["stands_by"]:
-        text.append(f"stands by, rounds: {team['rounds']}  ")
-    elif team["rounds"] > 1:
+    for statement in shown.headline:
+        text.append_text(statement_text(statement)).append("  ")
+    if team["rounds"] > 1:
         text.append(f"round {team['rounds']}  ")
-    for episode in team["blocked"]:
-        text.append(f"✘ {episode['request']} {episode['reason']}  ", "red")
     return text.append(f"{len(shown.observer.facts.map)} facts", "dim")
 
 

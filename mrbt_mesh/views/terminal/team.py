@@ -38,6 +38,12 @@ class ShownTeam:
         return item
 
     @property
+    def headline(self) -> list[Item]:
+        """The item `headline`, as `team`."""
+        item: list[Item] = self._items["headline"][""]
+        return item
+
+    @property
     def robots(self) -> dict[str, Item]:
         """The items `robot/ID`."""
         return self._items["robot"]

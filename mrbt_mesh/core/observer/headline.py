@@ -1,0 +1,190 @@
+"""How a team is, the worst first: the words that every screen and command shows."""
+
+from __future__ import annotations
+
+import enum
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.records import OrderKind, problem_text
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.mission.mission import performance
+from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.observer.episodes import MajorFault, lost_text
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.plan import Shortage, shortened
+
+# Blocked requests, and remedies of each, that are named; the status has all.
+MOST_BLOCKED, MOST_REMEDIES = 3, 2
+
+
+class Level(enum.StrEnum):
+    """BAD: the mission does not go on without help. WARN: something is wrong, and it goes on."""
+
+    BAD = "bad"
+    WARN = "warn"
+    INFO = "info"
+    GOOD = "good"
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One sentence of a headline."""
+
+    level: Level
+    text: str
+
+    def to_json(self) -> dict[str, str]:
+        """As plain data."""
+        return {"level": str(self.level), "text": self.text}
+
+
+def reported_plans(observer: Observer) -> dict[str, bytes]:
+    """Robot -> digest of the plan that it last reported, empty for none; sorted.
+
+    Only healthy robots that have joined.
+    """
+    return {
+        robot: peer.report.plan_digest
+        for robot, peer in sorted(observer.membership.peers.items())
+        if peer.report.has_joined and peer.state.is_healthy
+    }
+
+
+def robots_that_differ(observer: Observer) -> list[str]:
+    """The robots that report another plan than most of the others; sorted."""
+    digests = reported_plans(observer)
+    counts = Counter(digests.values())
+    own = observer.plan.digest if observer.plan is not None else b""
+    usual = max(counts, key=lambda digest: (counts[digest], digest == own, digest), default=b"")
+    return [robot for robot, digest in digests.items() if digest != usual]
+
+
+def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
+    """What is to be said of a team now, the worst first; never empty.
+
+    `differing`: the robots that have reported another plan than most for longer than a message
+    takes.
+    """
+    found = [*_blocked(observer), *_dead(observer)]
+    if observer.record.result is None:
+        found += [*_silent(observer), *_faulty(observer), *_agreement(observer, differing)]
+    order = list(Level)
+    is_bad = any(statement.level is Level.BAD for statement in found)
+    found = [*_result(observer, is_bad), *found]
+    return sorted(found, key=lambda statement: order.index(statement.level))
+
+
+def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
+    record, plan = observer.record, observer.plan
+    if record.result is not None:
+        level = Level.GOOD if record.result is Status.SUCCESS else Level.BAD
+        took_s = record.seconds(record.ended_us)
+        after = "" if took_s is None else f" after {took_s:.1f} s"
+        yield Statement(level, f"{record.result.name.lower()}{after}")
+    elif record.started_us is None:
+        yield Statement(Level.INFO, "waiting for robots")
+    elif observer.facts.order() is OrderKind.PAUSE:
+        yield Statement(Level.WARN, "paused: `mrbt resume` goes on")
+    elif observer.facts.order() is OrderKind.ABORT:
+        yield Statement(Level.WARN, "aborted: robots stop")
+    elif plan is not None and plan.result is not Status.RUNNING:
+        yield Statement(Level.INFO, f"{plan.result.name.lower()}, stands by")
+    elif plan is not None and not is_bad:
+        yield Statement(Level.GOOD, "running")
+
+
+def _blocked(observer: Observer) -> Iterator[Statement]:
+    """The requests that no living robots can serve, each with what would help."""
+    plan, record = observer.plan, observer.record
+    if plan is None or record.result is not None:
+        return
+    if record.started_us is not None and not observer.membership.members():
+        yield Statement(Level.BAD, "no robot is heard")
+    reasons = {episode.request for episode in record.blocked if episode.to_us is None}
+    waiting = [w for w in plan.waiting if w.is_blocked and w.global_task in reasons]
+    for each in waiting[:MOST_BLOCKED]:
+        parts = [each.reason.removeprefix("blocked: ")]
+        for shortage in each.shortages:
+            parts += _remedies(observer, shortage)
+        yield Statement(Level.BAD, f"BLOCKED: {each.global_task}: {': '.join(parts)}")
+    if len(waiting) > MOST_BLOCKED:
+        yield Statement(Level.BAD, f"BLOCKED: {len(waiting) - MOST_BLOCKED} more tasks")
+
+
+def _remedies(observer: Observer, shortage: Shortage) -> list[str]:
+    """The robots of the mission that could be started, or have lost the capability."""
+    task, missing = shortage.local_task, shortage.needed - shortage.alive
+    found = []
+    for name, robot in observer.mission.robots.items():
+        if performance(robot.capabilities, task) is None:
+            continue
+        known = observer.facts.members.get(name)
+        if observer.robot_state(name) in (State.DEAD, State.LEFT):
+            found.append(f"start {name} (`mrbt join {name}`)")
+        elif known is not None and {task, type_name(task)} & known[0].lost.keys():
+            found.append(f"mend {name} (`mrbt fault {name} {task} --end`)")
+    if not found:
+        return [f"no other robot of the mission has {task}"]
+    joined = " or " if missing < len(found) else " and "
+    return [joined.join(found[:MOST_REMEDIES])]
+
+
+def _dead(observer: Observer) -> Iterator[Statement]:
+    """The robots that died and did not come back, with what became of their work."""
+    record, plan = observer.record, observer.plan
+    faults = [fault for fault in record.major if fault.until_us is None]
+    if not faults:
+        return
+    is_running = record.result is None and plan is not None
+    wanted = {r.activation for r in plan.evaluation.requests} if is_running and plan else set()
+    lost = [f for f in faults if f.held and f.held.activation in wanted and not f.replacement]
+    text = f"{len(faults)} dead: {shortened([fault.robot for fault in faults])}"
+    if len(faults) == 1:
+        text += _fate(faults[0], bool(lost))
+    yield Statement(Level.BAD if lost else Level.WARN, text)
+
+
+def _fate(fault: MajorFault, is_wanted: bool) -> str:
+    """What became of a dead robot's work."""
+    if fault.held is None:
+        return ", was idle"
+    if fault.reassigned_us is None:
+        how = "not replaced yet" if is_wanted else "no longer needed"
+        return f", {fault.held.local_task} is {how}"
+    if fault.is_older:
+        return f", replaced by {fault.replacement}"
+    after_ms = max(0, fault.reassigned_us - fault.at_us) / 1e3
+    return f", replaced by {fault.replacement} after {after_ms:.0f} ms"
+
+
+def _silent(observer: Observer) -> Iterator[Statement]:
+    states = {robot: observer.robot_state(robot) for robot in observer.robots()}
+    silent = [robot for robot, state in states.items() if state is State.SUSPECT]
+    if silent:
+        yield Statement(Level.WARN, f"{len(silent)} silent: {shortened(silent)}")
+
+
+def _faulty(observer: Observer) -> Iterator[Statement]:
+    """Lost capabilities, and what is wrong with programs and journals."""
+    record, members = observer.record, observer.membership.members()
+    for fault in record.minor:
+        if fault.until_us is None and fault.robot in members:
+            text = f"{fault.robot} {lost_text(fault.local_tasks, fault.reason)}"
+            yield Statement(Level.WARN, text)
+    for (robot, subject), episode in record.problems.items():
+        if episode.to_us is None and robot in members:
+            text = f"{robot}: {problem_text(subject, episode.problem)}"
+            yield Statement(Level.WARN, text)
+
+
+def _agreement(observer: Observer, differing: Collection[str]) -> Iterator[Statement]:
+    robots = len(reported_plans(observer))
+    if differing:
+        names = shortened(sorted(differing))
+        yield Statement(Level.WARN, f"{len(differing)} with another plan: {names}")
+    elif robots:
+        agreed = "agreeing" if robots_that_differ(observer) else f"all {robots} agree"
+        yield Statement(Level.GOOD, "one robot" if robots == 1 else agreed)

@@ -1,0 +1,74 @@
+"""What every screen says of a team, the worst first."""
+
+from __future__ import annotations
+
+import pytest
+
+from mrbt_mesh.core.observer.headline import headline, robots_that_differ
+from mrbt_mesh.core.observer.observer import Observer
+from tests.support.watched import ALONE, COVER, WELD, watched
+
+
+def said(observer: Observer) -> list[str]:
+    """The headline; times without their digits."""
+    statements = headline(observer, ())
+    return [f"{each.level} {each.text}".split(" after ")[0] for each in statements]
+
+
+def test_a_team_at_work() -> None:
+    _, observer = watched(WELD)
+    assert said(observer) == ["good running", "good all 2 agree"]
+    assert robots_that_differ(observer) == []
+    odd = headline(observer, ["B", "A"])
+    assert [each.text for each in odd] == ["2 with another plan: A, B", "running"]
+
+
+def test_before_anybody_is_heard() -> None:
+    _, observer = watched(WELD[:-2])
+    assert said(observer) == ["info waiting for robots"]
+
+
+def test_a_death_whose_work_goes_on_is_a_warning_with_the_time_that_it_took() -> None:
+    _, observer = watched(COVER, "kill A", "pass 100")
+    assert said(observer) == ["warn 1 dead: A, replaced by B", "good running", "good all 2 agree"]
+    (fault,) = observer.record.major
+    assert fault.reassigned_us is not None
+    after_ms = round((fault.reassigned_us - fault.at_us) / 1e3)
+    assert headline(observer, ())[0].text.endswith(f"after {after_ms} ms")
+
+
+def test_what_blocks_comes_first_with_the_robot_to_start() -> None:
+    script, observer = watched(COVER, "succeed A", "pass 300", "kill B", "pass 1500")
+    assert said(observer)[:2] == [
+        "bad BLOCKED: cover: lift needs 2, 1 alive: start B (`mrbt join B`)",
+        "bad 1 dead: B, lift is not replaced yet",
+    ]
+    script.block(["start B", "pass 1500"])
+    assert said(observer) == ["good running", "good all 3 agree"]
+
+
+def test_nobody_else_can_do_it() -> None:
+    _, observer = watched(ALONE, "tell A fault weld", "pass 300")
+    assert said(observer)[0] == (
+        "bad BLOCKED: weld: weld needs 1, 0 alive: mend A (`mrbt fault A weld --end`)"
+    )
+    assert said(observer)[1:] == ["warn A lost weld: operator", "good all 2 agree"]
+
+
+def test_all_are_dead() -> None:
+    script, observer = watched(WELD, "kill A", "kill B", "pass 8000")
+    observer.update(script.team.now_us)
+    assert said(observer) == ["bad no robot is heard", "bad 2 dead: A, B"]
+
+
+@pytest.mark.parametrize(
+    ("what", "says"), [("pause", "paused: `mrbt resume` goes on"), ("abort", "failure")]
+)
+def test_orders(what: str, says: str) -> None:
+    _, observer = watched(WELD, f"tell A order {what}", "pass 300")
+    assert says in said(observer)[0]
+
+
+def test_the_end_comes_with_the_robots_that_it_cost() -> None:
+    _, observer = watched(WELD, "kill A", "pass 1500", "succeed B", "pass 300")
+    assert said(observer) == ["warn 1 dead: A, replaced by B", "good success"]
