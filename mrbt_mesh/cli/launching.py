@@ -13,6 +13,7 @@ import anyio
 import click
 
 from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS, end_process
+from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews
 from mrbt_mesh.cli.terminal import errors, labelled, lose_output_rather_than_end, note
@@ -72,14 +73,18 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
 
 
 def run_team(
-    run_dir: RunDir, mission: Mission, show: ShowOptions | None, views: ChosenViews
+    run_dir: RunDir,
+    mission: Mission,
+    show: ShowOptions | None,
+    views: ChosenViews,
+    guide: Guide | None = None,
 ) -> NoReturn:
     """Start the robots, watch them to the end (None: leave them running), and end the process.
 
     Output that cannot be written ends no robot.
     """
     lose_output_rather_than_end()
-    end_process(anyio.run(_run, run_dir, mission, show, views))
+    end_process(anyio.run(_run, run_dir, mission, show, views, guide))
 
 
 async def _detached(team: Team) -> int:
@@ -117,7 +122,11 @@ async def _detached(team: Team) -> int:
 
 
 async def _run(
-    run_dir: RunDir, mission: Mission, show: ShowOptions | None, views: ChosenViews
+    run_dir: RunDir,
+    mission: Mission,
+    show: ShowOptions | None,
+    views: ChosenViews,
+    guide: Guide | None,
 ) -> int:
     info = run_dir.info()
     options, team = info.options, Team(run_dir, info, mission)
@@ -139,7 +148,8 @@ async def _run(
             record = RecordTo(path, beats, options.speed, options.keep_bytes)
             to = record if info.record else None
             address = address_of(run_dir)
-            return await Session(address, team, show, views, record=to, overload=too_many).run()
+            session = Session(address, team, show, views, record=to, overload=too_many, guide=guide)
+            return await session.run()
         finally:
             with anyio.CancelScope(shield=True):
                 await team.end()

@@ -17,6 +17,7 @@ import click
 from mrbt_mesh import plugins
 from mrbt_mesh.cli.command import BAD_INPUT, EXIT_OF_RESULT, SUCCESS
 from mrbt_mesh.cli.finished import print_summary
+from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
 from mrbt_mesh.cli.terminal import errors, print_json
@@ -80,7 +81,7 @@ class Session:
     views and ports that cannot be opened.
 
     `team`: its processes, if they run on this machine. `overload`: by how much the team is too
-    large for it. `past` adds earlier events.
+    large for it. `past` adds earlier events. `guide` shows a newcomer around.
     """
 
     address: TeamAddress
@@ -92,6 +93,7 @@ class Session:
     record: RecordTo | None = None
     overload: Overload | None = None
     past: Callable[[Observer], None] | None = None
+    guide: Guide | None = None
 
     async def run(self) -> int:
         """Watch until the mission is over, time is up, no robot is left, or Ctrl-C.
@@ -103,6 +105,8 @@ class Session:
                 click.echo(line, err=self.show.as_json)
             if self.team is not None:
                 group.start_soon(self.team.note_exits, watcher)
+            if self.guide is not None and self.team is not None:
+                group.start_soon(self.guide.kill_one, watcher, self.team)
             async with self._display(watcher, opened) as refresh:
                 why = await self._until_over(watcher, opened, look_on, refresh)
             group.cancel_scope.cancel()
@@ -157,8 +161,9 @@ class Session:
         if self.show.as_json or not all(view.address for view in opened.values()):
             yield lambda: None
             return
+        guiding = self.guide.notes if self.guide is not None else ()
         if _is_live(self.show):
-            notes = _address_lines(opened)
+            notes = [*_address_lines(opened), *guiding]
             if self.overload is not None:
                 notes.append(f"{self.overload.robots} robots are too many for this machine")
             options = replace(self.views.options, has_control=False, notes=tuple(notes))
@@ -167,6 +172,8 @@ class Session:
                 opened[TERMINAL_VIEW] = view
                 yield lambda: None
             return
+        for note in guiding:
+            click.echo(note)
         printed = 0
 
         def print_lines() -> None:
@@ -249,6 +256,8 @@ class Session:
                 errors.print(str(error), soft_wrap=True, markup=False)
         print_summary(summary, self.show.as_json)
         print_refusals(refused)
+        if self.guide is not None and team is not None and not self.show.as_json:
+            click.echo("\n".join(self.guide.closing(team)))
         return EXIT_OF_RESULT[result]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -32,6 +32,12 @@ from mrbt_mesh.cli.plugged import ChosenViews, view_options
 from mrbt_mesh.formats.shipped import examples
 from mrbt_mesh.plugins import VIEWS, ViewerOptions
 from mrbt_mesh.runtime.robot_options import RobotOptions
+
+if TYPE_CHECKING:
+    from mrbt_mesh.cli.guide import Guide
+
+# When `mrbt demo` kills a robot.
+KILL_AFTER_S = 8.0
 
 
 @click.command(cls=MrbtCommand)
@@ -73,6 +79,7 @@ def up(
     run_dir: Path | None,
     continues: bool,
     no_record: bool,
+    guide: Guide | None = None,
     **how: Any,
 ) -> None:
     """Start one process per robot and watch the mission.
@@ -112,7 +119,7 @@ def up(
     if info.options.insecure:
         warn_insecure()
     found = (continued if continues else created)(run_dir, info, loaded)
-    run_team(found, loaded, None if detach else show, views)
+    run_team(found, loaded, None if detach else show, views, guide)
 
 
 @click.command(cls=MrbtCommand)
@@ -129,11 +136,13 @@ def up(
 def demo(context: click.Context, example: str, speed: float, headless: bool, as_json: bool) -> None:
     """Run an example, by default six robots that repair a vehicle (about 30 s).
 
-    Where the extra `web` is installed, a page shows the robots in the browser and has a button to
-    kill each. Exit status: that of `mrbt up`.
+    It kills one robot at work by itself, and lets you kill the next one. Where the extra `web` is
+    installed, a page shows the robots in the browser and has a button to kill each. Exit status:
+    that of `mrbt up`.
 
     Example: mrbt demo; in a second terminal, while it runs: mrbt kill A1; mrbt status
     """
+    from mrbt_mesh.cli.guide import Guide
     from mrbt_mesh.errors import InputError
     from mrbt_mesh.formats.shipped import example_mission
 
@@ -147,4 +156,5 @@ def demo(context: click.Context, example: str, speed: float, headless: bool, as_
             pass  # without its extra
     if not as_json:
         click.echo(f"mrbt up {mission}")
-    context.invoke(up, mission=mission, speed=speed, headless=headless, as_json=as_json, **page)
+    how = {"speed": speed, "headless": headless, "as_json": as_json}
+    context.invoke(up, mission=mission, guide=Guide(KILL_AFTER_S / speed), **how, **page)
