@@ -25,13 +25,12 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
     It is written first if the team was detached, or its launcher killed. Raises InputError for a
     damaged run directory.
     """
-    from mrbt_mesh.runtime.launcher_lock import is_launched
+    from mrbt_mesh.runtime.known_runs import is_running
 
-    robots = run_dir.robots()
-    if is_launched(run_dir) or any(run_dir.process(robot) for robot in robots):
+    if is_running(run_dir):
         return None
     summary = run_dir.summary()
-    if summary is None and robots:
+    if summary is None and run_dir.robots():
         summary = _summary(run_dir)
         run_dir.write_summary(summary)
     return summary

@@ -29,6 +29,7 @@ from mrbt_mesh.runtime.capacity import (
     Overload,
     overload,
 )
+from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
@@ -44,7 +45,9 @@ def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     if folder is None:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         folder = state_dir() / "runs" / f"{mission.name}-{stamp}"
-    return RunDir.create(folder.resolve(), info, compile_mission(mission))
+    found = RunDir.create(folder.resolve(), info, compile_mission(mission))
+    remember(found)
+    return found
 
 
 def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
@@ -54,7 +57,7 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     """
     if folder is None:
         raise InputError("--continue needs the --run-dir of the run to continue")
-    found = RunDir.find(folder.resolve())
+    found = RunDir.of(folder.resolve())
     running = [robot for robot in found.robots() if found.process(robot) is not None]
     if running:
         raise InputError(f"{found.path}: {', '.join(running)} still run; see `mrbt watch`")
@@ -68,7 +71,7 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
         )
     options = replace(info.options, team=before.team, run=before.run)
     found.save(replace(info, options=options))
-    found.remember()
+    remember(found)
     return found
 
 

@@ -11,14 +11,14 @@ from mrbt_mesh.version import __version__
 SECTIONS = {
     "Run a team": {
         "demo up": "Run an example; start a mission's robots",
-        "watch status": "Watch a team: here, --web or --groot2; who does what",
+        "watch status ls logs": "Watch a team; who does what; the teams; their logs",
         "agent router keys": "Run one robot or router on any machine; make keys",
     },
     "Act on a running team": {
         "kill freeze thaw leave": "Stop, freeze, thaw or release a robot",
         "join fault": "Start one more robot; break or mend a capability",
         "pause resume abort": "Pause, resume or end the mission",
-        "decide": "Decide about an exclusive task in doubt",
+        "decide down": "Decide about a task in doubt; end the team",
     },
     "Prepare and try out": {
         "new validate plan": "Write a mission, check it, plan for given facts",
@@ -29,6 +29,7 @@ SECTIONS = {
 # The modules of commands that share one; others have one of their own name.
 MODULES = {
     "orders": "kill freeze thaw leave join fault pause resume abort decide",
+    "runs": "ls down logs",
     "agent": "router",
     "plan": "validate",
     "up": "demo",

@@ -118,7 +118,7 @@ def _environment(network: NetworkOptions) -> NetworkOptions:
 
 @dataclass(frozen=True)
 class TeamOptions:
-    """Where a team is: the newest run, another run directory, or the network."""
+    """Where a team is: in the run that `find_run` finds, or on the network."""
 
     run_dir: Path | None
     mission: Path | None
@@ -141,10 +141,10 @@ class TeamOptions:
 
         Raises InputError if there is none, or if they name both.
         """
-        from mrbt_mesh.runtime.run_dir import RunDir
+        from mrbt_mesh.runtime.known_runs import find_run
 
         if self.mission is None:
-            return RunDir.find(self.run_dir)
+            return find_run(self.run_dir)
         if self.run_dir is None:
             return None
         raise InputError(

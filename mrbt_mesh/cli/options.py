@@ -25,7 +25,10 @@ optional_mission_argument = click.argument(
 robot_argument = click.argument("robot", metavar="ROBOT", help="A robot's id.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 run_dir_option = click.option(
-    "--run-dir", type=PATH, metavar="DIR", help="Run directory. Default: that of the newest run."
+    "--run-dir",
+    type=PATH,
+    metavar="DIR|TEAM",
+    help="Run directory, or a name from `mrbt ls`. Default: the team that runs, or the newest run.",
 )
 
 

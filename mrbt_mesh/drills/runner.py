@@ -28,6 +28,7 @@ from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, write_atomically
@@ -102,6 +103,7 @@ async def run_drill(
         path, robots = drill.mission_path, drill.robots
         info = new_run(drill.mission, path, robots, options, places=found, record=True)
         run_dir = RunDir.create(folder, info, compile_mission(drill.mission))
+        remember(run_dir)
         hold = run_dir.path / HOLD_FILE
         environment = {HOLD_VARIABLE: str(hold), **around.environment}
         team = Team(run_dir, info, drill.mission, environment)

@@ -10,14 +10,18 @@ import contextlib
 import fcntl
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
 
-from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
+import psutil
+
+from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, identity_of_this_process, process_in
 
 # A robot that has not left after so long never will, such as one whose program blocks it.
 LEAVE_LIMIT_S = 10.0
+LOOKS, LOOK_S = 100, 0.01
 
 
 @contextlib.contextmanager
@@ -39,6 +43,11 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
         except OSError as error:
             text = f"{path} cannot be locked ({error.strerror}): put --run-dir on a local disk"
             raise RunDirError(text) from error
+        try:
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, identity_of_this_process().encode())
+        except OSError as error:
+            raise RunDirError(f"cannot write the run directory: {error}") from error
         yield
     finally:
         os.close(descriptor)
@@ -57,6 +66,18 @@ def is_launched(run_dir: RunDir) -> bool:
     finally:
         os.close(descriptor)
     return False
+
+
+def launcher(run_dir: RunDir) -> psutil.Process | None:
+    """The process that launched the run's robots, if it lives and is of this machine."""
+    for _ in range(LOOKS):
+        if not is_launched(run_dir):
+            break
+        # It writes who it is right after it has locked the file.
+        if process := process_in(run_dir.launcher_lock_path):
+            return process
+        time.sleep(LOOK_S)
+    return None
 
 
 class LauncherWatch:

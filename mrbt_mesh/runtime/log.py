@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, LimitedLog
+from mrbt_mesh.runtime.run_dir import RunDir
 
 _hidden = "rich" not in sys.modules
 if _hidden:
@@ -37,7 +38,7 @@ def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KE
             fields = {"event": "log_lines_lost", "robot": robot, "count": count, "reason": reason}
             return str(renderer(None, "", stamp(None, "", {**fields, "level": "error"})))
 
-        file = LimitedLog(run_dir / f"{robot}.log", keep_bytes, lost)
+        file = LimitedLog(RunDir(run_dir).log_path(robot), keep_bytes, lost)
     else:
         renderer = structlog.dev.ConsoleRenderer(
             colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback

@@ -2,7 +2,8 @@
 
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
-launcher.lock       locked by the process that launched the robots, as long as it lives
+launcher.lock       locked by the process that launched the robots, as long as it lives, with its
+                    pid and start time
 keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
@@ -30,7 +31,7 @@ from typing import Any
 
 import psutil
 
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
@@ -103,6 +104,23 @@ def write_atomically(path: Path, text: str) -> None:
         raise
 
 
+def identity_of_this_process() -> str:
+    """The pid and start time of this process, for `process_in`."""
+    started_s = psutil.Process().create_time()
+    return json.dumps({"pid": os.getpid(), "started_unix_s": started_s})
+
+
+def process_in(path: Path) -> psutil.Process | None:
+    """The process with the identity in a file, if it runs; a recycled pid does not deceive."""
+    try:
+        data = json.loads(path.read_text())
+        process = psutil.Process(data["pid"])
+        same = abs(process.create_time() - data["started_unix_s"]) < 1
+        return process if same and process.status() != psutil.STATUS_ZOMBIE else None
+    except (OSError, ValueError, KeyError, psutil.Error):
+        return None
+
+
 class RunDir:
     """One run directory."""
 
@@ -116,7 +134,7 @@ class RunDir:
 
     @classmethod
     def create(cls, path: Path, info: RunInfo, compiled_mission: str) -> RunDir:
-        """Make the directory of a new run, and remember it as the latest one.
+        """Make the directory of a new run.
 
         Raises RunDirError if there is a run in it already or it cannot be written.
         """
@@ -131,29 +149,16 @@ class RunDir:
             (path / MISSION_FILE).write_text(compiled_mission)
             run_dir = cls(path)
             run_dir.save(info)
-            run_dir.remember()
         except OSError as error:
             raise RunDirError(f"cannot write the run directory: {error}") from error
         return run_dir
 
     @classmethod
-    def find(cls, path: Path | None) -> RunDir:
-        """The given run directory, else the latest one; raises RunDirError if there is none."""
-        if path is None:
-            try:
-                path = Path((state_dir() / "latest").read_text().strip())
-            except OSError as error:
-                raise RunDirError(
-                    "no run is known here: start one with `mrbt up`, or name it with --run-dir"
-                ) from error
+    def of(cls, path: Path) -> RunDir:
+        """The run directory of a run that has begun; raises RunDirError if it holds none."""
         if not (path / RUN_FILE).is_file():
             raise RunDirError(f"{path} holds no run (no {RUN_FILE})")
         return cls(path)
-
-    def remember(self) -> None:
-        """Make this the run that commands mean when none is named."""
-        state_dir().mkdir(parents=True, exist_ok=True)
-        write_atomically(state_dir() / "latest", str(self.path.resolve()))
 
     def save(self, info: RunInfo) -> None:
         """Write run.json, and where metrics are served."""
@@ -187,13 +192,27 @@ class RunDir:
         """What a robot printed."""
         return self.path / f"{robot}.out"
 
+    def log_path(self, robot: str) -> Path:
+        """A robot's log."""
+        return self.path / f"{robot}.log"
+
+    def check_robot(self, robot: str) -> None:
+        """Raise RunDirError for a robot that the run does not know."""
+        known = self.members()
+        if robot not in known:
+            raise RunDirError(
+                f"the run in {self.path} has no robot {robot!r}{nearest(robot, known)}"
+            )
+
+    def members(self) -> list[str]:
+        """The robots of the run: those that it began with, and those that joined later."""
+        return sorted({*self.info().robots, *self.robots()})
+
     # -- processes ------------------------------------------------------------------------
 
     def write_process(self, robot: str) -> None:
         """Called by a robot's process at its start."""
-        started_s = psutil.Process().create_time()
-        text = json.dumps({"pid": os.getpid(), "started_unix_s": started_s})
-        write_atomically(self.path / f"{robot}.process", text)
+        write_atomically(self.path / f"{robot}.process", identity_of_this_process())
 
     def mark_alive(self, robot: str) -> None:
         """Called about once a second by a robot whose event loop turns, for health checks."""
@@ -223,14 +242,13 @@ class RunDir:
         return 0
 
     def process(self, robot: str) -> psutil.Process | None:
-        """The robot's process if it runs; a recycled pid is not mistaken for it."""
-        try:
-            data = json.loads((self.path / f"{robot}.process").read_text())
-            process = psutil.Process(data["pid"])
-            same = abs(process.create_time() - data["started_unix_s"]) < 1
-            return process if same and process.status() != psutil.STATUS_ZOMBIE else None
-        except (OSError, ValueError, KeyError, psutil.Error):
-            return None
+        """The robot's process if it runs."""
+        return process_in(self.path / f"{robot}.process")
+
+    def living(self) -> dict[str, psutil.Process]:
+        """The processes of the robots that run, by robot."""
+        found = {robot: self.process(robot) for robot in self.robots()}
+        return {robot: process for robot, process in found.items() if process is not None}
 
     def robots(self) -> list[str]:
         """Robots that ever had a process in this run."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -10,18 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
-import psutil
 import pytest
 from mkdocs_click._docs import make_command_docs
 from ruamel.yaml import YAML
 
 from mrbt_mesh.cli.main import main
-from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.robot_options import RobotOptions
-from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team import new_run
 from tests.support.command import EXPLORE, REPAIR, mrbt
 from tests.support.paths import ROOT
+from tests.support.run_dirs import a_run
 
 
 def commands(group: click.Group = main, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -134,7 +129,7 @@ def test_the_version_is_told_without_loading_what_draws(tmp_path: Path) -> None:
 def test_a_signal_is_sent_without_loading_anything_large(tmp_path: Path, command: str) -> None:
     """A short mission may be over before a slow command has started."""
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
-        run_dir = a_run(tmp_path / "run", process.pid)
+        run_dir = a_run(tmp_path / "run", {"R1": process.pid}).path
         code, packages = loaded(tmp_path, command, "R1", "--run-dir", str(run_dir))
         process.kill()
     assert (code, packages & (LARGE | {"rich"})) == (0, set())
@@ -163,7 +158,7 @@ def test_what_plans_nothing_loads_no_solver(tmp_path: Path, command: list[str]) 
 
 
 def test_the_status_of_a_run_that_is_over_needs_no_network_and_no_solver(tmp_path: Path) -> None:
-    run_dir = a_run(tmp_path / "run", 0)
+    run_dir = a_run(tmp_path / "run", {}).path
     (run_dir / "summary.json").write_text('{"result": "success", "robots": {}}')
     code, packages = loaded(tmp_path, "status", "--json", "--run-dir", str(run_dir))
     assert (code, packages & (LARGE | {"rich"})) == (0, set())
@@ -174,20 +169,6 @@ def test_who_watches_a_team_loads_no_solver_before_a_plan_needs_one() -> None:
     code = "import sys, mrbt_mesh.cli.commands.status; print('ortools' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
-
-
-def a_run(path: Path, pid: int) -> Path:
-    """The directory of a run of which the robot R1 has this process; 0: of which nobody runs."""
-    mission = load_mission(Path(EXPLORE))
-    info = new_run(
-        mission, Path(EXPLORE), ["R1"], RobotOptions(program="p.py", beat_s=0.1, detection_s=0.5)
-    )
-    RunDir.create(path, info, compile_mission(mission))
-    if pid:
-        started_s = psutil.Process(pid).create_time()
-        text = json.dumps({"pid": pid, "started_unix_s": started_s})
-        (path / "R1.process").write_text(text)
-    return path
 
 
 # -- what is refused --------------------------------------------------------------------------

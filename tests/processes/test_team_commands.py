@@ -103,9 +103,16 @@ def test_pause_resume_abort(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
-    assert "pause is the team's order" in team.mrbt("pause")
+    name = json.loads((team.run_dir / "run.json").read_text())["options"]["team"]
+    assert team.mrbt("pause").startswith(f"{name}: pause is the team's order")
     team.wait_for_events(2, "explore", "cancel")
-    team.mrbt("resume")
+    given = json.loads(team.mrbt("resume", "--run-dir", name, "--json"))
+    assert given | {"result": ""} == {
+        "team": name,
+        "robots": ["R1", "R2"],
+        "command": "resume",
+        "result": "",
+    }
     team.wait_for_events(4, "explore")
     team.mrbt("abort")
     code, summary = team.end()
@@ -157,3 +164,36 @@ def test_a_run_that_is_stopped_on_its_way_is_not_finished(team: Team) -> None:
     assert (code, summary["result"]) == (3, "timeout")
     assert summary["ended_because"] == "stopped by the operator"
     assert "mission not finished in time" in team.lines()
+
+
+def test_a_team_is_ended_by_its_name(team: Team) -> None:
+    """As Ctrl-C does where `mrbt up` watches it, else robot by robot, also a frozen one."""
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
+    name = json.loads((team.run_dir / "run.json").read_text())["options"]["team"]
+    expected = f"{name}: 2 robots ended, mission timeout\n"
+    assert team.mrbt("down", name) == expected
+    code, summary = team.end()
+    assert (code, summary["ended_because"]) == (3, "stopped by the operator")
+    other = team.folder / "other"
+    team.mrbt("up", str(EXPLORE), "--detach", "--run-dir", str(other))
+    team.mrbt("freeze", "R1")
+    ended = json.loads(team.mrbt("down", "--json"))
+    assert (ended["command"], ended["robots"]) == ("down", ["R1", "R2"])
+    assert ended["team"] != name
+    assert team.running() == []
+
+
+def test_with_two_teams_commands_ask_which_one_is_meant(team: Team) -> None:
+    team.hold("explore")
+    for folder in ("first", "second"):
+        team.mrbt("up", str(EXPLORE), "--detach", "--run-dir", str(team.folder / folder))
+    for command in (["pause"], ["kill", "R1"], ["join", "R3"], ["status"], ["watch"], ["down"]):
+        refused = team.command(*command)
+        assert (refused.returncode, refused.stdout) == (2, "")
+        assert "2 teams run here: name one with" in refused.stderr
+        assert f"  {team.folder / 'first'}\n" in refused.stderr
+    for folder in ("first", "second"):
+        team.mrbt("down", "--run-dir", str(team.folder / folder))
+    assert [run["alive"] for run in json.loads(team.mrbt("ls", "--json"))["runs"]] == [0, 0]

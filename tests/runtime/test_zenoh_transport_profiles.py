@@ -101,7 +101,7 @@ def test_robots_of_a_run_are_clients_of_its_routers(tmp_path: Path) -> None:
     shared = dataclasses.replace(info.options, routers=routers)
     info = dataclasses.replace(info, options=shared, endpoints={"A1": "", "A2": ""})
     run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
-    assert RunDir.find(tmp_path).info() == info
+    assert RunDir.of(tmp_path).info() == info
     arguments = launcher.agent_arguments(run_dir, info, "A2")
     assert options(arguments, "--router") == list(routers)
     assert not options(arguments, "--listen")
@@ -131,7 +131,7 @@ def test_robots_at_places_run_there_and_listen_there(
     info = run(transport, ("A1", "A2"), PLACES)
     run_dir = RunDir.create(tmp_path, info, compile_mission(load_mission(REPAIR)))
     launcher.ensure_keys(run_dir, info, "A2")
-    assert RunDir.find(tmp_path).info() == info
+    assert RunDir.of(tmp_path).info() == info
     command = launcher.agent_command(info, "A2", launcher.agent_arguments(run_dir, info, "A2"))
     assert command[:2] == ["enter", "A2"]
     assert options(command, "--listen") == [f"{protocol}/198.18.0.2:7447"]

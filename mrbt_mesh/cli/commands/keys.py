@@ -21,7 +21,7 @@ keys_option = click.option(
     "--keys",
     type=PATH,
     metavar="DIR",
-    help="The team's folder of keys. Default: that of the newest run.",
+    help="The team's folder of keys. Default: that of the team that runs, or of the newest run.",
 )
 
 
@@ -128,9 +128,9 @@ def show(keys: Path | None, as_json: bool) -> None:
 
 def _chosen(path: Path | None) -> KeyFolder:
     from mrbt_mesh.runtime.key_folder import KeyFolder
-    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.runtime.known_runs import find_run
 
-    return KeyFolder(path if path is not None else RunDir.find(None).keys_path)
+    return KeyFolder(path if path is not None else find_run(None, "--keys RUN_DIR/keys").keys_path)
 
 
 def _manifest_data(folder: KeyFolder) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import signal
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -11,8 +12,8 @@ import click
 
 from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fail
 from mrbt_mesh.cli.network import TeamOptions, team_options
-from mrbt_mesh.cli.options import robot_argument, run_dir_option
-from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
+from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_address import TeamAddress
@@ -20,6 +21,15 @@ if TYPE_CHECKING:
 
 CONNECT_TIMEOUT_S = 10.0
 JOIN_TIMEOUT_S = 30.0
+
+
+def report(as_json: bool, team: str, robots: Iterable[str], command: str, result: str) -> None:
+    """Print what a command has done, and to which team."""
+    if as_json:
+        data = {"team": team, "robots": [*robots], "command": command, "result": result}
+        click.echo(json.dumps(data, indent=2))
+    else:
+        click.echo(f"{team}: {result}")
 
 
 # -- signals ----------------------------------------------------------------------------------
@@ -31,24 +41,22 @@ def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Co
     @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name} A1")
     @robot_argument
     @run_dir_option
-    def send(robot: str, run_dir: Path | None) -> None:
+    @json_option
+    def send(robot: str, run_dir: Path | None, as_json: bool) -> None:
         import psutil
 
-        from mrbt_mesh.runtime.run_dir import RunDir
+        from mrbt_mesh.runtime.known_runs import find_run
 
-        found = RunDir.find(run_dir)
+        found = find_run(run_dir)
         process = found.process(robot)
         if process is None:
-            known = {*found.info().robots, *found.robots()}
-            if robot not in known:
-                hint = nearest(robot, known)
-                raise InputError(f"the run in {found.path} has no robot {robot!r}{hint}")
+            found.check_robot(robot)
             raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
         try:
             process.send_signal(number)
         except psutil.Error as error:
             fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
-        click.echo(f"{robot} (pid {process.pid}) {done}")
+        report(as_json, found.info().team, [robot], name, f"{robot} (pid {process.pid}) {done}")
 
     return send
 
@@ -73,14 +81,15 @@ thaw = _signal(
 @click.command(cls=MrbtCommand)
 @robot_argument
 @team_options
-def leave(robot: str, team: TeamOptions) -> None:
+@json_option
+def leave(robot: str, team: TeamOptions, as_json: bool) -> None:
     """Have a robot leave on purpose: its work is handed over at once.
 
     Example: mrbt leave B1
     """
     from mrbt_mesh.core.agent.commands import LEAVE
 
-    _order(team, robot, LEAVE)
+    _order(team, as_json, robot, LEAVE)
 
 
 @click.command(cls=MrbtCommand)
@@ -91,8 +100,14 @@ def leave(robot: str, team: TeamOptions) -> None:
 )
 @click.option("--end", is_flag=True, help="End the fault: the robot has the capability again.")
 @team_options
+@json_option
 def fault(
-    robot: str, capability: str, performance: str | None, end: bool, team: TeamOptions
+    robot: str,
+    capability: str,
+    performance: str | None,
+    end: bool,
+    team: TeamOptions,
+    as_json: bool,
 ) -> None:
     """Make a robot lose a capability (a minor fault), or change its performance.
 
@@ -107,12 +122,12 @@ def fault(
     from mrbt_mesh.core.agent.commands import FAULT, PERFORM, RESTORE
 
     if performance is None:
-        _order(team, robot, RESTORE if end else FAULT, capability)
+        _order(team, as_json, robot, RESTORE if end else FAULT, capability)
     if end:
         raise InputError("--end and --performance: give one of them")
     if capability == "all":
         raise InputError("--performance: of which capability? mrbt fault ROBOT CAPABILITY")
-    _order(team, robot, PERFORM, f"{capability}={performance}")
+    _order(team, as_json, robot, PERFORM, f"{capability}={performance}")
 
 
 def _team_order(name: str, text: str) -> click.Command:
@@ -120,8 +135,9 @@ def _team_order(name: str, text: str) -> click.Command:
 
     @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name}")
     @team_options
-    def give(team: TeamOptions) -> None:
-        _order(team, None, "order", name)
+    @json_option
+    def give(team: TeamOptions, as_json: bool) -> None:
+        _order(team, as_json, None, "order", name)
 
     return give
 
@@ -140,18 +156,27 @@ abort = _team_order("abort", "End the mission as failed. It cannot be undone.")
     help="done or failed: how it ended; retry: it starts again.",
 )
 @team_options
-def decide(global_task: str, decision: str, team: TeamOptions) -> None:
+@json_option
+def decide(global_task: str, decision: str, team: TeamOptions, as_json: bool) -> None:
     """Decide about an exclusive task whose robot vanished while doing it.
 
     Example: mrbt decide "dose(2)" done
     """
     from mrbt_mesh.core.agent.commands import DECIDE
 
-    _order(team, None, DECIDE, f"{global_task} {decision}")
+    _order(team, as_json, None, DECIDE, f"{global_task} {decision}")
 
 
-def _order(team: TeamOptions, robot: str | None, command: str, argument: str = "") -> NoReturn:
+def _order(
+    team: TeamOptions, as_json: bool, robot: str | None, command: str, argument: str = ""
+) -> NoReturn:
     """Give a command to a robot (None: any live one), print its answer, and end the process."""
+    from mrbt_mesh.runtime.known_runs import is_running
+
+    address = team.find()
+    name = address.transport.team
+    if address.run_dir is not None and not is_running(address.run_dir):
+        raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
 
     async def act(watcher: Watcher) -> int:
         living = list(watcher.observer.membership.members())
@@ -162,10 +187,11 @@ def _order(team: TeamOptions, robot: str | None, command: str, argument: str = "
         good, text = await watcher.command(robot or living[0], command, argument)
         if not good:
             fail(text, FAILURE)
-        click.echo(text)
+        robots = living if robot is None else [robot]
+        report(as_json, name, robots, click.get_current_context().info_name or "", text)
         return SUCCESS
 
-    with_team(team.find(), act)
+    with_team(address, act)
 
 
 def with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> NoReturn:
@@ -203,7 +229,10 @@ def nobody(watcher: Watcher) -> str:
 )
 @click.option("--takeover", is_flag=True, help="Replace a live robot of the same id.")
 @run_dir_option
-def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | None) -> None:
+@json_option
+def join(
+    robot: str, robot_type: str | None, takeover: bool, run_dir: Path | None, as_json: bool
+) -> None:
     """Start one more robot of the running mission, or restart a dead one.
 
     Example: mrbt join C1
@@ -213,11 +242,11 @@ def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | Non
     from mrbt_mesh.core.membership.timing import SECOND_US
     from mrbt_mesh.core.mission.names import is_robot_id
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.runtime.known_runs import find_run
     from mrbt_mesh.runtime.team import Team, address_of
     from mrbt_mesh.runtime.watcher import watching
 
-    found = RunDir.find(run_dir)
+    found = find_run(run_dir)
     mission = load_mission(found.mission_path)
     if not is_robot_id(robot):
         raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
@@ -252,5 +281,5 @@ def join(robot: str, robot_type: str | None, takeover: bool, run_dir: Path | Non
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != SUCCESS:
         fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
-    click.echo(f"{robot} joined")
+    report(as_json, team.info.team, [robot], "join", f"{robot} joined")
     end_process(SUCCESS)

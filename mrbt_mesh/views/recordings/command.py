@@ -97,7 +97,7 @@ def replay(
     metavar="[FILE.mcap|RUN_DIR]...",
     type=PATH,
     nargs=-1,
-    help="Recordings, or run directories. Default: those of the newest run.",
+    help="Recordings, or run directories. Default: the run of the team that runs, or the newest.",
 )
 @click.option(
     "--keys",
@@ -138,7 +138,7 @@ def verify(paths: tuple[Path, ...], keys: Path | None, as_json: bool) -> None:
     type=PATH,
     nargs=-1,
     help="Recordings, run directories, and the output of sim, up or drill with --json. Default: "
-    "the newest run.",
+    "the run of the team that runs, or the newest.",
 )
 @click.option(
     "--output",
@@ -158,13 +158,13 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     Example: mrbt recording report RUN_DIR -o report.html
     """
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
-    from mrbt_mesh.runtime.run_dir import RunDir
+    from mrbt_mesh.runtime.known_runs import find_run
     from mrbt_mesh.views.report.page import report_html
     from mrbt_mesh.views.report.sources import read_report
 
     if not as_json:
         check_outputs(None, {"-o": output})
-    found = read_report(paths or (RunDir.find(None).path,))
+    found = read_report(paths or (find_run(None, "RUN_DIR").path,))
     if as_json:
         print_json(found.to_json())
     else:

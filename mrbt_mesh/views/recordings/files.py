@@ -10,18 +10,19 @@ from mrbt_mesh.core.membership.keys import WasSigned
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, RunDir
+from mrbt_mesh.runtime.known_runs import find_run
+from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
 
 
 def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
-    """The recordings of files and run directories, by default of the run started last; and the
-    folder of its keys, if it has one.
+    """The recordings of files and run directories, by default of the run that `find_run` finds;
+    and the folder of its keys, if it has one.
 
     Raises InputError for a folder without any, RecordingError for a file that is none.
     """
     files: list[Path] = []
     keys: Path | None = None
-    for path in paths or (RunDir.find(None).path,):
+    for path in paths or (find_run(None, "RUN_DIR").path,):
         if not path.is_dir():
             files.append(path)
             continue

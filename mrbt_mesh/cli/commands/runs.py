@@ -1,0 +1,203 @@
+"""The teams of this machine: which there are, ending one, what its robots have logged."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections import deque
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from mrbt_mesh.cli.command import FAILURE, PATH, MrbtCommand, fail
+from mrbt_mesh.cli.commands.orders import report
+from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
+from mrbt_mesh.errors import InputError
+
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.run_dir import RunDir
+
+RUNNING, DAMAGED = "running", "damaged"
+# A launcher that has been asked to end gives its robots a few seconds to leave.
+LAUNCHER_END_S = 20.0
+LOOK_S = 0.2
+
+
+@click.command(cls=MrbtCommand)
+@json_option
+def ls(as_json: bool) -> None:
+    """List the teams of this machine, those that run first, then the newest.
+
+    Commands take the name of a team, or of its mission if no other team has that.
+
+    \b
+    Example: mrbt ls
+             mrbt status --run-dir vehicle_repair-3fa2b1
+    """
+    from mrbt_mesh.cli.terminal import console, print_json, table
+    from mrbt_mesh.runtime.known_runs import known_runs
+
+    rows = sorted(map(_row, known_runs()), key=lambda row: row["result"] != RUNNING)
+    if as_json:
+        print_json({"runs": rows})
+        return
+    if not rows:
+        click.echo("no run is known here: start one with `mrbt up`")
+        return
+    found = table("team", "since", "robots", "result")
+    for row in rows:
+        robots = f"{row['alive']}/{row['robots']}"
+        found.add_row(row["team"], _since(row["started_unix_s"]), robots, row["result"])
+    console.print(found, highlight=False)
+
+
+def _row(run_dir: RunDir) -> dict[str, Any]:
+    from mrbt_mesh.cli.finished import summary_of_finished
+    from mrbt_mesh.runtime.known_runs import is_running, team_name
+
+    row: dict[str, Any] = {"team": team_name(run_dir), "mission": None, "run": None}
+    row |= {"run_dir": str(run_dir.path), "started_unix_s": None, "robots": 0, "alive": 0}
+    try:
+        info = run_dir.info()
+        row |= {"mission": info.mission_name, "run": info.run}
+        row |= {"started_unix_s": info.started_unix_s, "robots": len(run_dir.members())}
+        if is_running(run_dir):
+            return row | {"alive": len(run_dir.living()), "result": RUNNING}
+        summary = summary_of_finished(run_dir) or {"result": "not_started"}
+        return row | {"result": summary["result"]}
+    except InputError:
+        return row | {"result": DAMAGED}
+
+
+def _since(unix_s: float | None) -> str:
+    if unix_s is None:
+        return ""
+    started = datetime.fromtimestamp(unix_s)
+    is_today = started.date() == datetime.now().date()
+    return f"{started:%H:%M:%S}" if is_today else f"{started:%Y-%m-%d %H:%M}"
+
+
+@click.command(cls=MrbtCommand)
+@click.argument("team", metavar="[TEAM]", type=PATH, required=False, help="As --run-dir.")
+@run_dir_option
+@json_option
+def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
+    """End a running team, as Ctrl-C in its `mrbt up` does: its robots leave.
+
+    A robot that does not leave within a few seconds is killed. Exit status 1 if one still runs.
+
+    Example: mrbt down vehicle_repair-3fa2b1
+    """
+    import anyio
+
+    from mrbt_mesh.cli.finished import summary_of_finished
+    from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.known_runs import find_run, is_running
+    from mrbt_mesh.runtime.team import Team
+
+    if team is not None and run_dir is not None:
+        raise InputError("TEAM and --run-dir are two ways to name a team: give one")
+    found = find_run(team or run_dir, "mrbt down TEAM")
+    info = found.info()
+    if not is_running(found):
+        raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
+    robots = [*found.living()]
+    _end_launcher(found)
+    anyio.run(Team(found, info, load_mission(found.mission_path)).end)
+    if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
+        fail(f"{info.team}: {', '.join(left)} cannot be ended", FAILURE)
+    summary = summary_of_finished(found)
+    result = f", mission {summary['result']}" if summary else ""
+    report(as_json, info.team, robots, "down", f"{len(robots)} robots ended{result}")
+
+
+def _end_launcher(run_dir: RunDir) -> None:
+    """Ask the run's `mrbt up` to end, and insist; without one its robots leave by themselves."""
+    import psutil
+
+    from mrbt_mesh.runtime.launcher_lock import launcher
+
+    process = launcher(run_dir)
+    if process is not None:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            process.terminate()
+        for each in psutil.wait_procs([process], LAUNCHER_END_S)[1]:
+            each.kill()
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
+@click.option("--follow", "-f", is_flag=True, help="Print new lines too, until the run is over.")
+@click.option(
+    "--lines", type=click.IntRange(0), default=100, metavar="N", help="The last N of each file."
+)
+@run_dir_option
+def logs(robot: str, follow: bool, lines: int, run_dir: Path | None) -> None:
+    """Print a robot's log, and after `|` what its program has printed.
+
+    Example: mrbt logs A1 -f --lines 20
+    """
+    from mrbt_mesh.runtime.known_runs import find_run, is_running
+
+    found = find_run(run_dir)
+    found.check_robot(robot)
+    log, output = _Lines(found.log_path(robot)), _Lines(found.output_path(robot))
+    printed = [f"| {line}" for line in deque(output.new(), lines)]
+    printed += [_readable(line, robot) for line in deque(log.new(), lines)]
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            for line in printed:
+                click.echo(line)
+            if not follow:
+                return
+            follow = is_running(found)
+            time.sleep(LOOK_S if follow else 0)
+            printed = [f"| {line}" for line in output.new()]
+            printed += [_readable(line, robot) for line in log.new()]
+
+
+class _Lines:
+    """The lines of a file that grows, and that is renamed to `<name>.1` when it is full."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file_number = 0
+        self._at = 0
+
+    def new(self) -> Iterator[str]:
+        """The lines since the last call, at first those of the file before it too."""
+        before = self._path.with_name(f"{self._path.name}.1")
+        with contextlib.suppress(OSError):
+            if self._path.stat().st_ino != self._file_number:
+                if not self._file_number or before.stat().st_ino == self._file_number:
+                    yield from self._rest(before)
+                self._file_number, self._at = self._path.stat().st_ino, 0
+            yield from self._rest(self._path)
+
+    def _rest(self, path: Path) -> Iterator[str]:
+        """The whole lines that are not read yet."""
+        with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+            file.seek(self._at)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                self._at += len(line)
+                yield line[:-1].decode(errors="replace")
+
+
+def _readable(line: str, robot: str) -> str:
+    """A line of the robot's log: time of day, level, what happened, and the other fields."""
+    try:
+        fields = json.loads(line)
+        at = datetime.fromisoformat(fields.pop("timestamp")).astimezone()
+        level, event = fields.pop("level"), fields.pop("event")
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return line
+    if fields.get("robot") == robot:
+        del fields["robot"]
+    words = [f"{at:%H:%M:%S.%f}"[:-3], *([] if level == "info" else [f"{level}:"]), event]
+    return " ".join([*words, *(f"{name}={value}" for name, value in fields.items())])

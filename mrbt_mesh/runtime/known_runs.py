@@ -1,0 +1,91 @@
+"""The runs of this machine, and which of them a command means when it names none."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from pathlib import Path
+
+from mrbt_mesh.errors import nearest
+from mrbt_mesh.runtime.launcher_lock import is_launched
+from mrbt_mesh.runtime.run_dir import RUN_FILE, RunDir, RunDirError, state_dir, write_atomically
+
+# Runs that are over, and older than so many other ones, are no longer listed.
+MOST_KNOWN = 50
+HOW_TO_NAME = "--run-dir TEAM"
+
+
+def remember(run_dir: RunDir) -> None:
+    """Make this the newest run of this machine; raises RunDirError."""
+    path = str(run_dir.path.resolve())
+    try:
+        _folder().mkdir(parents=True, exist_ok=True)
+        write_atomically(_folder() / hashlib.sha256(os.fsencode(path)).hexdigest()[:16], path)
+    except OSError as error:
+        raise RunDirError(f"cannot write the list of runs: {error}") from error
+    for entry, known in _entries()[MOST_KNOWN:]:
+        if not is_running(known):
+            entry.unlink(missing_ok=True)
+
+
+def known_runs() -> list[RunDir]:
+    """The runs whose folders exist, the newest first."""
+    return [run_dir for _, run_dir in _entries() if (run_dir.path / RUN_FILE).is_file()]
+
+
+def is_running(run_dir: RunDir) -> bool:
+    """Whether the run has a launcher or a robot on this machine."""
+    return is_launched(run_dir) or any(run_dir.process(robot) for robot in run_dir.robots())
+
+
+def find_run(named: Path | None, how: str = HOW_TO_NAME) -> RunDir:
+    """The run of a folder, or of a team or mission with that name; None: the one that runs.
+
+    If none runs, the newest one is meant. `how`: how the command line names a run. Raises
+    RunDirError if there is no such run, or if it may be one of several.
+    """
+    if named is not None and (named / RUN_FILE).is_file():
+        return RunDir(named)
+    known = known_runs()
+    possible = known if named is None else [run for run in known if str(named) in names_of(run)]
+    if not possible and named is None:
+        raise RunDirError(
+            "no run is known here: start one with `mrbt up`, or name it with --run-dir"
+        )
+    if not possible:
+        hint = nearest(str(named), {name for run in known for name in names_of(run)})
+        raise RunDirError(
+            f"{named} holds no run (no {RUN_FILE}), and no team has this name{hint}; see `mrbt ls`"
+        )
+    running = [run for run in possible if is_running(run)]
+    if len(running) > 1:
+        listed = "".join(f"\n  {team_name(run)}  {run.path}" for run in running)
+        raise RunDirError(f"{len(running)} teams run here: name one with {how}{listed}")
+    return (running or possible)[0]
+
+
+def team_name(run_dir: RunDir) -> str:
+    """The name of the run's team, that of its folder if the run is damaged."""
+    return next(iter(names_of(run_dir)), run_dir.path.name)
+
+
+def names_of(run_dir: RunDir) -> tuple[str, ...]:
+    """What the run may be called by: its team, its mission. None if it is damaged."""
+    with contextlib.suppress(RunDirError):
+        info = run_dir.info()
+        return info.team, info.mission_name
+    return ()
+
+
+def _folder() -> Path:
+    return state_dir() / "known"
+
+
+def _entries() -> list[tuple[Path, RunDir]]:
+    """(file that names a run, the run), the newest first."""
+    found: list[tuple[int, Path, RunDir]] = []
+    for entry in _folder().glob("[!.]*"):
+        with contextlib.suppress(OSError):  # another process has removed it
+            found.append((entry.stat().st_mtime_ns, entry, RunDir(Path(entry.read_text()))))
+    return [(entry, run_dir) for _, entry, run_dir in sorted(found, key=lambda each: -each[0])]
