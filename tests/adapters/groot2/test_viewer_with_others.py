@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import socket
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -124,15 +125,20 @@ def test_its_files_are_those_that_we_describe(tmp_path: Path) -> None:
       <AlwaysSuccess/><Sleep msec="1"/></Sequence></BehaviorTree></root>"""
     factory = btcpp.BehaviorTreeFactory()  # its trees point into it
     made = factory.create_tree_from_text(tree)
-    log = btcpp.FileLogger(made, str(tmp_path / "theirs.btlog"))
+    path = tmp_path / "theirs.btlog"
+    log = btcpp.FileLogger(made, str(path))
     made.tick_while_running()
+    # Idle is plainly 0 here, unlike in what monitors are shown.
+    begun, ended = [(1, 1), (2, 2), (3, 1), (3, 2)], {(1, 0), (1, 2), (2, 0), (3, 0)}
+    deadline_s = time.monotonic() + 30
+    # Its thread drops what it has not written when the logger ends.
+    while len((found := read_btlog(path.read_bytes())).changes) < len(begun) + len(ended):
+        assert time.monotonic() < deadline_s, found.changes
+        time.sleep(0.01)
     del log
-    found = read_btlog((tmp_path / "theirs.btlog").read_bytes())
     names = [e.get("name") for e in ElementTree.fromstring(found.xml).iter() if "_uid" in e.attrib]
     assert names == ["s", "AlwaysSuccess", "Sleep"]
     changes = [(uid, status) for _, uid, status in found.changes]
-    # Idle is plainly 0 here, unlike in what monitors are shown.
-    begun, ended = [(1, 1), (2, 2), (3, 1), (3, 2)], {(1, 0), (1, 2), (2, 0), (3, 0)}
     assert changes[: len(begun)] == begun
     assert set(changes[len(begun) :]) == ended
     assert found.began_unix_us > 1_600_000_000_000_000
