@@ -235,6 +235,10 @@ class RunDir:
                 return (self.path / f"{robot}.blocked").read_text()
         return ""
 
+    def blocked_robots(self) -> list[str]:
+        """The robots of which something is written that blocks, or blocked, their event loop."""
+        return sorted(path.stem for path in self.path.glob("*.blocked"))
+
     def alive_mark_ns(self, robot: str) -> int:
         """When the robot began, or was marked alive last, in Unix time; 0 if it has not begun."""
         with contextlib.suppress(OSError):

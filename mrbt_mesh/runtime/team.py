@@ -315,19 +315,22 @@ class Team:
 
         Never returns.
         """
-        watched: set[int] = set()
+        awaited: set[str] = set()
 
         async def note(robot: str, pid: int) -> None:
             at_us = await anyio.to_thread.run_sync(wait_for_exit, pid, abandon_on_cancel=True)
+            awaited.discard(robot)
             watcher.observer.record.exited(robot, at_us)
             watcher.changed.set()
 
         async with anyio.create_task_group() as group:
             while True:
-                for robot, process in self.living().items():
-                    if process.pid not in watched:
-                        watched.add(process.pid)
+                for robot in {*self.run_dir.robots(), *self.processes} - awaited:
+                    process = self.process(robot)
+                    if process is not None:
+                        awaited.add(robot)
                         group.start_soon(note, robot, process.pid)
+                for robot in self.run_dir.blocked_robots():
                     if blocked := self.run_dir.blocked(robot):
                         watcher.observer.record.problem(robot, SUBJECT, blocked, boottime_us())
                         watcher.changed.set()

@@ -71,12 +71,15 @@ class Watcher:
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = 0
-        self._looked_us = 0
+        self._looked_us = self._taken_us = 0
+        self._inbox: Inbox
         self._transport: ZenohTransport
 
     async def open(self) -> None:
         """Open the session; raises TransportError."""
-        inbox = Inbox(asyncio.get_running_loop(), lambda: self._drain(inbox, gate))
+        self._inbox = inbox = Inbox(
+            asyncio.get_running_loop(), lambda: self._drain(inbox, gate), are_beats_quiet=True
+        )
         keys = self._guard.keys if self._guard is not None else None
         transport = self.address.transport
         is_shared = bool(transport.routers)
@@ -105,10 +108,13 @@ class Watcher:
 
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
+        for at_us, event in self._inbox.take_quiet():
+            self._take(event, max(at_us, self._taken_us))
         now_us = boottime_us()
         self._look_at_manifest(now_us)
         replica = self.observer.replica
         self.observer.update(now_us)
+        self._inbox.are_beats_quiet = not self.observer.membership.has_suspects
         for recording in self._recordings:
             recording.do(lambda recorder: recorder.update(now_us))
         peers = self.observer.membership.peers
@@ -161,7 +167,7 @@ class Watcher:
         self.changed.set()
 
     def _take(self, event: Input, now_us: int) -> None:
-        observer = self.observer
+        observer, self._taken_us = self.observer, now_us
         match event:
             case MessageReceived(kind, source, data, envelope):
                 take = partial(self._message, kind, source)
