@@ -98,7 +98,8 @@ class Session:
     async def run(self) -> int:
         """Watch until the mission is over, time is up, no robot is left, or Ctrl-C.
 
-        Prints the summary and writes summary.json; returns the exit status.
+        Prints the summary, and writes summary.json if the team was launched here; returns the exit
+        status.
         """
         async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
             for line in _address_lines(opened):
@@ -250,6 +251,7 @@ class Session:
             summary["overload"] = asdict(self.overload)
         if team is not None:
             summary["run_dir"] = str(team.run_dir.path)
+        if team is not None and team.is_launched_here:
             try:
                 team.run_dir.write_summary(summary)
             except RunDirError as error:

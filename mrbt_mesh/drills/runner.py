@@ -26,10 +26,12 @@ from mrbt_mesh.drills.physical import read_events
 from mrbt_mesh.drills.routers import DrillRouters, routers
 from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.formats.mission_file import compile_mission
+from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
+from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, write_atomically
 from mrbt_mesh.runtime.team import Team, address_of, new_run
@@ -111,7 +113,8 @@ async def run_drill(
         with launched_from_here(run_dir):
             try:
                 await team.start_all()
-                async with watching(address_of(run_dir)) as watcher:
+                to = RecordTo(observer_file(run_dir.path), speed=drill.model.speed)
+                async with watching(address_of(run_dir), to) as watcher:
                     evidence = await run.to_the_end(watcher)
             finally:
                 with anyio.CancelScope(shield=True):

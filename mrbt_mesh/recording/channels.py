@@ -17,7 +17,7 @@ FORMAT = "1"
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
 ROBOT_TREES = "/robot_trees"
-FAULTS, BEATS = "/faults", "/beats"
+FAULTS, DEATHS, BEATS = "/faults", "/deaths", "/beats"
 POSITIONS, SCENE, MAP = "/positions", "/scene", "/map"
 
 SCHEMAS = Path(__file__).with_name("foxglove_schemas")

@@ -18,6 +18,7 @@ import msgpack
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
+from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording.channels import FORMAT
 from mrbt_mesh.recording.metadata import RunMetadata
@@ -150,6 +151,30 @@ def _bytes(text: str) -> bytes:
         return base64.b64decode(text, validate=True)
     except binascii.Error as error:
         raise ValueError(str(error)) from None
+
+
+def pack_death(fault: MajorFault, now_us: int) -> dict[str, Any]:
+    """A message of the channel of deaths; all its times are durations, so no clock matters."""
+    return {
+        "robot": fault.robot,
+        "incarnation": str(fault.incarnation),
+        "ago_us": now_us - fault.at_us,
+        "detected_after_us": fault.detected_after_us,
+        "reassigned_after_us": fault.reassigned_after_us,
+        "replacement": fault.replacement,
+        "exact": fault.exact,
+    }
+
+
+def unpack_death(data: Mapping[str, Any], now_us: int) -> tuple[str, Incarnation, DeathTimes]:
+    """The inverse of `pack_death`; raises ValueError."""
+    at_us = now_us - data["ago_us"]
+    detected_us, reassigned_us = (
+        None if data[name] is None else at_us + data[name]
+        for name in ("detected_after_us", "reassigned_after_us")
+    )
+    times = DeathTimes(at_us, detected_us, reassigned_us, data["replacement"], data["exact"])
+    return data["robot"], read_incarnation(data["incarnation"]), times
 
 
 def pack_beat(source: str, data: bytes, sent: bool) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.observer.episodes import DeathTimes
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
@@ -14,6 +15,7 @@ from mrbt_mesh.recording.messages import (
     STATUS_NAMES,
     MessageSink,
     pack_beat,
+    pack_death,
     pack_statuses,
 )
 from mrbt_mesh.recording.recorder import Recorder
@@ -33,6 +35,7 @@ class ObserverRecorder(Recorder):
         self._nodes = ""
         self._robots: dict[str, tuple[Any, ...]] = {}
         self._trees: dict[str, bytes] = {}
+        self._deaths: dict[int, DeathTimes] = {}
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
         """A message has arrived. Raises OSError."""
@@ -46,6 +49,7 @@ class ObserverRecorder(Recorder):
             self._tree(robot, peer, now_us)
             self._robot(robot, peer, now_us)
             self._scene.see(robot, peer.state, peer.position)
+        self._write_deaths(now_us)
         plan = observer.plan
         if plan is not None and plan is not self._plan:
             self._plan = plan
@@ -83,6 +87,12 @@ class ObserverRecorder(Recorder):
             "percent": percent,
         }
         self._sink.write(channels.ROBOTS, now_us, said)
+
+    def _write_deaths(self, now_us: int) -> None:
+        for index, fault in enumerate(self._observer.record.major):
+            if not fault.is_older and self._deaths.get(index) != fault.times:
+                self._deaths[index] = fault.times
+                self._sink.write(channels.DEATHS, now_us, pack_death(fault, now_us))
 
     def _tree(self, robot: str, peer: Peer, now_us: int) -> None:
         statuses = peer.heartbeat.tree_statuses if peer.heartbeat is not None else b""

@@ -19,7 +19,7 @@ from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.messages import read_incarnation
+from mrbt_mesh.recording.messages import read_incarnation, unpack_death
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.recording.recorded_state import RecordedState
 
@@ -116,6 +116,8 @@ class Player:
             self._placed()
         elif record.topic == channels.FAULTS:
             self._fault(data, at_us)
+        elif record.topic == channels.DEATHS:
+            seen.death_recorded(*unpack_death(data, at_us))
 
     def _fault(self, data: Mapping[str, Any], at_us: int) -> None:
         robot, event = data["robot"], data["event"]

@@ -14,6 +14,7 @@ fork_server.out     what was printed by the process that forks the robots: nothi
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
 run.mcap            what `up` heard of it
+deaths.json         the times of its deaths, as `up` and `drill` have them
 summary.json        written by `up` at the end; for a detached team by `cli/finished.py`
 summary_writer.out  what was printed by that process: nothing, unless it fails
 metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
@@ -24,18 +25,23 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import psutil
 
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.recording.messages import pack_death, unpack_death
 from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+DEATHS_FILE = "deaths.json"
 _STATE = "MRBT_STATE_DIR"
 
 
@@ -253,6 +259,24 @@ class RunDir:
         """The processes of the robots that run, by robot."""
         found = {robot: self.process(robot) for robot in self.robots()}
         return {robot: process for robot, process in found.items() if process is not None}
+
+    # -- deaths ---------------------------------------------------------------------------
+
+    def write_deaths(self, deaths: Sequence[MajorFault], now_us: int) -> None:
+        """Called by who has launched the robots: these are the times of their deaths."""
+        rows = [pack_death(fault, now_us) for fault in deaths if not fault.is_older]
+        text = json.dumps({"written_unix_s": time.time(), "deaths": rows})
+        with contextlib.suppress(OSError):
+            write_atomically(self.path / DEATHS_FILE, text)
+
+    def deaths(self, now_us: int) -> list[tuple[str, Incarnation, DeathTimes]]:
+        """What was written last, on this machine's clock; empty if nothing was."""
+        try:
+            data = json.loads((self.path / DEATHS_FILE).read_text())
+            written_us = now_us - round((time.time() - data["written_unix_s"]) * 1e6)
+            return [unpack_death(row, written_us) for row in data["deaths"]]
+        except (OSError, ValueError, KeyError, TypeError):
+            return []
 
     def robots(self) -> list[str]:
         """Robots that ever had a process in this run."""

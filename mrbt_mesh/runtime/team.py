@@ -16,6 +16,7 @@ import psutil
 
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.episodes import DeathTimes
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.blocked_loop import SUBJECT
@@ -207,6 +208,11 @@ class Team:
             if first + STARTED_AT_ONCE < len(arguments):
                 await self._until_up(robots, before_ns)
 
+    @property
+    def is_launched_here(self) -> bool:
+        """Whether this object has launched the team, rather than found it."""
+        return self._started_ns > 0
+
     async def until_up(self, timeout_s: float) -> list[str]:
         """Wait until all robots that were started from here have opened their sessions, or ended.
 
@@ -313,18 +319,33 @@ class Team:
     async def note_exits(self, watcher: Watcher) -> None:
         """Note in the record exactly when processes end, and what blocks them.
 
-        Never returns.
+        Who has launched the team also writes the times of its deaths into the run directory; other
+        observers on this machine take them from there. Never returns.
         """
         awaited: set[str] = set()
+        record = watcher.observer.record
 
         async def note(robot: str, pid: int) -> None:
             at_us = await anyio.to_thread.run_sync(wait_for_exit, pid, abandon_on_cancel=True)
             awaited.discard(robot)
-            watcher.observer.record.exited(robot, at_us)
+            record.exited(robot, at_us)
             watcher.changed.set()
+
+        written: list[DeathTimes] = []
+
+        def share_deaths() -> None:
+            nonlocal written
+            times = [fault.times for fault in record.major]
+            if not self.is_launched_here:
+                for death in self.run_dir.deaths(boottime_us()) if times else ():
+                    record.death_recorded(*death)
+            elif times != written:
+                written = times
+                self.run_dir.write_deaths(record.major, boottime_us())
 
         async with anyio.create_task_group() as group:
             while True:
+                share_deaths()
                 for robot in {*self.run_dir.robots(), *self.processes} - awaited:
                     process = self.process(robot)
                     if process is not None:
@@ -332,7 +353,7 @@ class Team:
                         group.start_soon(note, robot, process.pid)
                 for robot in self.run_dir.blocked_robots():
                     if blocked := self.run_dir.blocked(robot):
-                        watcher.observer.record.problem(robot, SUBJECT, blocked, boottime_us())
+                        record.problem(robot, SUBJECT, blocked, boottime_us())
                         watcher.changed.set()
                 await anyio.sleep(self.info.options.beat_s)
 

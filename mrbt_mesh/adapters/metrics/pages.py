@@ -183,12 +183,12 @@ def _team_faults(observer: Observer) -> Iterator[Family]:
     yield counter("mrbt_team_faults", text, by_name(faults), "kind")
     detection_s, takeover_s = Distribution(), Distribution()
     for fault in record.major:
-        for durations, at_us in (
-            (detection_s, fault.detected_us),
-            (takeover_s, fault.reassigned_us),
+        for durations, after_us in (
+            (detection_s, fault.detected_after_us),
+            (takeover_s, fault.reassigned_after_us),
         ):
-            if at_us is not None:
-                durations.observe(max(0, at_us - fault.at_us) / 1e6)
+            if after_us is not None:
+                durations.observe(after_us / 1e6)
     text = "Time from a death until all knew."
     yield histogram("mrbt_team_detection_duration_seconds", text, detection_s)
     text = "Time from a death until another robot had begun what the dead one held."

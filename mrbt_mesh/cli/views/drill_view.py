@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
+from mrbt_mesh.cli.views.summary_view import takeover_after
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.judge import DrillResult
 from mrbt_mesh.drills.report import report_data
@@ -41,17 +43,17 @@ def line_text(line: TimelineEntry) -> Text:
     )
 
 
-def takeover_text(takeover: Mapping[str, object]) -> Text:
+def takeover_text(takeover: Mapping[str, Any]) -> Text:
     """How a robot was missed and replaced."""
     line = Text.assemble("  ", ("↻ ", "yellow"), (str(takeover["robot"]), "bold"))
     if not takeover["inflicted"]:
         return line.append(f" held dead by others at {takeover['at_s']:.3f} s", "not bold")
     line.append(f" lost at {takeover['at_s']:.3f} s", "not bold")
-    line.append(f", detected after {_milliseconds(takeover['detected_s'])}", "not bold")
+    line.append(f", detected after {takeover_after(takeover, 'detected_s')}", "not bold")
     if takeover["held"]:
         line.append(f", while on {takeover['held']}", "not bold")
     if takeover["replacement"]:
-        after = _milliseconds(takeover["reassigned_s"])
+        after = takeover_after(takeover, "reassigned_s")
         line.append(f", taken over by {takeover['replacement']} after {after}", "not bold")
     return line
 
@@ -87,7 +89,3 @@ def render_total(runs: Sequence[DrillRun]) -> Text:
         (f", {data['skipped']} skipped", "yellow" if data["skipped"] else "dim"),
         (f" in {seconds:.0f} s", "dim"),
     )
-
-
-def _milliseconds(value: object) -> str:
-    return "?" if not isinstance(value, int | float) else f"{value * 1_000:.0f} ms"

@@ -12,7 +12,7 @@ from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.marks import STATE_MARKS
 from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.facts.values import texts_by_reason
-from mrbt_mesh.core.observer.episodes import lost_text
+from mrbt_mesh.core.observer.episodes import after_text, lost_text
 
 RESULTS = {
     "success": ("✔", "bold green", "mission succeeded"),
@@ -181,11 +181,11 @@ def failure_line(end: Mapping[str, Any]) -> Text:
 def _takeover(takeover: Mapping[str, Any]) -> str:
     text = ""
     if takeover.get("detected_s") is not None:
-        text += f", noticed after {_milliseconds(takeover['detected_s'])}"
+        text += f", detected after {takeover_after(takeover, 'detected_s')}"
     if takeover.get("held"):
         text += f", while on {takeover['held']}"
     if takeover.get("replacement"):
-        after = _milliseconds(takeover.get("reassigned_s"))
+        after = takeover_after(takeover, "reassigned_s")
         text += f", replaced by {takeover['replacement']} after {after}"
     return text
 
@@ -198,5 +198,7 @@ def _seconds(value: float | None) -> str:
     return "?" if value is None else f"{value:.2f} s"
 
 
-def _milliseconds(value: float | None) -> str:
-    return "?" if value is None else f"{value * 1_000:.0f} ms"
+def takeover_after(takeover: Mapping[str, Any], key: str) -> str:
+    """A time of a takeover in a summary."""
+    value = takeover.get(key)
+    return "?" if value is None else after_text(round(value * 1e6), takeover.get("exact", False))

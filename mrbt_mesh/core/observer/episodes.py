@@ -9,12 +9,25 @@ from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 
 
+@dataclass(frozen=True, slots=True)
+class DeathTimes:
+    """When a robot died, when the first other one declared it dead, and when its replacement
+    began; None: not (yet). `exact`: the first is the time of its process's end, not of the last
+    sign of life.
+    """
+
+    at_us: int
+    detected_us: int | None
+    reassigned_us: int | None
+    replacement: str | None
+    exact: bool
+
+
 @dataclass(slots=True)
 class MajorFault:
-    """A robot's death: when it died, its claim, when it was declared dead and when it was replaced.
+    """A robot's death: its claim, and its times as `DeathTimes` has them.
 
-    `exact`: its time is that of the process's end. `is_older`: it happened before the run was
-    watched, so its times are not known.
+    `is_older`: it happened before the run was watched, so its times are not known.
     """
 
     robot: str
@@ -27,6 +40,29 @@ class MajorFault:
     until_us: int | None = None
     exact: bool = False
     is_older: bool = False
+
+    @property
+    def times(self) -> DeathTimes:
+        """Its times, for those who record them."""
+        return DeathTimes(
+            self.at_us, self.detected_us, self.reassigned_us, self.replacement, self.exact
+        )
+
+    @times.setter
+    def times(self, known: DeathTimes) -> None:
+        self.at_us, self.exact = known.at_us, known.exact
+        self.detected_us, self.reassigned_us = known.detected_us, known.reassigned_us
+        self.replacement = known.replacement
+
+    @property
+    def detected_after_us(self) -> int | None:
+        """From the death until it was detected."""
+        return None if self.detected_us is None else max(0, self.detected_us - self.at_us)
+
+    @property
+    def reassigned_after_us(self) -> int | None:
+        """From the death until the replacement began."""
+        return None if self.reassigned_us is None else max(0, self.reassigned_us - self.at_us)
 
 
 @dataclass(slots=True)
@@ -47,6 +83,17 @@ class ProblemEpisode:
     problem: str
     from_us: int
     to_us: int | None = None
+
+
+def after_text(after_us: int, exact: bool) -> str:
+    """How long after a death something happened; not `exact`: as the observer saw it."""
+    if after_us < 10_000:
+        text = f"{after_us / 1e3:.1f} ms"
+    elif after_us < 10_000_000:
+        text = f"{after_us / 1e3:.0f} ms"
+    else:
+        text = f"{after_us / 1e6:.1f} s"
+    return text if exact else f"about {text}"
 
 
 def lost_text(local_tasks: Iterable[str], reason: str) -> str:

@@ -12,7 +12,7 @@ from mrbt_mesh.core.facts.records import OrderKind, problem_text
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.observer.episodes import MajorFault, lost_text
+from mrbt_mesh.core.observer.episodes import MajorFault, after_text, lost_text
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Shortage, shortened
 
@@ -151,13 +151,13 @@ def _fate(fault: MajorFault, is_wanted: bool) -> str:
     """What became of a dead robot's work."""
     if fault.held is None:
         return ", was idle"
-    if fault.reassigned_us is None:
+    if fault.reassigned_after_us is None:
         how = "not replaced yet" if is_wanted else "no longer needed"
         return f", {fault.held.local_task} is {how}"
     if fault.is_older:
         return f", replaced by {fault.replacement}"
-    after_ms = max(0, fault.reassigned_us - fault.at_us) / 1e3
-    return f", replaced by {fault.replacement} after {after_ms:.0f} ms"
+    after = after_text(fault.reassigned_after_us, fault.exact)
+    return f", replaced by {fault.replacement} after {after}"
 
 
 def _silent(observer: Observer) -> Iterator[Statement]:

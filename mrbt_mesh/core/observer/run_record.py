@@ -27,6 +27,7 @@ from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
     BiddingRecord,
     BlockedEpisode,
+    DeathTimes,
     FailedEnd,
     MajorFault,
     MinorFault,
@@ -72,6 +73,9 @@ class RunRecord:
         self.unwatched: list[tuple[int | None, int]] = []
         self.is_catching_up = False
         self._exits: dict[str, int] = {}
+        # Of those deaths that another observer has recorded: its times count, not those seen here.
+        self._known_times: dict[tuple[str, Incarnation], DeathTimes] = {}
+        self._declared: set[tuple[str, Incarnation]] = set()
         # Robots of which nothing was heard since the run was watched again.
         self._unheard: set[str] = set()
 
@@ -97,7 +101,8 @@ class RunRecord:
         for robot in sorted(self._unheard):
             if self.robots[robot].get("state") not in (State.DEAD, State.LEFT):
                 self.state(robot, State.DEAD, now_us if until_us is None else until_us, now_us)
-                self.major[-1].is_older = True
+                fault = self.major[-1]
+                fault.is_older = (robot, fault.incarnation) not in self._known_times
         self._unheard = set()
 
     # -- observations ---------------------------------------------------------------------
@@ -117,12 +122,14 @@ class RunRecord:
         previous = known.get("incarnation")
         if previous is not None and known.get("state") not in (State.DEAD, State.LEFT):
             # It is back before its death was noticed.
-            self._died(robot, previous, now_us).detected_us = now_us
+            fault = self._died(robot, previous, now_us)
+            fault.detected_us = now_us
+            self._settle(fault)
         # The end of an earlier life is not that of the next one.
         self._exits.pop(robot, None)
         for fault in self.major:
             if fault.robot == robot and fault.until_us is None:
-                fault.until_us = now_us
+                self._is_back(fault, now_us)
         known.update(incarnation=incarnation, state=State.ALIVE)
         self._say_heard(now_us, f"{robot} joined" if previous is None else f"{robot} is back")
         self._claimed(robot, now_us)
@@ -138,9 +145,15 @@ class RunRecord:
         if fault is not None:
             fault.at_us = min(at_us, fault.at_us) if fault.exact else at_us
             fault.exact = True
-            self.work_log.died(robot, fault.at_us)
+            self._settle(fault)
         else:
             self._exits[robot] = min(at_us, self._exits.get(robot, at_us))
+
+    def death_recorded(self, robot: str, incarnation: Incarnation, times: DeathTimes) -> None:
+        """The record of the run has these times of a death; from now on they count here too."""
+        self._known_times[robot, incarnation] = times
+        for fault in self._faults_of(robot, incarnation)[-1:]:
+            self._settle(fault)
 
     def declared_dead(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A robot of the team has declared another one dead."""
@@ -165,10 +178,12 @@ class RunRecord:
         fault = self._open_fault(robot, incarnation)
         if fault is None and self.robots[robot].get("state") is not State.LEFT:
             fault = self._died(robot, incarnation, now_us)
-        if fault is not None and fault.detected_us is None:
+        if fault is not None and (robot, incarnation) not in self._declared:
+            self._declared.add((robot, incarnation))
             # The declaration may arrive after the claim of the replacement, which knew of it.
             known_us = now_us if fault.reassigned_us is None else fault.reassigned_us
             fault.detected_us = min(now_us, known_us)
+            self._settle(fault)
             self._say_heard(now_us, f"{robot} is dead")
 
     def state(self, robot: str, state: State, evidence_us: int, now_us: int) -> None:
@@ -182,11 +197,11 @@ class RunRecord:
                 self._died(robot, known["incarnation"], evidence_us)
             elif not fault.exact:
                 fault.at_us = min(fault.at_us, evidence_us)
-                self.work_log.died(robot, fault.at_us)
+                self._settle(fault)
         elif state is State.ALIVE:
             fault = self._open_fault(robot, known["incarnation"])
             if fault is not None:
-                fault.until_us = now_us
+                self._is_back(fault, now_us)
                 self.say(now_us, f"{robot} is back")
         elif state is State.LEFT:
             self.say(now_us, f"{robot} left")
@@ -294,10 +309,27 @@ class RunRecord:
     # -- conclusions ----------------------------------------------------------------------
 
     def _open_fault(self, robot: str, incarnation: Incarnation) -> MajorFault | None:
-        for fault in reversed(self.major):
-            if (fault.robot, fault.incarnation) == (robot, incarnation) and fault.until_us is None:
-                return fault
-        return None
+        found = self._faults_of(robot, incarnation)
+        return found[-1] if found and found[-1].until_us is None else None
+
+    def _settle(self, fault: MajorFault) -> None:
+        """Its times have changed."""
+        known = self._known_times.get((fault.robot, fault.incarnation))
+        if known is not None:
+            # One life may be held for dead several times.
+            ends_us = [f.until_us for f in self._faults_of(fault.robot, fault.incarnation)]
+            is_over = ends_us[-1] is not None and ends_us[-1] <= known.at_us
+            if not is_over and all(end is not None and end <= known.at_us for end in ends_us[:-1]):
+                fault.times, fault.is_older = known, False
+        if fault.until_us is None:
+            self.work_log.died(fault.robot, fault.at_us)
+
+    def _is_back(self, fault: MajorFault, now_us: int) -> None:
+        fault.until_us = now_us
+        self._declared.discard((fault.robot, fault.incarnation))
+
+    def _faults_of(self, robot: str, incarnation: Incarnation) -> list[MajorFault]:
+        return [f for f in self.major if (f.robot, f.incarnation) == (robot, incarnation)]
 
     def _died(self, robot: str, incarnation: Incarnation, at_us: int) -> MajorFault:
         held = self._claims.get(robot)
@@ -307,12 +339,12 @@ class RunRecord:
         fault = MajorFault(robot, incarnation, at_us, claim, exact=exact)
         fault.is_older = self.is_catching_up and not exact
         self.major.append(fault)
-        self.work_log.died(robot, at_us)
         self.robots[robot]["state"] = State.DEAD
         # The robots knew first: the claim of the replacement may have arrived before the death.
         for since_us, other, taken in self.claims:
             if since_us >= at_us and other != robot and taken.phase is Phase.RUNNING:
                 self._takes_over(fault, other, taken, since_us)
+        self._settle(fault)
         return fault
 
     def _lost(
@@ -367,6 +399,7 @@ class RunRecord:
             return
         if (held.activation, held.local_task) == (claim.activation, claim.local_task):
             fault.reassigned_us, fault.replacement = now_us, robot
+            self._settle(fault)
 
     def seconds(self, at_us: int | None) -> float | None:
         """A time of this record as seconds from the start; None if nobody has joined yet."""

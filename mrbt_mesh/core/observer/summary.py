@@ -12,7 +12,8 @@ from mrbt_mesh.core.observer.run_record import RunRecord
 def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
     """The summary of the run as plain data; `result` is the observer's word for it.
 
-    `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never.
+    `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never. `exact`: from
+    the end of the robot's process, not from its last sign of life.
     """
     seconds = record.seconds
     faults: list[dict[str, Any]] = [
@@ -82,8 +83,9 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             {
                 "robot": fault.robot,
                 "at_s": seconds(fault.at_us),
-                "detected_s": _since(fault.at_us, fault.detected_us),
-                "reassigned_s": _since(fault.at_us, fault.reassigned_us),
+                "detected_s": _seconds(fault.detected_after_us),
+                "reassigned_s": _seconds(fault.reassigned_after_us),
+                "exact": fault.exact,
                 "held": fault.held.local_task if fault.held else None,
                 "replacement": fault.replacement,
             }
@@ -96,8 +98,8 @@ def _during(record: RunRecord, from_us: int, to_us: int | None) -> dict[str, Any
     return {"at_s": record.seconds(from_us), "until_s": record.seconds(to_us)}
 
 
-def _since(from_us: int, at_us: int | None) -> float | None:
-    return None if at_us is None else round(max(0, at_us - from_us) / 1e6, 6)
+def _seconds(after_us: int | None) -> float | None:
+    return None if after_us is None else round(after_us / 1e6, 6)
 
 
 def _rounds(record: RunRecord, now_us: int) -> dict[str, Any]:

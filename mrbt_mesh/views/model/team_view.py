@@ -16,7 +16,7 @@ from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.mission_view import in_units
 from mrbt_mesh.views.model.own_trees import running_tree
 from mrbt_mesh.views.model.timeline import TimelineView
-from mrbt_mesh.views.model.why import why_takeover
+from mrbt_mesh.views.model.why import fault_sentence, why_takeover
 
 # A team that has another plan than a moment ago agrees within this time.
 AGREED_US = 500_000
@@ -227,19 +227,29 @@ class TeamState:
 class TakeoversView:
     """Puts `why/N` into a log: the explanation of takeover N.
 
-    It is made at once: the reasons change later.
+    It is made at once, since the reasons change later; its times follow what is known of them.
     """
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
-        self._explained: set[int] = set()
+        # Takeover -> its sentence with the times, and the whole answer.
+        self._explained: dict[int, tuple[str, dict[str, Any]]] = {}
 
     def put(self, log: ChangeLog) -> None:
         """Explain what has happened since."""
         for index, fault in enumerate(self._observer.record.major):
-            if index not in self._explained and fault.reassigned_us is not None:
-                self._explained.add(index)
-                log.put(f"why/{index}", why_takeover(self._observer, fault))
+            if fault.reassigned_us is None:
+                continue
+            times = fault_sentence(self._observer, fault)
+            before, answer = self._explained.get(index, ("", {}))
+            if times == before:
+                continue
+            if not answer:
+                answer = why_takeover(self._observer, fault)
+            else:
+                answer = answer | {"sentence": times + answer["sentence"].removeprefix(before)}
+            self._explained[index] = times, answer
+            log.put(f"why/{index}", answer)
 
 
 class Shown(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault
+from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault, after_text
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.observer.work_log import WorkSpan
 from mrbt_mesh.views.model.changes import ChangeLog
@@ -14,7 +14,8 @@ class TimelineView:
     """Puts the items `work/N`, `fault/N`, `loss/N`, `event/N` and `unwatched/N` of a record into a
     log.
 
-    Times in seconds from the start of the run; `_ms` count from the fault. `has_ended`: the
+    Times in seconds from the start of the run; `_ms` count from the fault, `_after` are the same in
+    words. `has_ended`: the
     robot's process is known to have ended. `older`: it is from before the run was watched, so when
     it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all before.
     """
@@ -72,8 +73,8 @@ class TimelineView:
             "at_s": seconds(fault.at_us),
             "until_s": seconds(fault.until_us),
             "has_ended": fault.exact,
-            "detected_ms": _since_ms(fault, fault.detected_us),
-            "taken_over_ms": _since_ms(fault, fault.reassigned_us),
+            **_after("detected", fault.detected_after_us, fault.exact),
+            **_after("taken_over", fault.reassigned_after_us, fault.exact),
             "held": fault.held.local_task if fault.held else None,
             "global_task": fault.held.global_task if fault.held else None,
             "replacement": fault.replacement,
@@ -90,5 +91,7 @@ class TimelineView:
         }
 
 
-def _since_ms(fault: MajorFault, at_us: int | None) -> float | None:
-    return None if at_us is None else round(max(0, at_us - fault.at_us) / 1e3, 1)
+def _after(what: str, after_us: int | None, exact: bool) -> dict[str, Any]:
+    if after_us is None:
+        return {f"{what}_ms": None, f"{what}_after": None}
+    return {f"{what}_ms": after_us / 1e3, f"{what}_after": after_text(after_us, exact)}

@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.core.observer.episodes import MajorFault, after_text
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.core.planning.plan import assignment_reason, plan_bids, shortened
@@ -141,7 +141,7 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
     if state is State.DEAD:
         faults = [fault for fault in observer.record.major if fault.robot == robot]
         if faults:
-            return _answer(robot, _fault_sentence(observer, faults[-1]), [])
+            return _answer(robot, fault_sentence(observer, faults[-1]), [])
         return _answer(robot, f"{robot} is dead: no message from it since.", [])
     if state is State.LEFT:
         return _answer(robot, f"{robot} has left on purpose, and handed its work over.", [])
@@ -211,9 +211,9 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
     held: Claim | None = fault.held
     subject = f"takeover of {held.local_task}" if held else f"death of {fault.robot}"
     if held is None:
-        return _answer(subject, _fault_sentence(observer, fault), [])
+        return _answer(subject, fault_sentence(observer, fault), [])
     found = candidates(observer, held.activation, held.local_task)
-    sentence = _fault_sentence(observer, fault)
+    sentence = fault_sentence(observer, fault)
     if fault.replacement is not None:
         own = next((each for each in found if each.robot == fault.replacement), None)
         found = [replace(e, reason="has taken over") if e is own else e for e in found]
@@ -223,20 +223,20 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
     return _answer(subject, sentence, found, held.local_task)
 
 
-def _fault_sentence(observer: Observer, fault: MajorFault) -> str:
+def fault_sentence(observer: Observer, fault: MajorFault) -> str:
+    """A death with its times, and who took over."""
     at_s = observer.record.seconds(fault.at_us) or 0.0
     text = f"{fault.robot} died at {at_s:.1f} s"
     if fault.is_older:
         text = f"{fault.robot} died before the run was watched"
-    elif fault.detected_us is not None:
-        detected_ms = max(0, fault.detected_us - fault.at_us) / 1e3
-        text += f"; the others knew after {detected_ms:.0f} ms"
+    elif fault.detected_after_us is not None:
+        text += f"; the others knew after {after_text(fault.detected_after_us, fault.exact)}"
     if fault.held is None:
         return f"{text}. It held no task."
     if fault.is_older:
         return f"{text}. {fault.replacement or 'Nobody'} has its {fault.held.local_task} since."
-    if fault.reassigned_us is None or fault.replacement is None:
+    if fault.reassigned_after_us is None:
         return f"{text}. Nobody has taken over its {fault.held.local_task} yet."
-    taken_ms = max(0, fault.reassigned_us - fault.at_us) / 1e3
     took = f"{fault.replacement} took over its {fault.held.local_task}"
-    return f"{text}. {took} after {taken_ms:.0f} ms."
+    seen = "" if fault.exact else ", as seen by the observer"
+    return f"{text}. {took} after {after_text(fault.reassigned_after_us, fault.exact)}{seen}."

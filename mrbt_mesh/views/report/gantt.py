@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from mrbt_mesh.core.observer.episodes import lost_text
+from mrbt_mesh.core.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.model import ReportedFault, ReportedWork, RunReport
 
 LEFT, WIDTH, LANE, BAR, TOP = 74, 1000, 30, 20, 26
@@ -125,27 +125,27 @@ class _Gantt:
         until = self._x(self.run.duration_s if fault.until_s is None else fault.until_s)
         title = f"{fault.robot} died at {fault.at_s:.3f} s"
         parts = [_rect("away", x, y + 1, max(0.0, until - x), LANE - 2)]
-        for name, after_ms in (
-            ("detected", fault.detected_ms),
-            ("taken over", fault.taken_over_ms),
+        for name, after_us in (
+            ("detected", fault.detected_us),
+            ("taken over", fault.taken_over_us),
         ):
-            if after_ms is not None:
-                title += f", {name} after {after_ms:g} ms"
-        if fault.detected_ms is not None:
-            end = self._x(fault.at_s + fault.detected_ms / 1e3)
+            if after_us is not None:
+                title += f", {name} after {after_text(after_us, fault.exact)}"
+        if fault.detected_us is not None:
+            end = self._x(fault.at_s + fault.detected_us / 1e6)
             parts.append(_rect("detection", x, y + 1, end - x, 3))
         if fault.replacement in self.robots:
-            after_s = (fault.taken_over_ms or 0) / 1e3
+            after_s = (fault.taken_over_us or 0) / 1e6
             to_x, to_y = self._x(fault.at_s + after_s), self._y(fault.replacement)
             title += f" by {fault.replacement}"
-            if fault.detected_ms is not None:
-                begin = self._x(fault.at_s + fault.detected_ms / 1e3)
+            if fault.detected_us is not None:
+                begin = self._x(fault.at_s + fault.detected_us / 1e6)
                 parts.append(_rect("takeover", begin, y + 1, max(0.0, to_x - begin), 3))
             parts.append(_arrow(x, y + LANE // 2, to_x, to_y + LANE // 2))
         parts.append(f'<line class="death" x1="{x}" x2="{x}" y1="{y + 1}" y2="{y + LANE - 1}"/>')
         label = f"✝ {fault.at_s:.1f} s"
-        if fault.taken_over_ms is not None:
-            label += f", taken over in {fault.taken_over_ms:.0f} ms"
+        if fault.taken_over_us is not None:
+            label += f", taken over after {after_text(fault.taken_over_us, fault.exact)}"
         if until - x > len(label) * LETTER + 10:
             parts.append(f'<text class="dead" x="{x + 6}" y="{y + 19}">{escape(label)}</text>')
         return f"<g><title>{escape(title)}</title>{''.join(parts)}</g>"

@@ -1,5 +1,5 @@
 """The figures of a report. Times are in seconds from the start of the run, when the first robot
-joined; `_ms` count from a fault.
+joined; `detected_us` and `taken_over_us` count from a fault.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ReportedWork:
 class ReportedFault:
     """A robot's death (`lost` is empty), or the capabilities that it lost, for which `reason`.
 
-    `until_s` None: for good.
+    `until_s` None: for good. `exact`: see `DeathTimes`.
     `why`: which robots could take over, and the state of each of them at that time.
     """
 
@@ -39,12 +39,13 @@ class ReportedFault:
     at_s: float
     until_s: float | None
     lost: tuple[str, ...] = ()
-    detected_ms: float | None = None
-    taken_over_ms: float | None = None
+    detected_us: int | None = None
+    taken_over_us: int | None = None
     held: str | None = None
     replacement: str | None = None
     why: str = ""
     reason: str = ""
+    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -213,8 +214,8 @@ class RunReport:
             **data,
             "utilisation": self.utilisation,
             "differing_s": self.differing_s,
-            "detected_ms": spread(fault.detected_ms for fault in self.deaths),
-            "taken_over_ms": spread(fault.taken_over_ms for fault in self.deaths),
+            "detected_us": spread(fault.detected_us for fault in self.deaths),
+            "taken_over_us": spread(fault.taken_over_us for fault in self.deaths),
         }
 
 
@@ -251,8 +252,3 @@ def spread(values: Iterable[float | None]) -> dict[str, float] | None:
     if not known:
         return None
     return {"least": min(known), "median": median(known), "most": max(known)}
-
-
-def milliseconds(seconds: float | None) -> float | None:
-    """Seconds of a summary as milliseconds."""
-    return None if seconds is None else round(seconds * 1e3, 3)

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mrbt_mesh.core.observer.episodes import lost_text
+from mrbt_mesh.core.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
     CampaignReport,
@@ -65,8 +65,8 @@ def _comparison(runs: tuple[RunReport, ...]) -> str:
             run.result if run.verdict is None else f"{run.result}, {run.verdict}",
             _seconds(run.duration_s),
             str(len(run.deaths)),
-            _spread(fault.detected_ms for fault in run.deaths),
-            _spread(fault.taken_over_ms for fault in run.deaths),
+            _detected(run),
+            _taken_over(run),
             _percent(run.utilisation),
             _seconds(run.waited_s(WaitKind.TASK)),
             _agreed_share(run),
@@ -106,9 +106,9 @@ def _cards(run: RunReport) -> str:
         (f"{died} + {lost}", "deaths (major faults) and losses of capabilities (minor)"),
     ]
     if died:
-        cards.append((_spread(f.detected_ms for f in run.deaths), "until a death was detected"))
-        known = _spread(fault.taken_over_ms for fault in taken)
-        cards.append((known, f"until its task ran again: {len(taken)} of {len(held)} taken over"))
+        cards.append((_detected(run), "until a death was detected"))
+        words = f"until its task ran again: {len(taken)} of {len(held)} taken over"
+        cards.append((_taken_over(run), words))
     if run.work is not None:
         cards.append((_percent(run.utilisation), "utilisation of the robots while they lived"))
     if run.differences is not None:
@@ -158,10 +158,10 @@ def _fault_row(fault: ReportedFault) -> tuple[str, ...]:
         _seconds(fault.at_s),
         fault.robot,
         (lost_text(fault.lost, fault.reason) if fault.lost else "died") + until,
-        "" if fault.lost else _ms(fault.detected_ms),
+        "" if fault.lost else _after(fault.detected_us, fault.exact),
         fault.held or "",
         fault.replacement or ("nobody" if fault.held else ""),
-        _ms(fault.taken_over_ms) if fault.held else "",
+        _after(fault.taken_over_us, fault.exact) if fault.held else "",
         fault.why,
     )
 
@@ -349,11 +349,25 @@ def _seconds(value: float | None) -> str:
 
 
 def _ms(value: float | None) -> str:
-    if value is None:
-        return "–"
-    if value >= 10_000:
-        return f"{value / 1e3:.1f} s"
-    return f"{value:.0f} ms" if value >= 100 else f"{value:.1f} ms"
+    return _after(None if value is None else round(1e3 * value), exact=True)
+
+
+def _after(after_us: int | None, exact: bool) -> str:
+    return "–" if after_us is None else after_text(after_us, exact)
+
+
+def _detected(run: RunReport) -> str:
+    return _after_spread((fault.detected_us, fault.exact) for fault in run.deaths)
+
+
+def _taken_over(run: RunReport) -> str:
+    return _after_spread((fault.taken_over_us, fault.exact) for fault in run.deaths)
+
+
+def _after_spread(times: Iterable[tuple[int | None, bool]]) -> str:
+    known = [(after_us, exact) for after_us, exact in times if after_us is not None]
+    text = _spread(after_us / 1e3 for after_us, _ in known)
+    return text if all(exact for _, exact in known) else f"about {text}"
 
 
 def _percent(share: float | None) -> str:

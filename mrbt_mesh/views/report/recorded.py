@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.player import Player
@@ -18,26 +15,15 @@ from mrbt_mesh.views.report.model import (
     TaskEnd,
     Wait,
     WaitKind,
-    milliseconds,
 )
-from mrbt_mesh.views.report.summaries import reported_failures, seconds
+from mrbt_mesh.views.report.summaries import reported_failures
 
 AGREED = "until all had agreed on the plan"
 NOT_READY = "its partners were not there yet"
-TIMES_UNKNOWN = (
-    "a recording does not have the times of deaths: give the run directory, whose summary.json has "
-    "how long detection and takeover took"
-)
 
 
-def report_recording(
-    recording: Recording, title: str, known: Mapping[str, Any] | None = None
-) -> RunReport:
-    """Play the recording once and count; `known` is the run's summary, if there is one. `takeovers`
-    in it may have no `at_s`, where its times count from something else.
-
-    Raises RecordingError for a damaged recording; for other data in `known` as `summaries` does.
-    """
+def report_recording(recording: Recording, title: str) -> RunReport:
+    """Play the recording once and count; raises RecordingError for a damaged one."""
     player, history = Player(recording), History()
     record = player.observer.record
     for at_us in sorted({each.at_us for each in recording.records}):
@@ -50,8 +36,6 @@ def report_recording(
     result = summary["result"]
     robot = recording.metadata.robot
     notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
-    if record.major and known is None:
-        notes.append(TIMES_UNKNOWN)
     if record.started_us is None:
         notes.append("no robot had joined")
         return RunReport(title, summary["mission"], result, 0.0, notes=tuple(notes))
@@ -64,7 +48,7 @@ def report_recording(
         result,
         summary["duration_s"],
         tuple(_use(record, name, history, end_us) for name in sorted(record.joined_us)),
-        _faults(record, history, known),
+        _faults(record, history),
         tuple(
             TaskEnd(name, task["status"], tuple(task["robots"]))
             for name, task in summary["global_tasks"].items()
@@ -119,34 +103,22 @@ def _starts(spans: list[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
     return found
 
 
-def _faults(
-    record: RunRecord, history: History, known: Mapping[str, Any] | None
-) -> tuple[ReportedFault, ...]:
-    """Recordings have declarations of deaths; exact times come from the summary."""
-    exact: dict[str, list[Mapping[str, Any]]] = {}
-    for takeover in (known or {}).get("takeovers", ()):
-        exact.setdefault(takeover["robot"], []).append(takeover)
-    major = []
-    for index, fault in enumerate(record.major):
-        times = exact.get(fault.robot, [])
-        timed = times.pop(0) if times else {}
-        at_s, detected_s = seconds(timed.get("at_s")), seconds(timed.get("detected_s"))
-        if at_s is None:
-            # It was declared when it was detected.
-            at_s = max(0.0, (record.seconds(fault.at_us) or 0.0) - (detected_s or 0.0))
-        major.append(
-            ReportedFault(
-                fault.robot,
-                at_s,
-                record.seconds(fault.until_us),
-                (),
-                milliseconds(detected_s),
-                milliseconds(seconds(timed.get("reassigned_s"))),
-                fault.held.local_task if fault.held else None,
-                fault.replacement,
-                history.takeovers.get(index, ""),
-            )
+def _faults(record: RunRecord, history: History) -> tuple[ReportedFault, ...]:
+    major = [
+        ReportedFault(
+            fault.robot,
+            record.seconds(fault.at_us) or 0.0,
+            record.seconds(fault.until_us),
+            (),
+            fault.detected_after_us,
+            fault.reassigned_after_us,
+            fault.held.local_task if fault.held else None,
+            fault.replacement,
+            history.takeovers.get(index, ""),
+            exact=fault.exact,
         )
+        for index, fault in enumerate(record.major)
+    ]
     minor = [
         ReportedFault(
             fault.robot,

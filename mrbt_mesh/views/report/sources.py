@@ -53,7 +53,7 @@ def _run_dir(path: Path) -> RunReport:
     title, file = path.resolve().name, _recording_of(path)
     with _refusing(f"{summary}: is no summary of a run"):
         if file is not None:
-            return report_recording(read_recording(file), title, data)
+            return report_recording(read_recording(file), title)
         if data is not None:
             return report_summary(data, title)
     raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
@@ -71,10 +71,8 @@ def _drill(data: Mapping[str, Any]) -> RunReport:
     file = _recording_of(Path(data["run_dir"])) if data["run_dir"] else None
     if file is None:
         return report_drill(data, title)
-    # A drill counts its times from its own begin: only how long things took is of use.
-    lengths = [{**each, "at_s": None} for each in data["takeovers"]]
-    found = report_recording(read_recording(file), title, {"takeovers": lengths})
-    return replace(found, verdict=str(data["verdict"]), expectations=drill_expectations(data))
+    found = report_recording(read_recording(file), title)
+    return replace(found, verdict=str(data["color"]), expectations=drill_expectations(data))
 
 
 @contextlib.contextmanager

@@ -16,7 +16,6 @@ from mrbt_mesh.views.report.model import (
     RobotUse,
     RunReport,
     TaskEnd,
-    milliseconds,
 )
 
 # No run takes longer, so this is no time that a command has printed.
@@ -78,10 +77,10 @@ def report_drill(data: Mapping[str, Any], title: str) -> RunReport:
     return RunReport(
         title,
         str(data["drill"]),
-        str(data["result"] or data["verdict"]),
+        str(data["result"] or data["color"]),
         seconds(data["duration_s"]) or 0.0,
         faults=tuple(_takeover(each, None) for each in data["takeovers"]),
-        verdict=str(data["verdict"]),
+        verdict=str(data["color"]),
         expectations=drill_expectations(data),
         notes=(str(data["skipped"]) if data["skipped"] else NO_RECORDING,),
     )
@@ -113,10 +112,11 @@ def _takeover(data: Mapping[str, Any], until_s: float | None) -> ReportedFault:
         seconds(data["at_s"]) or 0.0,
         until_s,
         (),
-        milliseconds(seconds(data["detected_s"])),
-        milliseconds(seconds(data["reassigned_s"])),
+        _microseconds(data["detected_s"]),
+        _microseconds(data["reassigned_s"]),
         None if data["held"] is None else str(data["held"]),
         None if data["replacement"] is None else str(data["replacement"]),
+        exact=bool(data["exact"]),
     )
 
 
@@ -127,6 +127,11 @@ def seconds(data: Any) -> float | None:
     if not isinstance(data, int | float) or not abs(data) <= MOST_S:
         raise ValueError(f"{data!r} is no time in seconds")
     return float(data)
+
+
+def _microseconds(data: Any) -> int | None:
+    value = seconds(data)
+    return None if value is None else round(value * 1e6)
 
 
 def _names(data: Any) -> tuple[str, ...]:

@@ -144,8 +144,8 @@ def latest_fault(shown: ShownTeam) -> str:
         return ""
     fault = shown.faults[-1]
     text = f"✖ {fault['robot']} at {fault['at_s'] or 0.0:.1f} s"
-    if fault["detected_ms"] is not None:
-        text += f": known +{fault['detected_ms']:g} ms"
-    if fault["replacement"] is not None and fault["taken_over_ms"] is not None:
-        text += f", {fault['replacement']} took over +{fault['taken_over_ms']:g} ms"
+    if fault["detected_after"] is not None:
+        text += f": detected after {fault['detected_after']}"
+    if fault["taken_over_after"] is not None:
+        text += f", {fault['replacement']} took over after {fault['taken_over_after']}"
     return text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from mrbt_mesh.core.observer.episodes import after_text
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
 from tests.support.watched import ALONE, COVER, WELD, watched
@@ -32,9 +33,9 @@ def test_a_death_whose_work_goes_on_is_a_warning_with_the_time_that_it_took() ->
     _, observer = watched(COVER, "kill A", "pass 100")
     assert said(observer) == ["warn 1 dead: A, replaced by B", "good running", "good all 2 agree"]
     (fault,) = observer.record.major
-    assert fault.reassigned_us is not None
-    after_ms = round((fault.reassigned_us - fault.at_us) / 1e3)
-    assert headline(observer, ())[0].text.endswith(f"after {after_ms} ms")
+    assert fault.reassigned_after_us is not None
+    after = after_text(fault.reassigned_after_us, exact=False)
+    assert headline(observer, ())[0].text.endswith(f"after {after}")
 
 
 def test_what_blocks_comes_first_with_the_robot_to_start() -> None:

@@ -49,6 +49,7 @@ def test_a_kill_and_the_takeover_are_recorded() -> None:
         "at_s": takeover["at_s"],
         "detected_s": takeover["detected_s"],
         "reassigned_s": takeover["reassigned_s"],
+        "exact": False,
         "held": "weld",
         "replacement": "B",
     }

@@ -15,6 +15,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.observer.episodes import DeathTimes, after_text
 from mrbt_mesh.core.observer.run_record import RunRecord
 from tests.support.build import action, make_mission
 
@@ -117,3 +118,31 @@ def test_a_robot_that_dies_before_its_first_beat_came_here_is_a_fault(record: Ru
     (fault,) = record.major
     assert (fault.at_us, fault.detected_us, fault.reassigned_us) == (S, 2 * S, 3 * S)
     assert (fault.held is not None, fault.replacement) == (True, "B")
+
+
+def test_recorded_times_of_a_death_count_whenever_they_come() -> None:
+    known = DeathTimes(S, 2 * S, 3 * S, "B", exact=True)
+    for is_first in (True, False):
+        record = RunRecord(make_mission(action("weld")))
+        record.robot_seen("A", FIRST, 0)
+        if is_first:
+            record.death_recorded("A", FIRST, known)
+        record.declared_dead("A", FIRST, 5 * S)
+        record.death_recorded("A", FIRST, known)
+        record.exited("A", 4 * S)
+        (fault,) = record.major
+        assert fault.times == known
+        assert (fault.detected_after_us, fault.reassigned_after_us) == (S, 2 * S)
+        assert [text for _, text in record.timeline][-1] == "A is dead"
+        record.state("A", State.ALIVE, 6 * S, 6 * S)
+        record.declared_dead("A", FIRST, 9 * S)
+        assert [each.at_us for each in record.major] == [S, 9 * S], "another death of this life"
+
+
+@pytest.mark.parametrize(
+    ("after_us", "text"),
+    [(700, "0.7 ms"), (43_105, "43 ms"), (1_234_567, "1235 ms"), (20_000_000, "20.0 s")],
+)
+def test_how_long_after(after_us: int, text: str) -> None:
+    assert after_text(after_us, exact=True) == text
+    assert after_text(after_us, exact=False) == f"about {text}"

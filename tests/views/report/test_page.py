@@ -30,7 +30,7 @@ RUN = RunReport(
     "success",
     20.0,
     (RobotUse("A1", "A", "dead", 10.0, 4.0, 1.0, 0), RobotUse("B1", "B", "alive", 20.0, 5.0, 0, 1)),
-    (ReportedFault("A1", 10.0, None, (), 50.0, 1000.0, "scan(1)", "B1"),),
+    (ReportedFault("A1", 10.0, None, (), 50_000, 1_000_000, "scan(1)", "B1"),),
     (TaskEnd("look", "success", ("B1",)),),
     (
         ReportedWork("A1", "look", "scan(1)", 5.0, 6.0, 10.0, "died"),
@@ -112,10 +112,10 @@ def test_who_agreed_on_which_plan_when() -> None:
     run = replace(RUN, plans=plans, differences=(Disagreement(10.0, 10.15, ("A1",)),))
     text = report_html(RunsReport((run,))).split("<h2>Agreement")[1]
     rows = [re.sub("<[^>]+>", "|", row) for row in text.split("<tr>")]
-    assert "3 plans; all robots agreed on 2 of them, after 25.0 ms (≤ 50.0 ms)" in text
+    assert "3 plans; all robots agreed on 2 of them, after 25 ms (≤ 50 ms)" in text
     for row in (
         "|2 (1a1b1c1d)||10.00 s||A1||not before the next plan||–|",
-        "|3 (2a2b2c2d)||10.10 s||A1||50.0 ms||B1|",
+        "|3 (2a2b2c2d)||10.10 s||A1||50 ms||B1|",
         "|10.00 s||150 ms||A1|",
     ):
         assert any(each.startswith(row) for each in rows), row

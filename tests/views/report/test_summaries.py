@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.views.report.model import milliseconds, spread
+from mrbt_mesh.views.report.model import spread
 from mrbt_mesh.views.report.summaries import report_campaign, report_drill, report_summary
 
 TAKEOVER: dict[str, Any] = {
@@ -16,6 +16,7 @@ TAKEOVER: dict[str, Any] = {
     "reassigned_s": None,
     "held": "scan",
     "replacement": None,
+    "exact": True,
 }
 SUMMARY: dict[str, Any] = {
     "mission": "explore",
@@ -44,7 +45,12 @@ def test_a_summary() -> None:
     assert (report.title, report.mission, report.result) == ("here", "explore", "blocked")
     lost, died = report.faults
     assert (lost.robot, lost.lost, lost.reason) == ("B1", ("scan",), "dark")
-    assert (died.at_s, died.until_s, died.detected_ms, died.taken_over_ms) == (2.0, 7.0, 250, None)
+    assert (died.at_s, died.until_s, died.detected_us, died.taken_over_us) == (
+        2.0,
+        7.0,
+        250_000,
+        None,
+    )
     assert report.deaths == [died]
     assert (report.work, report.waits, report.differences, report.utilisation) == (None,) * 4
     assert "I1 is broken" in report.notes
@@ -70,7 +76,7 @@ def test_a_drill() -> None:
     told = {
         "drill": "kill",
         "transport": "direct",
-        "verdict": "red",
+        "color": "red",
         "result": "success",
         "duration_s": 3.0,
         "expectations": [{"expected": "ends", "holds": False, "found": "never"}],
@@ -103,4 +109,3 @@ def test_a_campaign() -> None:
 def test_small_figures() -> None:
     assert spread([None, 3.0, 1.0, 8.0]) == {"least": 1.0, "median": 3.0, "most": 8.0}
     assert spread([None]) is None
-    assert (milliseconds(0.0125), milliseconds(None)) == (12.5, None)

@@ -75,7 +75,7 @@ async def test_all_panes_are_on_screen(size: tuple[int, int]) -> None:
         assert "! B1 lost do_diagnosis: injected  ✔ running  ✔ all 5" in head.replace("   ", "  ")
         assert "▾ ▶ Fallback  running" in line_of(app, "A1 ✖ dead")
         assert "✘do_diagnosis" in line_of(app, "B1 ● alive")
-        assert "✖ A1 at 7.0 s: known +" in line_of(app, "timeline")
+        assert "✖ A1 at 7.0 s: detected after " in line_of(app, "timeline")
         assert "━✖···" in line_of(app, "›A1  ")
         for robot in ("A1", "A2", "B1", "B2", "C1", "C2"):
             assert sum(line[1:4] == f"{robot} " for line in lines) == 1, "a lane each"

@@ -128,7 +128,7 @@ def test_a_run_is_drawn_as_it_was() -> None:
     found.update(record.ended_us or 0)
     (death,) = found.faults
     assert latest_fault(found).startswith("✖ A1 at ")
-    assert f"{death['replacement']} took over +" in latest_fault(found)
+    assert f"{death['replacement']} took over after " in latest_fault(found)
     window = Window(0.0, now_s, 400)
     dead = drawn(found, "A1", now_s, window)
     assert dead.index("✖") == window.column(death["at_s"])

@@ -19,7 +19,6 @@ export function seconds(value) {
 // Plans differ for a moment after every event; that is no disagreement yet.
 export const hasDifferedLong = (since, now) => since !== null && since !== undefined && now - since > 0.5;
 
-export const ms = (value) => (value < 10_000 ? `${Math.round(value)} ms` : seconds(value / 1000));
 
 export const lostText = (names, reason) => `lost ${names.join(", ")}${reason ? `: ${reason}` : ""}`;
 

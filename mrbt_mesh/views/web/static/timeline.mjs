@@ -3,7 +3,7 @@
 import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
-import { byId, element, lostText, ms, seconds, setText } from "./text.mjs";
+import { byId, element, lostText, seconds, setText } from "./text.mjs";
 
 const HATCH = 9;
 const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
@@ -423,9 +423,9 @@ const split = (key) => { const at = key.indexOf("/"); return [key.slice(0, at), 
 
 function faultNumbers(fault) {
   if (fault.older) return fault.held ? "not watched" : "not watched, held no task";
-  const known = fault.detected_ms === null ? "not detected yet" : `detected ${ms(fault.detected_ms)}`;
+  const known = fault.detected_after === null ? "not detected yet" : `detected after ${fault.detected_after}`;
   if (!fault.held) return `${known}, held no task`;
-  return fault.taken_over_ms === null ? `${known}, not taken over yet` : `${known}, taken over ${ms(fault.taken_over_ms)}`;
+  return fault.taken_over_after === null ? `${known}, not taken over yet` : `${known}, taken over after ${fault.taken_over_after}`;
 }
 
 function workText(work, now) {
