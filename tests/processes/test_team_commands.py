@@ -185,6 +185,17 @@ def test_a_team_is_ended_by_its_name(team: Team) -> None:
     assert team.running() == []
 
 
+def test_who_watches_late_knows_of_earlier_faults(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
+    team.mrbt("kill", "R2")
+    team.wait_for_line("R2 is dead")
+    late = json.loads(team.command("watch", "--json", "--timeout", "1").stdout)
+    assert [fault["robot"] for fault in late["faults"]] == ["R2"]
+    assert late["faults"][0]["detected_ms"] is not None
+
+
 def test_with_two_teams_commands_ask_which_one_is_meant(team: Team) -> None:
     team.hold("explore")
     for folder in ("first", "second"):

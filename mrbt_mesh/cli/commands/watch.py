@@ -81,6 +81,6 @@ def watch(
         exports=exports,
         metrics=metrics,
         record=RecordTo(record, record_beats) if record is not None else None,
-        past=watching.past_of(processes) if views.viewers else None,
+        past=watching.past_of(processes),
     )
     end_process(anyio.run(session.follow if views.viewers else session.run))

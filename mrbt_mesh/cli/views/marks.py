@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from rich.text import Text
 
@@ -38,3 +39,18 @@ def statement_text(statement: Mapping[str, str]) -> Text:
     """A statement of a headline, as plain data, with its sign and colour."""
     sign, style = LEVEL_MARKS[statement["level"]]
     return Text(f"{sign} {statement['text']}", style)
+
+
+def by_urgency(robots: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The robots in the order in which people should see them: in trouble, at work, the others.
+
+    `robots`: by name, with `state`, `lost`, `problems` and `local_task`.
+    """
+
+    def rank(robot: str) -> int:
+        row = robots[robot]
+        if row["state"] in ("dead", "suspect") or row["lost"] or row["problems"]:
+            return 0
+        return 1 if row["local_task"] else 2
+
+    return sorted(robots, key=rank)

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
-from mrbt_mesh.cli.views.marks import STATE_MARKS, statement_text
+from mrbt_mesh.cli.views.marks import STATE_MARKS, by_urgency, statement_text
 from mrbt_mesh.cli.views.plan_view import render_bounds
 from mrbt_mesh.cli.views.summary_view import (
     MOST_FAILURES,
@@ -25,7 +25,8 @@ MOST_REASONS = 5
 def render_status(data: Mapping[str, Any]) -> RenderableType:
     """The output of `mrbt status --json`, for a terminal."""
     robots = table("robot", "type", "host", "pid", "state", "works on", "lost or changed")
-    for robot, row in data["robots"].items():
+    for robot in by_urgency(data["robots"]):
+        row = data["robots"][robot]
         robots.add_row(
             Text(robot, "bold"),
             row["type"] or "",

@@ -13,7 +13,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.widgets import Static
 
-from mrbt_mesh.cli.views.marks import statement_text
+from mrbt_mesh.cli.views.marks import by_urgency, statement_text
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.terminal.lanes import LEAST_S, Window, axis, lane, latest_fault
@@ -162,7 +162,8 @@ class RobotsPane(Rows):
         """Draw what is now."""
         robots = self._shown.robots
         width = max(map(len, robots), default=0)
-        self.show(list(robots), [robot_text(name, robots[name], width) for name in robots])
+        names = by_urgency(robots)
+        self.show(names, [robot_text(name, robots[name], width) for name in names])
 
 
 class Lanes(Rows):
@@ -211,7 +212,7 @@ class TimelinePane(Vertical):
 
     def look(self) -> None:
         """Draw what is now."""
-        robots = list(self._shown.robots)
+        robots = by_urgency(self._shown.robots)
         name_width = max(map(len, robots), default=0) + 1
         # A sign for the selected row before, a column free behind.
         window = self.window(max(self.lanes.size.width - name_width - 2, 1))

@@ -24,20 +24,20 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
     for word in item["statuses"]:
         text.append(*MARKS[Status[word.upper()]])
     text.append(" " if item["statuses"] else "")
+    runs = item["phase"] == "running"
     if item["local_task"] is not None:
-        runs = item["phase"] == "running"
         text.append(item["local_task"], "" if runs else "dim")
-        if item["progress"] is not None:
-            text.append(f" {bar(item['progress'])} {item['progress']}%", "cyan")
-        elif not runs:
-            text.append(f" ({item['phase']})", "dim")
-        text.append(" ")
+        text.append(" " if runs else f" ({item['phase']}) ", "dim")
     for reason, names in texts_by_reason(item["lost"]).items():
         text.append("✘", "red")
         text.append(", ".join(names), "red strike")
         text.append(f": {reason} " if reason else " ", "red")
+    for problem in item["problems"]:
+        text.append(f"! {problem} ", "red")
     for reason, names in texts_by_reason(item["pending"]).items():
         text.append(f"{', '.join(names)} not yet: {reason} ", "yellow")
+    if item["local_task"] is not None and item["progress"] is not None:
+        text.append(f"{item['progress']}% {bar(item['progress'])} ", "cyan")
     if item["differs_since_s"] is not None:
         text.append(f"other plan since {item['differs_since_s']:.1f} s ", "yellow")
     if item["local_task"] is None:

@@ -11,6 +11,7 @@ from rich.console import Console, RenderableType
 
 from mrbt_mesh.cli.commands.status import status_data
 from mrbt_mesh.cli.launching import overload_text
+from mrbt_mesh.cli.views.marks import by_urgency
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import capability_changes, render_summary
 from mrbt_mesh.formats.mission_file import load_mission
@@ -157,3 +158,16 @@ def test_what_a_robot_cannot_use_yet() -> None:
         "lost fetch, go: no map",
         "fly not yet: no server yet",
     ]
+
+
+def test_robots_in_trouble_come_first_then_those_at_work() -> None:
+    idle = {"state": "alive", "lost": {}, "problems": [], "local_task": None}
+    rows = {
+        "A1": idle,
+        "A2": idle | {"local_task": "explore"},
+        "B1": idle | {"lost": {"explore": ""}, "local_task": "explore"},
+        "B2": idle | {"problems": ["its journal is slow"]},
+        "C1": idle | {"state": "suspect"},
+        "C2": idle | {"state": "left"},
+    }
+    assert by_urgency(rows) == ["B1", "B2", "C1", "A2", "A1", "C2"]

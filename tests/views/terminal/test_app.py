@@ -24,7 +24,7 @@ from mrbt_mesh.sim import Kill, Lose
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.terminal.app import ReplayTop, TeamTop
-from mrbt_mesh.views.terminal.panes import Lanes, TimelinePane, TreePane
+from mrbt_mesh.views.terminal.panes import Lanes, RobotsPane, TimelinePane, TreePane
 from tests.support.recorded import record_example
 from tests.support.runs import run_example
 from tests.support.watched import ALONE, watched
@@ -132,7 +132,7 @@ async def test_an_order_to_a_robot_is_asked_once_and_carried_out(key: str, act: 
     orders = GivenOrders()
     async with opened(control=orders) as (app, pilot):
         assert f"{key} {act}" in on_screen(app)[-1]
-        await pilot.press("tab", "down", "down", key)
+        await pilot.press("tab", "down", key)
         assert f"{act} B1?" in line_of(app, f"{act} B1")
         assert ROBOT_FAULTS[act][1][:50] in "".join(on_screen(app))
         assert orders.given == [], "nothing is done before the answer"
@@ -172,12 +172,18 @@ async def test_only_what_is_offered_has_a_key() -> None:
         assert len(app.screen_stack) == 1
 
 
+async def test_robots_in_trouble_come_first_then_those_at_work() -> None:
+    async with opened() as (app, _):
+        assert app.query_one(RobotsPane).keys == ["A1", "B1", "B2", "A2", "C1", "C2"]
+        assert app.query_one(Lanes).keys == ["A1", "B1", "B2", "A2", "C1", "C2"]
+
+
 async def test_why_is_told_of_robots_and_tasks() -> None:
     async with opened(size=LARGE) as (app, pilot):
-        await pilot.press("tab", "down")
+        await pilot.press("tab", "down", "down", "down")
         text = "\n".join(on_screen(app))
         assert "why A2" in text
-        assert "A2 took over its" in text
+        assert "A2 took over" in text
         assert line_of(app, "›A2  ").count("↳") == 1, "the lane is selected as well"
         await pilot.press("shift+tab", *["down"] * 10)
         text = "\n".join(on_screen(app))
@@ -187,7 +193,7 @@ async def test_why_is_told_of_robots_and_tasks() -> None:
 
 async def test_capabilities_of_the_robot_that_is_selected() -> None:
     async with opened(size=LARGE) as (app, pilot):
-        await pilot.press("tab", "down", "down")
+        await pilot.press("tab", "down")
         assert "can ✘do_diagnosis (lost: injected), " in line_of(app, "(lost: ")
 
 
@@ -210,13 +216,13 @@ async def test_search_unfolds_and_goes_on() -> None:
 async def test_a_robots_own_tree() -> None:
     async with opened(size=LARGE) as (app, pilot):
         tree = app.query_one(TreePane)
-        await pilot.press("down", "down", "tab", "down", "down", "down", "i")
+        await pilot.press("down", "down", "tab", "down", "down", "i")
         assert "T_i of B2  Esc: T_G" in on_screen(app)[1]
         assert "▾ ▶ T_i: Parallel 3/3  running" in on_screen(app)[2]
         assert "✔ T_A, how it plans: Sequence  success" in line_of(app, "T_A, ")
         assert line_of(app, "▶ do_diagnosis  running")
         # It is that of the robot that is selected, whichever that is.
-        await pilot.press("up", "up", "up")
+        await pilot.press("up", "up")
         assert "T_i of A1" in on_screen(app)[1]
         assert "· T_Li, its own tasks" in line_of(app, "T_Li, "), "a dead robot ticks nothing"
         assert "why A1" in line_of(app, "why")
@@ -296,7 +302,7 @@ async def test_what_is_new_is_drawn() -> None:
     async with app.run_test(size=SMALL) as pilot:
         await pilot.pause()
         assert "▶ weld  A  running" in on_screen(app)[2]
-        assert "A ● alive   ▶✔▶▶ weld ▱▱▱▱▱▱▱▱ 0%" in on_screen(app)[2]
+        assert "A ● alive   ▶✔▶▶ weld 0% ▱▱▱▱▱▱▱▱" in on_screen(app)[2]
         script.block(["succeed A", "pass 300"])
         app.look()
         await pilot.pause()

@@ -34,7 +34,7 @@ def test_state_task_and_progress() -> None:
     beats = shown.observer.membership.peers["B2"].heartbeat
     assert beats is not None
     assert (
-        f"B2 ● alive   ▶✔▶▶ do_diagnosis(5) {bar(beats.progress)} {beats.progress}%" in rows["B2"]
+        f"B2 ● alive   ▶✔▶▶ do_diagnosis(5) {beats.progress}% {bar(beats.progress)}" in rows["B2"]
     )
     assert rows["B1"].startswith("B1 ● alive   ▶✔▶✔ ✘do_diagnosis: injected free: no")
 
