@@ -193,7 +193,6 @@ def test_who_watches_late_knows_of_earlier_faults(team: Team) -> None:
     team.wait_for_line("R2 is dead")
     late = json.loads(team.command("watch", "--json", "--timeout", "1").stdout)
     assert [fault["robot"] for fault in late["faults"]] == ["R2"]
-    assert late["faults"][0]["detected_ms"] is not None
 
 
 def test_with_two_teams_commands_ask_which_one_is_meant(team: Team) -> None:
