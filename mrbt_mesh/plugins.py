@@ -193,12 +193,16 @@ class Metrics(Protocol):
         """(page, content type) of a team, for a request with this `Accept` header."""
 
 
-class ProgramKind(Protocol):
-    """Robots of one kind: `mrbt new FOLDER --NAME` copies the files in `template`."""
+@dataclass(frozen=True)
+class ProgramKind:
+    """Robots of one kind: `mrbt new FOLDER --NAME` copies the files in the folder `template`.
+
+    `hint`: what to do first with the new files, which are in {folder}; may be empty.
+    """
 
     summary: str
     template: Path
-    hint: str  # what to do first with the new files, with {folder}; may be empty
+    hint: str = ""
 
 
 class LeafRegistry(Protocol):

@@ -9,13 +9,7 @@ from mrbt_mesh.core.mission.names import MAX_NAME
 from mrbt_mesh.errors import InputError, nearest
 
 MISSION = "mission.yaml"
-TEMPLATES = Path(__file__).with_name("template")
-# By the folder that they are in: what robots they are for.
-_FILES = {
-    "": ("mission.yaml", "robot.py", "test_mission.py"),
-    "ros2": ("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py"),
-    "vda5050": ("mission.yaml", "agvs.yaml", "robot.py"),
-}
+TEMPLATE = Path(__file__).with_name("template")
 # How an example names its robots' program; in a copy, that lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _NAME = re.compile(r"^mission: \w+$", re.MULTILINE)
@@ -54,16 +48,14 @@ def example_mission(name: str) -> Path:
     return shipped("examples") / name / MISSION
 
 
-def template_files(name: str, kind: str = "") -> dict[str, str]:
+def template_files(name: str, template: Path = TEMPLATE) -> dict[str, str]:
     """A small mission called `name` and a robot of the user's own: texts by file name.
 
-    `kind`: "ros2" for robots of ROS 2, "vda5050" for those that are AGVs, else robots that have a
-    program of their own.
+    `template`: a folder with other files, for robots of another kind.
     """
-    folder = TEMPLATES / kind
-    files = {file: (folder / file).read_text(encoding="utf-8") for file in _FILES[kind]}
-    files["mission.yaml"] = _NAME.sub(f"mission: {name}", files["mission.yaml"])
-    return files
+    paths = sorted(path for path in template.iterdir() if path.is_file())
+    files = {path.name: path.read_text(encoding="utf-8") for path in paths}
+    return files | {MISSION: _NAME.sub(f"mission: {name}", files[MISSION])}
 
 
 def mission_name(text: str) -> str:

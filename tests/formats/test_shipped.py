@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.adapters.program_kinds import ROS2
 from mrbt_mesh.adapters.ros2 import program as ros2_program
 from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.formats import shipped as module
@@ -83,7 +84,7 @@ def test_robots_of_ros_2_and_their_mission_fit_together(
     """Without ROS: the program that robot.py makes when the bridge has found nothing wrong."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.setattr(ros2_program, "check_bindings", lambda file: None)
-    written = write_files(tmp_path / "my_team", template_files("my_team", "ros2"))
+    written = write_files(tmp_path / "my_team", template_files("my_team", ROS2.template))
     assert [path.name for path in written] == [
         *("mission.yaml", "robot.py", "ros2.yaml", "virtual_robots.py")
     ]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from mrbt_mesh.adapters.program_kinds import ROS2
 from mrbt_mesh.adapters.ros2.binding_file import (
     DEFAULT_PYTHON,
     PYTHON_VARIABLE,
@@ -14,9 +15,8 @@ from mrbt_mesh.adapters.ros2.binding_file import (
     load_bindings,
 )
 from mrbt_mesh.errors import FileError
-from mrbt_mesh.formats.shipped import TEMPLATES
 
-FILE = TEMPLATES / "ros2/ros2.yaml"
+FILE = ROS2.template / "ros2.yaml"
 EVERYTHING = """\
 bridge: {python: ros/bin/python, setup: ~/ws/install/setup.bash, domain: 7}
 detection_s: 0.5

@@ -11,6 +11,7 @@ from typing import Any
 import anyio
 import pytest
 
+from mrbt_mesh.adapters.program_kinds import ROS2
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE, BindingFile, load_bindings
 from mrbt_mesh.adapters.ros2.bridge_process import (
     BridgePipe,
@@ -20,7 +21,6 @@ from mrbt_mesh.adapters.ros2.bridge_process import (
     check_bindings,
 )
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.shipped import TEMPLATES
 from tests.support.paths import ROOT
 
 STANDIN = [sys.executable, str(ROOT / "tests/support/ros2/standin_bridge.py")]
@@ -31,7 +31,7 @@ PLACE = "ros2.yaml:4: bridge/python: "
 def file(monkeypatch: pytest.MonkeyPatch) -> BindingFile:
     """The file of `mrbt new --ros2`."""
     monkeypatch.delenv(PYTHON_VARIABLE, raising=False)
-    return load_bindings(TEMPLATES / "ros2/ros2.yaml")
+    return load_bindings(ROS2.template / "ros2.yaml")
 
 
 def standin() -> AbstractAsyncContextManager[BridgePipe]:

@@ -16,13 +16,13 @@ from typing import Any
 import anyio
 import pytest
 
+from mrbt_mesh.adapters.program_kinds import ROS2
 from mrbt_mesh.adapters.ros2 import bridge_process
 from mrbt_mesh.adapters.ros2 import program as ros2_program
 from mrbt_mesh.adapters.ros2.binding_file import load_bindings
 from mrbt_mesh.adapters.ros2.program import ConnectedRobot, bound_program, robot_program
 from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.errors import InputError, TaskFailedError
-from mrbt_mesh.formats.shipped import TEMPLATES
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.program import functions_of
 from tests.support import fake_port
@@ -422,7 +422,7 @@ def test_a_healthy_start_is_no_fault_and_says_what_is_awaited(tmp_path: Path) ->
 def test_a_program_of_a_file_is_checked_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MRBT_ROS2_PYTHON", sys.executable)
     with pytest.raises(InputError, match="cannot import rclpy"):
-        functions_of(robot_program(TEMPLATES / "ros2/ros2.yaml")).check_computer()
+        functions_of(robot_program(ROS2.template / "ros2.yaml")).check_computer()
 
 
 def test_the_package_does_not_import_ros() -> None:

@@ -15,11 +15,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mrbt_mesh.adapters.program_kinds import ROS2
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE
-from mrbt_mesh.formats.shipped import TEMPLATES
 from tests.support.heard import Heard
 
-SCRIPT = TEMPLATES / "ros2/virtual_robots.py"
+SCRIPT = ROS2.template / "virtual_robots.py"
 
 
 def lacking() -> str:
