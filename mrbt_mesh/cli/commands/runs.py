@@ -111,8 +111,9 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
         fail(f"{info.team}: {', '.join(left)} cannot be ended", FAILURE)
     summary = summary_of_finished(found)
+    ended = "1 robot" if len(robots) == 1 else f"{len(robots)} robots"
     result = f", mission {summary['result']}" if summary else ""
-    report(as_json, info.team, robots, "down", f"{len(robots)} robots ended{result}")
+    report(as_json, info.team, robots, "down", f"{ended} ended{result}")
 
 
 def _end_launcher(run_dir: RunDir) -> None:
