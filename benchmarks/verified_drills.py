@@ -44,7 +44,7 @@ def main() -> None:
             say(f"{run['drill']}: {len(verdict['findings'])} findings, {verdict['counts']}")
             if not verdict["verified"]:
                 alarms += 1
-                say(json.dumps(verdict["findings"][:5], indent=2))
+                say(json.dumps(verdict["findings"][:5] + verdict["not_proved"], indent=2))
     say(f"{verified} drills verified, {alarms} with findings")
     raise SystemExit(1 if alarms or not verified else 0)
 

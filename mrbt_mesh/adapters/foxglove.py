@@ -139,7 +139,7 @@ class FoxgloveServer:
         for at_ns, text in self._standing[topic].values():
             self._channels[topic].log(text, log_time=at_ns)
 
-    def flush(self) -> None:
+    def flush(self, now_us: int) -> None:
         """Nothing is held back."""
 
     def abandon(self) -> None:

@@ -1,7 +1,7 @@
 """The messages of a recording: facts and plans as plain data and back, and messages as bytes.
 
 Every message has a check over itself and the check before it, so that a byte that is changed later
-is found, with its place.
+is found, with its place. A team's keys sign checks, and with them all that was recorded before.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import msgpack
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording.channels import FORMAT
@@ -68,12 +69,12 @@ def unpack_fact(data: Mapping[str, Any]) -> Entry:
     try:
         version = data["version"]
         incarnation = Incarnation(int(version["counter"]), str(version["nonce"]))
-        packed = _bytes(data["packed"])
+        packed = read_bytes(data["packed"])
         value = msgpack.unpackb(packed, strict_map_key=False)
         proof = None
         if "proof" in data:
             shown = data["proof"]
-            proof = BatchProof(_bytes(shown["hashes"]), _bytes(shown["signature"]))
+            proof = BatchProof(read_bytes(shown["hashes"]), read_bytes(shown["signature"]))
         made = Version(incarnation, int(version["sequence"]))
         entry = parse_entry(data["author"], data["name"], made, value, proof)
         number = data["number"]
@@ -146,7 +147,8 @@ def _text(data: bytes) -> str:
     return base64.b64encode(data).decode()
 
 
-def _bytes(text: str) -> bytes:
+def read_bytes(text: str) -> bytes:
+    """Bytes that are base64 in a message; raises ValueError."""
     try:
         return base64.b64decode(text, validate=True)
     except binascii.Error as error:
@@ -184,7 +186,8 @@ def pack_beat(source: str, data: bytes, sent: bool) -> dict[str, Any]:
 
 # -- messages as bytes ----------------------------------------------------------------------------
 
-CHECK_BYTES = 8
+# A signature is over a check: nobody may find other messages that have the same one.
+CHECK_BYTES = 16
 
 # Plain data as one line of JSON, in ASCII: texts of programs may not be valid Unicode.
 to_json = json.JSONEncoder(separators=(",", ":")).encode
@@ -200,8 +203,8 @@ class MessageSink(Protocol):
     def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
         """Add a message; `data` is not empty and fits the channel's schema."""
 
-    def flush(self) -> None:
-        """Hand over what was written."""
+    def flush(self, now_us: int) -> None:
+        """Hand over what was written; `now_us` as in `write`."""
 
     def abandon(self) -> None:
         """Leave it as it is: it could not be written."""
@@ -222,6 +225,13 @@ def next_check(before: bytes, number: int, topic: str, at_ns: int, body: bytes) 
     return hashlib.blake2b(before + head + body, digest_size=CHECK_BYTES).digest()
 
 
+def signed_content(number: int, check: bytes, is_end: bool) -> bytes:
+    """What the signature in a recording is for: all messages up to the one of this number and
+    check; `is_end`: it is the last one.
+    """
+    return b"mrbt recording\0" + bytes(msgpack.packb([number, check, is_end]))
+
+
 class MessageEncoder:
     """Makes the messages of one recording, in their order. `number`: how many there were."""
 
@@ -237,3 +247,8 @@ class MessageEncoder:
         body = to_json(data).encode()
         self._check = next_check(self._check, self.number, topic, at_ns, body)
         return at_ns, b'%s,"check":"%s"}' % (body[:-1], self._check.hex().encode())
+
+    def sign(self, keys: Keys, is_end: bool) -> dict[str, Any]:
+        """A message of the channel of signatures, for all messages so far."""
+        signature = keys.sign(signed_content(self.number, self._check, is_end))
+        return {"by": keys.name, "end": is_end, "signature": _text(signature)}

@@ -61,7 +61,7 @@ class ObserverRecorder(Recorder):
         self._write(self._noted(), now_us)
         has_succeeded = observer.record.task_log.has_succeeded
         self._write_scene(now_us, has_succeeded, observer.facts.changes, plan)
-        self._sink.flush()
+        self._sink.flush(now_us)
 
     def _robot(self, robot: str, peer: Peer, now_us: int) -> None:
         beat, report = peer.heartbeat, peer.report

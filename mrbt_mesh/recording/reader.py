@@ -25,8 +25,14 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.channels import CHANNELS
-from mrbt_mesh.recording.messages import CHECK_BYTES, first_check, next_check
+from mrbt_mesh.recording.channels import CHANNELS, SIGNATURES
+from mrbt_mesh.recording.messages import (
+    CHECK_BYTES,
+    first_check,
+    next_check,
+    read_bytes,
+    signed_content,
+)
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 
 _LENGTH = struct.Struct("<Q")
@@ -56,6 +62,20 @@ class Damage:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """A signature over all messages before it, the last of which is of `until_us`; `content`: what
+    it must be for. `number` is its own. `is_end`: nothing follows it.
+    """
+
+    number: int
+    by: str
+    until_us: int
+    is_end: bool
+    content: bytes
+    signature: bytes
+
+
 @dataclass(frozen=True)
 class Recording:
     """What a file holds. `cut_off_at`: the byte at which it ends in the middle of a record, or
@@ -67,6 +87,7 @@ class Recording:
     records: tuple[RecordedMessage, ...]
     damage: tuple[Damage, ...] = ()
     cut_off_at: int | None = None
+    signatures: tuple[Signature, ...] = ()
 
     @property
     def begin_us(self) -> int:
@@ -105,7 +126,8 @@ def parse_recording(content: bytes, path: Path) -> Recording:
         number = len(reading.records) + 1
         reading.damage.append(Damage(number, f"the file is damaged at byte {end}"))
         cut_off = None
-    return Recording(path, metadata, tuple(reading.records), tuple(reading.damage), cut_off)
+    records, signatures = tuple(reading.records), tuple(reading.signatures)
+    return Recording(path, metadata, records, tuple(reading.damage), cut_off, signatures)
 
 
 class _Reading:
@@ -114,6 +136,7 @@ class _Reading:
     def __init__(self) -> None:
         self.metadata: dict[str, str] | None = None
         self.records: list[RecordedMessage] = []
+        self.signatures: list[Signature] = []
         self.damage: list[Damage] = []
         self.is_closed = False
         self.problem = ""
@@ -176,12 +199,21 @@ class _Reading:
         try:
             content = json.loads(data)
             _validator(topic)(content)
+            if topic == SIGNATURES:
+                self._signature(content, number, check)
         except (ValueError, RecursionError, JsonSchemaValueException) as error:
             self._say(number, f"no message of {topic or 'a known channel'}: {error}")
             return
         del content["check"]
         at_us = (message.log_time - self._epoch_ns) // 1_000
         self.records.append(RecordedMessage(number, topic, at_us, content))
+
+    def _signature(self, content: Mapping[str, Any], number: int, check: bytes) -> None:
+        """Raises ValueError."""
+        by, is_end, signature = content["by"], content["end"], read_bytes(content["signature"])
+        until_us = self.records[-1].at_us if self.records else 0
+        wanted = signed_content(number - 1, check, is_end)
+        self.signatures.append(Signature(number, by, until_us, is_end, wanted, signature))
 
     def _say(self, number: int, text: str) -> None:
         self.damage.append(Damage(number, text))

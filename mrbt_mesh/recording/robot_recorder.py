@@ -64,7 +64,7 @@ class RobotRecorder(Recorder):
         self._percent = 0
         view.subscribe_to_plans(self._planned)
         self._write(self._noted(), now_us)
-        sink.flush()
+        sink.flush(now_us)
 
     def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
         self._add_plan(plan, alive)
@@ -110,7 +110,7 @@ class RobotRecorder(Recorder):
         self._write_scene(now_us, self._tasks.has_succeeded, self._plans)
         if effects:
             # Inputs without effects can wait.
-            self._sink.flush()
+            self._sink.flush(now_us)
 
     # -- what came in -------------------------------------------------------------------------
 

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.recording.channels import BEATS, CHANNELS
+from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.recording.channels import BEATS, CHANNELS, SIGNATURES
 from mrbt_mesh.recording.folder import open_new
 from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
@@ -21,12 +22,15 @@ from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 # as long for it as all the rest takes together, and robots write some hundred a second.
 _MESSAGE, _OPCODE = struct.Struct("<BQHIQQ"), 0x05
 _HEADER_BYTES = _MESSAGE.size - struct.calcsize("<BQ")
+# What a killed robot recorded last is signed up to this much before its end.
+SIGN_US = 1_000_000
 
 
 class RecordingWriter:
     """One recording, in a new file: beside another one where that is there already.
 
-    Raises OSError where the file cannot be written, or has come to `limit_bytes`; None: no limit.
+    `keys` sign it every second, and at its end. Raises OSError where the file cannot be written, or
+    has come to `limit_bytes`; None: no limit.
     """
 
     def __init__(
@@ -36,12 +40,15 @@ class RecordingWriter:
         limit_bytes: int | None = None,
         *,
         beats: bool = False,
+        keys: Keys | None = None,
     ) -> None:
         # It is loaded by those who record alone: it needs some megabytes.
         from mcap.writer import IndexType, Writer
 
         self._limit_bytes = limit_bytes
         self._encoder = MessageEncoder(metadata)
+        self._keys = keys
+        self._now_us, self._signed_us = 0, -SIGN_US
         self._file = open_new(path)
         self._writer = Writer(
             self._file, use_chunking=False, index_types=IndexType.NONE, use_statistics=False
@@ -69,13 +76,22 @@ class RecordingWriter:
 
     def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
         """Add a message; `data` is not empty and fits the channel's schema."""
+        self._now_us = at_us
         at_ns, text = self._encoder.encode(topic, at_us, data)
         channel, number = self._channels[topic], self._encoder.number
         length = _HEADER_BYTES + len(text)
         self._file.write(_MESSAGE.pack(_OPCODE, length, channel, number, at_ns, at_ns) + text)
 
-    def flush(self) -> None:
+    def _sign(self, is_end: bool) -> None:
+        if self._keys is not None:
+            self._signed_us = self._now_us
+            self.write(SIGNATURES, self._now_us, self._encoder.sign(self._keys, is_end))
+
+    def flush(self, now_us: int) -> None:
         """Hand over what was written: the end of this process does not touch it any more."""
+        self._now_us = now_us
+        if now_us >= self._signed_us + SIGN_US:
+            self._sign(False)
         self._file.flush()
         if self._limit_bytes is not None and self._file.tell() > self._limit_bytes:
             raise OSError(errno.EFBIG, f"it has come to {self._limit_bytes >> 20} MiB (--keep)")
@@ -86,8 +102,11 @@ class RecordingWriter:
             self._file.close()
 
     def close(self) -> None:
-        """End the file; readers need nothing of what is added here."""
+        """End the file, unless it was abandoned; readers need nothing of what MCAP adds here."""
+        if self._file.closed:
+            return
         try:
+            self._sign(True)
             self._writer.finish()  # type: ignore[no-untyped-call]
         finally:
             self._file.close()

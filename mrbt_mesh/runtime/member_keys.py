@@ -239,10 +239,14 @@ class MemberKeys:
         return hashlib.blake2b(data, key=key, digest_size=TAG_BYTES).digest()
 
 
-def was_signed(manifest: Manifest, name: str, data: bytes, signature: bytes) -> bool:
-    """Whether a robot signed this, with any key that it has or had: see `Keys.was_signed`."""
+def was_signed(
+    manifest: Manifest, name: str, data: bytes, signature: bytes, role: Role = Role.ROBOT
+) -> bool:
+    """Whether a member with this role signed this, with any key that it has or had: see
+    `Keys.was_signed`.
+    """
     member = manifest.members.get(name)
-    if member is None or member.role is not Role.ROBOT:
+    if member is None or member.role is not role:
         return False
     return any(_verifies(key, data, signature) for key in (member.sign, *member.former))
 

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
@@ -81,7 +82,7 @@ def robot_recording(
         speed=options.speed,
     )
     try:
-        writer = RecordingWriter(path, metadata, options.keep_bytes, beats=beats)
+        writer = RecordingWriter(path, metadata, options.keep_bytes, beats=beats, keys=config.keys)
         recorder = RobotRecorder(writer, view, boottime_us(), beats=beats)
     except OSError as error:
         raise InputError(_cannot(path, error)) from None
@@ -92,14 +93,14 @@ def observer_recording(
     to: RecordTo | None,
     observer: Observer,
     run: str,
-    has_keys: bool,
+    keys: Keys | None,
 ) -> GuardedRecorder[ObserverRecorder] | None:
     """Begin to record what an observer hears; raises InputError if that cannot be."""
     if to is None:
         return None
-    metadata = replace(observer_metadata(observer, run, has_keys), speed=to.speed)
+    metadata = replace(observer_metadata(observer, run, keys is not None), speed=to.speed)
     try:
-        writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats)
+        writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats, keys=keys)
     except OSError as error:
         raise InputError(_cannot(to.path, error)) from None
     return to_observers_record(ObserverRecorder(writer, observer, beats=to.beats), observer)

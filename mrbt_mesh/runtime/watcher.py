@@ -66,7 +66,7 @@ class Watcher:
         self.observer = Observer(
             address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
         )
-        recording = observer_recording(record, self.observer, address.run, keys is not None)
+        recording = observer_recording(record, self.observer, address.run, keys)
         self._recordings = [recording] if recording is not None else []
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()

@@ -96,12 +96,12 @@ def simulate(
     """Run `mission` with the robots (all of the file by default) in virtual time.
 
     The same arguments give the same run, effect for effect; what they mean: `Setup`. Without
-    `inspect` nothing is checked and no effect log is kept, which is faster and changes nothing
-    else. `keep_log`: keep the log's lines, not only their digest. `look_on` is shown the observer
-    whenever that has seen something. `record`: the folder in which every robot, and the observer,
-    records what it knows and does. `begin`: what has been before. Raises ValueError for a robot
-    that the mission does not have and for a router that the network has not, SimulationError if an
-    agent breaks, OSError where nothing can be recorded.
+    `inspect`, or with keys, nothing is checked and no effect log is kept, which is faster and
+    changes nothing else. `keep_log`: keep the log's lines, not only their digest. `look_on` is
+    shown the observer whenever that has seen something. `record`: the folder in which every robot,
+    and the observer, records what it knows and does. `begin`: what has been before. Raises
+    ValueError for a robot that the mission does not have and for a router that the network has not,
+    SimulationError if an agent breaks, OSError where nothing can be recorded.
     """
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
@@ -131,7 +131,10 @@ def simulate(
         record=record,
         begin=begin,
     )
-    if inspect:
+    if setup.agents.keys:
+        # Messages are sealed: they can be neither checked nor shared.
+        world = World(setup, lambda _: Inspection(), look_on)
+    elif inspect:
         # What is checked, each robot must have computed for itself.
         comparison = PlanComparison(setup.agents.engine)
         setup = _with_engine(setup, comparison.engine)

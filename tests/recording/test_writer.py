@@ -55,7 +55,7 @@ def test_facts_come_back_to_the_byte(
     recording = writer(path)
     for number, (entry, at_us) in enumerate(rows, start=1):
         recording.write(FACTS, at_us, pack_fact(entry, number))
-    recording.flush()
+    recording.flush(0)
     if is_closed:
         recording.close()
     found = read_recording(path)
@@ -78,7 +78,7 @@ def three(tmp_path: Path) -> bytes:
     for number in (1, 2, 3):
         data = {"number": number, "author": "A", "name": f"condition/c{number}"}
         recording.write(DROPPED, number, data)
-        recording.flush()
+        recording.flush(0)
     content = path.read_bytes()
     recording.close()
     return content
@@ -124,7 +124,7 @@ def test_other_readers_of_mcap_read_it(tmp_path: Path) -> None:
     recording = writer(path)
     said = CHANNELS[LIFE].example
     recording.write(LIFE, 5_000, said)
-    recording.flush()
+    recording.flush(0)
     with path.open("rb") as stream:  # not closed yet, so not ended
         messages = NonSeekingReader(stream).iter_messages(log_time_order=False)
         schema, channel, message = next(messages)

@@ -21,6 +21,7 @@ from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.recording import RecordTo, observer_recording, robot_recording
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from tests.support.build import action, make_mission
+from tests.support.keys import keys_of
 
 MISSION = make_mission(action("a1"))
 CONFIG = AgentConfig(
@@ -71,7 +72,7 @@ def test_one_who_watches_says_that_nothing_is_recorded_any_more(
 ) -> None:
     observer = Observer(MISSION, "r1", Timing(), default_solver)
     to = RecordTo(tmp_path / "run.mcap")
-    recording = observer_recording(to, observer, "r1", True)
+    recording = observer_recording(to, observer, "r1", keys_of("A")["op"])
     assert recording is not None
     recording.do(lambda recorder: recorder.update(1))
     monkeypatch.setattr(RecordingWriter, "flush", full)
@@ -96,7 +97,7 @@ def test_nothing_is_recorded_where_nothing_is_asked_for() -> None:
     agent = Agent(MISSION, CONFIG, 0)
     assert robot_recording(RobotOptions(), MISSION, CONFIG, agent.view, full) is None
     observer = Observer(MISSION, "r1", Timing(), default_solver)
-    assert observer_recording(None, observer, "r1", False) is None
+    assert observer_recording(None, observer, "r1", None) is None
 
 
 def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:

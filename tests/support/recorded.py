@@ -6,8 +6,11 @@ from pathlib import Path
 
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.metadata import OBSERVER
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.sim import Schedule, SimulationResult, simulate
+from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.sim import AgentOptions, Schedule, SimulationResult, simulate
+from tests.support.keys import keys_of
 from tests.support.runs import example
 
 
@@ -15,8 +18,6 @@ def record_example(
     folder: Path, name: str, seed: int, schedule: Schedule = (), plan_delay_us: int | None = None
 ) -> SimulationResult:
     """Simulate an example, and record it in a folder."""
-    from mrbt_mesh.sim import AgentOptions
-
     mission, program = example(name)
     options = AgentOptions(plan_delay_us=plan_delay_us)
     return simulate(
@@ -28,6 +29,23 @@ def record_example(
         record=folder,
         timeout_us=60 * SECOND_US,
     )
+
+
+def record_keyed(folder: Path, name: str, seed: int, schedule: Schedule = ()) -> Manifest:
+    """Simulate an example whose robots have keys, and record it; returns the team's manifest."""
+    mission, program = example(name)
+    keys = keys_of(*mission.robots, observer="eye")
+    options = AgentOptions(keys={**keys, OBSERVER: keys["eye"]})
+    simulate(
+        mission,
+        program,
+        seed=seed,
+        schedule=list(schedule),
+        agents=options,
+        record=folder,
+        timeout_us=60 * SECOND_US,
+    )
+    return keys["eye"].manifest
 
 
 def read_all(folder: Path) -> list[Recording]:

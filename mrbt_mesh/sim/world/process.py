@@ -219,6 +219,8 @@ class SimProcess:
     def kill(self) -> None:
         """SIGKILL."""
         self.killed = True
+        if self._recorder is not None:
+            self._recorder.abandon()
         self._end()
 
     def _end(self) -> None:

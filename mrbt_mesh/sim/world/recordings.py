@@ -23,19 +23,21 @@ class Recordings:
         self._setup = setup
         self._folder = folder
         self._open: list[RobotRecorder | ObserverRecorder] = []
-        writer = RecordingWriter(observer_file(folder), self._metadata(OBSERVER))
+        writer = self._writer(observer_file(folder), OBSERVER)
         self._observer = ObserverRecorder(writer, observer)
         self._open.append(self._observer)
 
-    def _metadata(self, robot: str) -> RunMetadata:
+    def _writer(self, path: Path, robot: str) -> RecordingWriter:
         setup = self._setup
         found = RunMetadata.of(setup.mission, robot, setup.run, setup.timing, 0, __version__)
-        return replace(found, speed=setup.speed)
+        keys = setup.agents.keys.get(robot)
+        metadata = replace(found, speed=setup.speed, has_keys=keys is not None)
+        return RecordingWriter(path, metadata, keys=keys)
 
     def begin(self, view: AgentView, now_us: int) -> RobotRecorder:
         """Record a process of a robot from its start on."""
         path = robot_file(self._folder, view.robot)
-        recorder = RobotRecorder(RecordingWriter(path, self._metadata(view.robot)), view, now_us)
+        recorder = RobotRecorder(self._writer(path, view.robot), view, now_us)
         self._open.append(recorder)
         return recorder
 

@@ -134,6 +134,8 @@ class Robots:
             pid=identity.pid,
             engine=options.engine,
             plans_apart=options.plan_delay_us is not None,
+            keys=options.keys.get(robot),
+            life=self._lives,
         )
 
     def _random_bytes(self, *purpose: Any) -> bytes:

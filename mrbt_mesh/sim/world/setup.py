@@ -10,6 +10,7 @@ from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header
 from mrbt_mesh.core.mission.mission import Mission, Robot
@@ -78,7 +79,8 @@ class AgentOptions:
     `engine`: what they compute with; the definitions, where the environment asks for them.
     `solvers` are those of robots that have another one than `solver`. With `plan_delay_us` plans
     are made outside of the agents, and take so long. Without `exit_when_done` robots stay when
-    the mission is over.
+    the mission is over. `keys`: those of each robot and, as "", of the observer; none: the run has
+    no keys.
     """
 
     timing: Timing = field(default_factory=Timing)
@@ -87,6 +89,7 @@ class AgentOptions:
     solvers: Mapping[str, Solver] = field(default_factory=dict)
     plan_delay_us: int | None = None
     exit_when_done: bool = True
+    keys: Mapping[str, Keys] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

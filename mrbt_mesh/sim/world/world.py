@@ -13,6 +13,7 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
@@ -52,8 +53,10 @@ class World:
         routers = Routers(setup.network.routers, setup.seed)
         self.bus = MessageBus(self.clock, self.network, routers, self._token_changed)
         self.robots = Robots(self)
+        keys = setup.agents.keys.get("")
+        self._guard = Guard(keys, setup.run, 1) if keys is not None else None
         self.observer = Observer(
-            setup.mission, setup.run, self.timing, default_solver, setup.agents.engine
+            setup.mission, setup.run, self.timing, default_solver, setup.agents.engine, keys
         )
         self.events: list[dict[str, Any]] = []
         self._under_way: dict[tuple[str, str, str], int] = {}
@@ -115,7 +118,10 @@ class World:
     def published(self, process: SimProcess, effect: Publish) -> None:
         message = self.bus.publish(process.robot, effect)
         self.injector.heard(message)
-        self.observer.message(effect.kind, process.robot, effect.data, self.clock.now_us)
+        data = effect.data
+        if self._guard is not None:
+            _, data = self._guard.open(data, effect.kind, process.robot)
+        self.observer.message(effect.kind, process.robot, data, self.clock.now_us)
         self._observe_soon()
 
     def stopped(self, process: SimProcess) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from mrbt_mesh.core.membership.keys import WasSigned
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.runtime.known_runs import find_run
 from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
+
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.member_keys import Manifest
 
 
 def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
@@ -35,11 +37,10 @@ def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
     return [read_recording(file) for file in files], keys
 
 
-def signature_check(folder: Path | None) -> WasSigned | None:
-    """A check of signatures by the manifest in the folder; raises KeysError."""
+def manifest_of(folder: Path | None) -> Manifest | None:
+    """The team's manifest in the folder; raises KeysError."""
     if folder is None:
         return None
     from mrbt_mesh.runtime.key_folder import KeyFolder
-    from mrbt_mesh.runtime.member_keys import was_signed
 
-    return partial(was_signed, KeyFolder(folder).manifest())
+    return KeyFolder(folder).manifest()

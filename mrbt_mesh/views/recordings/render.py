@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from mrbt_mesh.views.replay.findings import Verification
+from mrbt_mesh.views.replay.findings import ON_TRUST, Verification
 
 # Findings that are printed; `--json` has all.
 MOST_FINDINGS = 20
@@ -26,29 +26,44 @@ _COUNTED = {
 }
 
 
-def render_verdict(verdict: Verification) -> RenderableType:
-    """Counts, takeovers with their causes, and the problems found."""
+def render_verdict(verdict: Verification, accepted: Collection[str]) -> RenderableType:
+    """Counts, takeovers with their causes, what is proved, what is not, and by which key."""
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(justify="right")
     table.add_column()
     for name, text in _COUNTED.items():
         if name in verdict.counts:
             table.add_row(str(verdict.counts[name]), text)
-    parts: list[RenderableType] = [table]
+    parts: list[RenderableType] = [_basis(verdict), table]
     for each in verdict.takeovers:
         text = f"{each.at_us / 1e6:.3f} s: {each.robot} took over {each.local_task} of {each.of}"
         parts.append(Text(f"{text}: {each.cause}"))
-    parts += [Text(f"note: {note}", "yellow") for note in verdict.notes]
+    parts += [Text(f"proved: {each}", "green") for each in verdict.proved]
+    for gap in verdict.gaps:
+        word = "accepted" if gap.kind in accepted else "not proved"
+        parts.append(Text(f"{word}: {gap}", "yellow"))
     parts += [Text(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
     more = len(verdict.findings) - MOST_FINDINGS
     if more > 0:
         parts.append(Text(f"and {more} more: --json has all", "red"))
     files = f"{len(verdict.files)} recordings"
-    if verdict.is_good:
-        parts.append(Text(f"verified: {files} prove what the team did", "bold green"))
+    if verdict.is_proved:
+        last = Text(f"proved: what the team did, by {files}; {ON_TRUST}", "bold green")
+    elif verdict.holds(accepted):
+        last = Text(f"{files} agree; what was accepted above is not proved", "bold")
     else:
-        parts.append(Text(f"not verified: {len(verdict.findings)} findings in {files}", "bold red"))
-    return Group(*parts)
+        gaps = sum(gap.kind not in accepted for gap in verdict.gaps)
+        counted = f"{len(verdict.findings)} contradictions, {gaps} gaps"
+        last = Text(f"not proved: {counted} in {files}", "bold red")
+    return Group(*parts, last)
+
+
+def _basis(verdict: Verification) -> Text:
+    """What all signatures depend on."""
+    if not verdict.team_key:
+        return Text("Without keys everything can be forged: this proves nothing.", "bold yellow")
+    compare = "compare it with your own: `mrbt keys show`"
+    return Text(f"signed by the team whose key is {verdict.team_key[:16]}: {compare}")
 
 
 def render_what_if(data: Mapping[str, Any]) -> RenderableType:

@@ -1,10 +1,14 @@
-"""The findings of the checks of recordings, and the causes of takeovers."""
+"""What `mrbt recording verify` finds: what is proved, what is not, contradictions, takeovers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import enum
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
+
+# Nobody but the robot itself can say these; its key signs that it did.
+ON_TRUST = "times, positions and progress are as each robot measured them"
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,44 @@ class RecordingFinding:
 
 
 @dataclass(frozen=True)
+class ProvedRecording:
+    """What a recording proves: that this member (`by`) recorded it until `until_us`, counted from
+    its begin. `end`: how it ends, in words.
+    """
+
+    file: str
+    by: str
+    until_us: int
+    end: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: signed by {self.by} until {self.until_us / 1e6:.3f} s; {self.end}"
+
+
+class GapKind(enum.StrEnum):
+    """What is not proved: signatures, a robot's recording, the observer's, an end, summary.json."""
+
+    UNSIGNED = "unsigned"
+    ROBOT = "robot"
+    OBSERVER = "observer"
+    END = "end"
+    SUMMARY = "summary"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Something that is not proved, and what would prove it. `of`: a file or a robot."""
+
+    kind: GapKind
+    of: str
+    text: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.of}: {self.text}: {self.remedy}"
+
+
+@dataclass(frozen=True)
 class ProvedTakeover:
     """A robot began the work of another one, which stopped it for this `cause`.
 
@@ -42,29 +84,37 @@ class ProvedTakeover:
 
 @dataclass(frozen=True)
 class Verification:
-    """The result: numbers of what was checked by kind, findings, takeovers.
-
-    `notes`: what could not be checked, e.g. a recording that is cut off.
+    """The result: numbers of what was checked by kind, what is proved and what is not,
+    contradictions, takeovers. `team_key`: the key behind all signatures, empty without one.
     """
 
     files: tuple[str, ...]
+    team_key: str
     counts: Mapping[str, int]
+    proved: tuple[ProvedRecording, ...]
+    gaps: tuple[Gap, ...]
     findings: tuple[RecordingFinding, ...]
     takeovers: tuple[ProvedTakeover, ...]
-    notes: tuple[str, ...]
 
     @property
-    def is_good(self) -> bool:
-        """Whether everything that was recorded is proved."""
-        return not self.findings
+    def is_proved(self) -> bool:
+        """Whether everything is proved."""
+        return not self.findings and not self.gaps
+
+    def holds(self, accepted: Collection[str]) -> bool:
+        """Whether nothing is contradicted, and only gaps of these kinds are open."""
+        return not self.findings and all(gap.kind in accepted for gap in self.gaps)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; times in microseconds."""
         return {
-            "verified": self.is_good,
+            "all_proved": self.is_proved,
             "files": list(self.files),
+            "team_key": self.team_key,
             "counts": dict(self.counts),
+            "proved": [asdict(each) for each in self.proved],
+            "not_proved": [asdict(each) for each in self.gaps],
+            "on_trust": ON_TRUST,
             "findings": [asdict(each) for each in self.findings],
             "takeovers": [asdict(each) for each in self.takeovers],
-            "notes": list(self.notes),
         }

@@ -1,27 +1,29 @@
 """Whether the recordings of one run prove the team's work: each by itself, and against the rest.
 
 Verified: the same facts led to the same plan, by the plain definitions; each robot followed its
-plans; every takeover had a cause; and no recording contradicts another one.
+plans; every takeover had a cause; and no recording contradicts another one. Signatures prove that
+the recordings are those of their robots, whole.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
-from mrbt_mesh.core.membership.keys import Authorship, WasSigned
-from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.messages import read_incarnation
+from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
+from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
+from mrbt_mesh.views.replay.check_team import TeamCheck, lives
 from mrbt_mesh.views.replay.findings import Verification
 
 _Key = tuple[str, str, Version]
 
 
-def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None) -> Verification:
-    """Verify recordings of one run, at least one; `was_signed` checks signatures.
+def verify(recordings: Sequence[Recording], manifest: Manifest | None = None) -> Verification:
+    """Verify recordings of one run, at least one; the `manifest` checks signatures.
 
     Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
     """
@@ -34,38 +36,34 @@ def verify(recordings: Sequence[Recording], was_signed: WasSigned | None = None)
     except ValueError as error:
         raise RecordingError(f"{first.path}: {error}") from None
     plans = PlanAgain(mission)
-    authorship = Authorship(was_signed, first.metadata.run) if was_signed else None
+    authorship = None
+    if manifest is not None:
+        authorship = Authorship(partial(was_signed, manifest), first.metadata.run)
     checks = [RecordingCheck(each, plans, authorship) for each in recordings]
-    counts: Counter[str] = Counter()
     for check in checks:
         check.run()
-        counts.update(check.counts)
     _contradictions(checks)
     _missing(checks)
+    team = TeamCheck(checks, manifest)
+    team.run()
+    counts: Counter[str] = Counter()
+    for check in checks:
+        counts.update(check.counts)
     takeovers = [each for check in checks for each in check.takeovers]
     return Verification(
         tuple(each.name for each in recordings),
+        manifest.authority.hex() if manifest is not None else "",
         dict(sorted(counts.items())),
+        tuple(team.proved),
+        tuple(team.gaps),
         tuple(each for check in checks for each in check.findings),
         tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
-        tuple(_notes(recordings, was_signed is not None)),
     )
 
 
 def _run(recording: Recording) -> tuple[str, str, str]:
     metadata = recording.metadata
     return metadata.run, metadata.mission_digest, metadata.mission
-
-
-def _notes(recordings: Sequence[Recording], has_keys: bool) -> list[str]:
-    notes = [
-        f"{each.name}: ends without its end, at byte {each.cut_off_at}: its writer was killed"
-        for each in recordings
-        if each.cut_off_at is not None
-    ]
-    if not has_keys and any(each.metadata.has_keys for each in recordings):
-        notes.append("the facts are signed; without --keys their signatures are not checked")
-    return notes
 
 
 def _contradictions(checks: Sequence[RecordingCheck]) -> None:
@@ -101,18 +99,18 @@ def _missing(checks: Sequence[RecordingCheck]) -> None:
 
     In such a place a fact that only its own recording has is a finding too.
     """
-    lives: dict[tuple[str, Incarnation], list[str]] = {}
+    owners: dict[tuple[str, Incarnation], list[str]] = {}
     own: set[tuple[str, str, Version, int]] = set()
     heard: set[tuple[str, str, Version, int]] = set()
     for check in checks:
         me = check.recording.metadata.robot
-        for incarnation in _lives(check.recording):
-            lives.setdefault((me, incarnation), []).append(check.recording.name)
+        for incarnation in lives(check.recording):
+            owners.setdefault((me, incarnation), []).append(check.recording.name)
         for _, entry in check.facts:
             (own if entry.author == me else heard).add(_whole(entry))
     missing: dict[tuple[str, str, Incarnation], set[str]] = {}
     for check, record, entry in _all_facts(checks):
-        authors = lives.get((entry.author, entry.version.incarnation), [])
+        authors = owners.get((entry.author, entry.version.incarnation), [])
         if authors and _whole(entry) not in own and not check.recording.damage:
             check.add(record, f"{entry.author} has not recorded its {entry.name}", authors)
             missing.setdefault(_place(entry), set()).add(check.recording.name)
@@ -136,12 +134,3 @@ def _place(entry: Entry) -> tuple[str, str, Incarnation]:
 
 def _whole(entry: Entry) -> tuple[str, str, Version, int]:
     return entry.author, entry.name, entry.version, entry.hash
-
-
-def _lives(recording: Recording) -> set[Incarnation]:
-    """The incarnations that a robot had while it recorded."""
-    found = set()
-    for record in recording.records:
-        if record.topic == channels.LIFE and record.data["event"] == "joined":
-            found.add(read_incarnation(record.data["incarnation"]))
-    return found

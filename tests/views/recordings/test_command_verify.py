@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -24,16 +25,22 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_run_directory_is_verified(folder: Path) -> None:
     code, output, _ = recording("verify", str(folder))
-    assert code == 0
+    assert code == 1
+    assert output.startswith("Without keys everything can be forged")
     assert "plans made again" in output
-    assert "verified: 3 recordings prove what the team did" in output
+    assert "not proved: all recordings: no signature was checked: start the team" in output
+    code, output, _ = recording("verify", str(folder), "--accept", "unsigned")
+    assert code == 0
+    assert "3 recordings agree; what was accepted above is not proved" in output
 
 
 def test_files_are_verified_and_told_as_json(folder: Path) -> None:
     files = sorted(map(str, (folder / "recordings").iterdir()))
-    code, output, _ = recording("verify", *files, "--json")
+    accepted = ("--accept", "unsigned", "--accept", "observer")
+    code, output, _ = recording("verify", *files, *accepted, "--json")
     told = json.loads(output)
-    assert (code, told["verified"], told["findings"]) == (0, True, [])
+    assert (code, told["verified"], told["all_proved"], told["findings"]) == (0, True, False, [])
+    assert [gap["kind"] for gap in told["not_proved"]] == ["unsigned", "observer"]
     assert told["files"] == ["R1.mcap", "R2.mcap"]
     assert told["counts"]["plans"] > 0
 
@@ -46,7 +53,7 @@ def test_what_is_falsified_is_named_with_status_1(folder: Path, tmp_path: Path) 
     code, output, _ = recording("verify", str(forged), str(folder / "recordings" / "R2.mcap"))
     assert code == 1
     assert "R1.mcap: record" in output
-    assert "not verified" in output
+    assert re.search(r"not proved: \d+ contradictions, 2 gaps in 2 recordings", output)
 
 
 def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -> None:

@@ -1,0 +1,174 @@
+"""What the recordings of a team prove together: whose they are, whether all are there, and how each
+of them ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.messages import read_incarnation
+from mrbt_mesh.recording.reader import Recording, Signature
+from mrbt_mesh.recording.writer import SIGN_US
+from mrbt_mesh.runtime.member_keys import Manifest, was_signed
+from mrbt_mesh.views.replay.check_recording import RecordingCheck
+from mrbt_mesh.views.replay.findings import Gap, GapKind, ProvedRecording
+
+_WITHOUT = "start the team without --insecure (simulated runs have no keys)"
+_WITHOUT_KEYS = "give --keys, a folder with the team's manifest"
+# The clocks of a team's computers may differ by this much.
+CLOCKS_US = 5_000_000
+
+
+@dataclass
+class TeamCheck:
+    """Call `run` once, after each recording was checked by itself."""
+
+    checks: Sequence[RecordingCheck]
+    manifest: Manifest | None
+    proved: list[ProvedRecording] = field(default_factory=list)
+    gaps: list[Gap] = field(default_factory=list)
+
+    def run(self) -> None:
+        """Find what is proved, and what is not."""
+        if self.manifest is None:
+            has_keys = any(check.recording.metadata.has_keys for check in self.checks)
+            remedy = _WITHOUT_KEYS if has_keys else _WITHOUT
+            self._gap(GapKind.UNSIGNED, "all recordings", "no signature was checked", remedy)
+        for check in self.checks:
+            self._recording(check)
+        if all(check.recording.metadata.robot for check in self.checks):
+            remedy = "give run.mcap; without `mrbt up` in the foreground there is none"
+            self._gap(GapKind.OBSERVER, "run.mcap", "no observer's recording is here", remedy)
+        self._missing_lives()
+
+    def _gap(self, kind: GapKind, of: str, text: str, remedy: str) -> None:
+        self.gaps.append(Gap(kind, of, text, remedy))
+
+    # -- one recording --------------------------------------------------------------------------
+
+    def _recording(self, check: RecordingCheck) -> None:
+        recording = check.recording
+        last = self._last_signature(check)
+        is_ended = recording.cut_off_at is None
+        if self.manifest is not None:
+            is_ended = last is not None and last.is_end
+        end = "its end" if is_ended else self._explained_end(recording)
+        if self.manifest is None or not recording.records:
+            return
+        if last is None:
+            text = "it has no signature of its owner"
+            self._gap(GapKind.UNSIGNED, recording.name, text, "give the file as it was recorded")
+        else:
+            until_us = max(0, last.until_us - recording.begin_us)
+            self.proved.append(ProvedRecording(recording.name, last.by, until_us, end))
+
+    def _last_signature(self, check: RecordingCheck) -> Signature | None:
+        """The last one of its owner; others are findings."""
+        if self.manifest is None:
+            return None
+        last = None
+        for each in check.recording.signatures:
+            check.counts["signatures"] += 1
+            if not self._is_owners(check.recording.metadata.robot, each):
+                check.add_to(each.number, f"what was recorded before was not signed by {each.by}")
+            elif last is not None and last.is_end:
+                check.add_to(each.number, "it goes on after its end")
+            else:
+                last = each
+        return last
+
+    def _is_owners(self, robot: str, each: Signature) -> bool:
+        assert self.manifest is not None
+        roles = (Role.ROBOT,) if robot else (Role.OPERATOR, Role.OBSERVER)
+        return robot in ("", each.by) and any(
+            was_signed(self.manifest, each.by, each.content, each.signature, role) for role in roles
+        )
+
+    def _explained_end(self, recording: Recording) -> str:
+        """Why a recording has no end, by the other recordings; where none says so: a gap."""
+        robot, life = recording.metadata.robot, _last_life(recording)
+        if robot and life is None:
+            return "no end: killed before it joined"
+        found = sorted(self._deaths(recording, life)) if life is not None else []
+        last_us = _unix_us(recording, recording.records[-1].at_us)
+        if not found:
+            what = f"{robot} died" if robot else "the observer ended"
+            text = f"it has no end, and no other recording says that {what}"
+            remedy = "give the whole file; what a file limit (--keep) cut off is lost"
+            self._gap(GapKind.END, recording.name, text, remedy)
+            return "no end"
+        at_us, by = found[0]
+        timing = recording.metadata.timing
+        silent_us = at_us - last_us - timing.max_detection_us - SIGN_US
+        if silent_us > CLOCKS_US:
+            text = f"it ends {(at_us - last_us) / 1e6:.1f} s before {by} noticed the end of {robot}"
+            self._gap(GapKind.END, recording.name, text, "give the whole file")
+        at_s = (at_us - _unix_us(recording, recording.begin_us)) / 1e6
+        others = ", ".join(sorted({name for _, name in found}))
+        return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
+
+    def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str]]:
+        """(Unix time, file): other recordings in which this life of a robot is over."""
+        robot = recording.metadata.robot
+        for check in self.checks:
+            other = check.recording
+            for each in other.records if other is not recording else ():
+                if (
+                    each.topic == channels.ROBOTS
+                    and each.data["robot"] == robot
+                    and _is_over(life, read_incarnation(each.data["incarnation"]), each.data)
+                ) or (
+                    other.metadata.robot == robot
+                    and each.topic == channels.LIFE
+                    and each.data["event"] == "joined"
+                    and read_incarnation(each.data["incarnation"]) > life
+                ):
+                    yield _unix_us(other, each.at_us), other.name
+                    break
+
+    # -- all of them ----------------------------------------------------------------------------
+
+    def _missing_lives(self) -> None:
+        """Robots that others counted on, without a recording of their own of that life."""
+        there = {
+            (check.recording.metadata.robot, life)
+            for check in self.checks
+            for life in lives(check.recording)
+        }
+        counted_on: dict[tuple[str, Incarnation], str] = {}
+        for check in self.checks:
+            for each in check.recording.records:
+                if each.topic == channels.ALIVE:
+                    for robot, text in each.data["robots"].items():
+                        life = read_incarnation(text)
+                        counted_on.setdefault((robot, life), check.recording.name)
+        for (robot, life), file in sorted(counted_on.items()):
+            if (robot, life) not in there:
+                text = f"no recording of its life {life} is here, with which {file} counts"
+                remedy = f"give recordings/{robot}.mcap, or its next file, of its computer"
+                self._gap(GapKind.ROBOT, robot, text, remedy)
+
+
+def lives(recording: Recording) -> list[Incarnation]:
+    """The incarnations that a robot had while it recorded, in order."""
+    return [
+        read_incarnation(record.data["incarnation"])
+        for record in recording.records
+        if record.topic == channels.LIFE and record.data["event"] == "joined"
+    ]
+
+
+def _last_life(recording: Recording) -> Incarnation | None:
+    return max(lives(recording), default=None)
+
+
+def _is_over(life: Incarnation, known: Incarnation, data: object) -> bool:
+    return known > life or (known == life and isinstance(data, dict) and data["state"] == "dead")
+
+
+def _unix_us(recording: Recording, at_us: int) -> int:
+    return recording.metadata.epoch_ns // 1_000 + at_us

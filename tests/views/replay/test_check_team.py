@@ -1,0 +1,92 @@
+"""What is proved of a team with keys, what is not, and every kind of forgery."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
+from mrbt_mesh.sim import Freeze, Kill, Restart, Schedule, Thaw
+from mrbt_mesh.views.replay.findings import GapKind, Verification
+from mrbt_mesh.views.replay.verify import verify
+from tests.support.forger import FORGERIES, Run, written_again
+from tests.support.keys import keys_of
+from tests.support.recorded import read_all, record_keyed
+
+ROBOTS = ("A1", "A2", "B1", "B2", "C1", "C2")
+FAULTS: dict[str, Schedule] = {
+    "none": (),
+    "killed": ((12_500_000, Kill("A1")),),
+    "restarted": ((4_000_000, Kill("A1")), (6_000_000, Restart("A1"))),
+    "frozen": ((3_000_000, Freeze("B1")), (8_000_000, Thaw("B1"))),
+}
+
+
+@pytest.fixture(scope="module")
+def keyed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Manifest]:
+    """The recordings of a run with keys in which A1 died, by the name of the file."""
+    folder = tmp_path_factory.mktemp("keyed")
+    manifest = record_keyed(folder, "vehicle_repair", 7, FAULTS["killed"])
+    return {each.name: each for each in read_all(folder)}, manifest
+
+
+def texts(verdict: Verification) -> str:
+    return "\n".join(map(str, (*verdict.findings, *verdict.gaps)))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_an_honest_run_is_proved(tmp_path: Path, fault: str) -> None:
+    manifest = record_keyed(tmp_path, "vehicle_repair", 7, FAULTS[fault])
+    recordings = read_all(tmp_path)
+    verdict = verify(recordings, manifest)
+    assert verdict.is_proved, texts(verdict)
+    assert {each.file for each in verdict.proved} == {each.name for each in recordings}
+    ends = {each.file: each.end for each in verdict.proved}
+    assert ends["A2.mcap"] == "its end"
+    if fault in ("killed", "restarted"):
+        assert ends["A1.mcap"].startswith("no end: killed (")
+        assert "run.mcap" in ends["A1.mcap"]
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_a_forgery_without_keys_is_named(
+    keyed: tuple[Run, Manifest], tmp_path: Path, name: str
+) -> None:
+    (run, manifest), forgery = keyed, FORGERIES[name]
+    verdict = verify(written_again(forgery.forge(run), tmp_path, {}), manifest)
+    assert not verdict.is_proved
+    assert re.search(forgery.found, texts(verdict)), texts(verdict)
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_what_the_others_say_of_a_forgery_with_a_stolen_key(
+    keyed: tuple[Run, Manifest], tmp_path: Path, name: str
+) -> None:
+    (run, manifest), forgery = keyed, FORGERIES[name]
+    found = verify(written_again(forgery.forge(run), tmp_path, stolen(run)), manifest)
+    if forgery.by_others is None:
+        assert found.is_proved, texts(found)
+    else:
+        assert re.search(forgery.by_others, texts(found)), texts(found)
+
+
+def stolen(run: Run) -> dict[str, MemberKeys]:
+    """All keys, by the file that they sign."""
+    keys = keys_of(*ROBOTS, observer="eye")
+    return {file: keys[each.metadata.robot or "eye"] for file, each in run.items()}
+
+
+def test_without_its_manifest_nothing_is_proved(keyed: tuple[Run, Manifest]) -> None:
+    verdict = verify(list(keyed[0].values()))
+    assert [gap.kind for gap in verdict.gaps] == [GapKind.UNSIGNED]
+    assert "give --keys" in texts(verdict)
+    assert verdict.holds(["unsigned"])
+
+
+def test_another_teams_manifest_proves_nothing(keyed: tuple[Run, Manifest]) -> None:
+    other = keys_of(*ROBOTS, observer="eye", team="other")["eye"].manifest
+    assert "what was recorded before was not signed by B1" in texts(
+        verify(list(keyed[0].values()), other)
+    )
