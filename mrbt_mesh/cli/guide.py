@@ -45,6 +45,7 @@ class Guide:
                 process = team.process(robot)
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
+                    team.run_dir.note_order("mrbt demo", f"{robot} (pid {process.pid}) killed")
                     return
 
     def closing(self, team: Team) -> list[str]:

@@ -319,8 +319,9 @@ class Team:
     async def note_exits(self, watcher: Watcher) -> None:
         """Note in the record exactly when processes end, and what blocks them.
 
-        Who has launched the team also writes the times of its deaths into the run directory; other
-        observers on this machine take them from there. Never returns.
+        Who has launched the team also collects the times of its deaths from the robots' logs, and
+        writes them into the run directory, where other observers on this machine find them. Never
+        returns.
         """
         awaited: set[str] = set()
         record = watcher.observer.record
@@ -340,8 +341,13 @@ class Team:
                 for death in self.run_dir.deaths(boottime_us()) if times else ():
                     record.death_recorded(*death)
             elif times != written:
-                written = times
-                self.run_dir.write_deaths(record.major, boottime_us())
+                now_us = boottime_us()
+                for fault in record.major:
+                    logged = self.run_dir.logged_times(fault, now_us)
+                    record.death_recorded(fault.robot, fault.incarnation, logged)
+                written = [fault.times for fault in record.major]
+                self.run_dir.write_deaths(record.major, now_us)
+                watcher.changed.set()
 
         async with anyio.create_task_group() as group:
             while True:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import time
 from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -52,10 +53,12 @@ def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Co
         if process is None:
             found.check_robot(robot)
             raise InputError(f"{robot} does not run in {found.path}; `mrbt join {robot}` starts it")
+        begun_s = time.time()
         try:
             process.send_signal(number)
         except psutil.Error as error:
             fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
+        found.note_order(f"mrbt {name}", f"{robot} (pid {process.pid}) {done}", begun_s)
         report(as_json, found.info().team, [robot], name, f"{robot} (pid {process.pid}) {done}")
 
     return send
@@ -188,7 +191,10 @@ def _order(
         if not good:
             fail(text, FAILURE)
         robots = living if robot is None else [robot]
-        report(as_json, name, robots, click.get_current_context().info_name or "", text)
+        word = click.get_current_context().info_name or ""
+        if address.run_dir is not None:
+            address.run_dir.note_order(f"mrbt {word}", text)
+        report(as_json, name, robots, word, text)
         return SUCCESS
 
     with_team(address, act)
@@ -281,5 +287,6 @@ def join(
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != SUCCESS:
         fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
+    found.note_order("mrbt join", f"{robot} joined")
     report(as_json, team.info.team, [robot], "join", f"{robot} joined")
     end_process(SUCCESS)

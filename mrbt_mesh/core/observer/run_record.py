@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -145,6 +146,7 @@ class RunRecord:
         if fault is not None:
             fault.at_us = min(at_us, fault.at_us) if fault.exact else at_us
             fault.exact = True
+            self._find_takeover(fault)
             self._settle(fault)
         else:
             self._exits[robot] = min(at_us, self._exits.get(robot, at_us))
@@ -320,6 +322,11 @@ class RunRecord:
             ends_us = [f.until_us for f in self._faults_of(fault.robot, fault.incarnation)]
             is_over = ends_us[-1] is not None and ends_us[-1] <= known.at_us
             if not is_over and all(end is not None and end <= known.at_us for end in ends_us[:-1]):
+                if fault.exact and not known.exact:
+                    known = replace(known, at_us=fault.at_us, exact=True)
+                if known.reassigned_us is None:
+                    reassigned_us, other = fault.reassigned_us, fault.replacement
+                    known = replace(known, reassigned_us=reassigned_us, replacement=other)
                 fault.times, fault.is_older = known, False
         if fault.until_us is None:
             self.work_log.died(fault.robot, fault.at_us)
@@ -340,12 +347,15 @@ class RunRecord:
         fault.is_older = self.is_catching_up and not exact
         self.major.append(fault)
         self.robots[robot]["state"] = State.DEAD
-        # The robots knew first: the claim of the replacement may have arrived before the death.
-        for since_us, other, taken in self.claims:
-            if since_us >= at_us and other != robot and taken.phase is Phase.RUNNING:
-                self._takes_over(fault, other, taken, since_us)
+        self._find_takeover(fault)
         self._settle(fault)
         return fault
+
+    def _find_takeover(self, fault: MajorFault) -> None:
+        """The robots knew first: the claim of the replacement may have arrived before the death."""
+        for since_us, other, taken in self.claims:
+            if since_us >= fault.at_us and other != fault.robot and taken.phase is Phase.RUNNING:
+                self._takes_over(fault, other, taken, since_us)
 
     def _lost(
         self, robot: str, before: Mapping[str, str], after: Mapping[str, str], now_us: int

@@ -164,7 +164,8 @@ def verify(
 )
 @json_option
 def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
-    """Report on runs: results, who worked and waited when, faults and takeovers.
+    """Report on runs: results, who worked and waited when, faults and takeovers, what operators
+    ordered, and what `mrbt recording verify` finds.
 
     It writes one HTML page that needs nothing else, and that any browser prints; several runs are
     compared. With --json it prints the figures instead.
@@ -173,12 +174,20 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     """
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
     from mrbt_mesh.runtime.known_runs import find_run
+    from mrbt_mesh.views.recordings.files import chosen, signature_check
+    from mrbt_mesh.views.replay.findings import Verification
+    from mrbt_mesh.views.replay.verify import verify as verify_recordings
     from mrbt_mesh.views.report.page import report_html
     from mrbt_mesh.views.report.sources import read_report
 
     if not as_json:
         check_outputs(None, {"-o": output})
-    found = read_report(paths or (find_run(None, "RUN_DIR").path,))
+
+    def verified(path: Path) -> Verification:
+        recordings, folder = chosen((path,))
+        return verify_recordings(recordings, signature_check(folder))
+
+    found = read_report(paths or (find_run(None, "RUN_DIR").path,), verified)
     if as_json:
         print_json(found.to_json())
     else:

@@ -155,9 +155,44 @@ class Expectation:
 
 
 @dataclass(frozen=True)
+class ReportedOrder:
+    """What an operator ordered, `by` which command or view; `at_s` None: the clock is unknown."""
+
+    at_s: float | None
+    by: str
+    order: str
+
+
+@dataclass(frozen=True)
+class RunIdentity:
+    """Which run it was. `began_unix_s`: the Unix time of its second 0; None: virtual time.
+
+    `run`, `mission_digest`: as the robots compare them; `version`: of mrbt.
+    """
+
+    began_unix_s: float | None
+    run: str
+    mission_digest: str
+    version: str
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What `mrbt recording verify` finds in these recordings. `counts`: checks by kind."""
+
+    is_verified: bool
+    recordings: tuple[str, ...]
+    counts: dict[str, int]
+    findings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class RunReport:
     """One run. `plans` and `differences` are None where nobody recorded what robots reported; so
     are `work`, `waits` where only a summary is left, and `robots` then say only type and state.
+
+    `identity`, `proof` and `orders` are those of a recorded run.
 
     `verdict`: a drill's. `notes`: what the figures do not have, and why.
     """
@@ -177,6 +212,9 @@ class RunReport:
     expectations: tuple[Expectation, ...] = ()
     notes: tuple[str, ...] = ()
     failures: tuple[ReportedFailure, ...] = ()
+    identity: RunIdentity | None = None
+    proof: Proof | None = None
+    orders: tuple[ReportedOrder, ...] = ()
 
     @property
     def deaths(self) -> list[ReportedFault]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
@@ -85,16 +86,76 @@ def _run(run: RunReport) -> str:
     parts = [
         _header(run.title, about + _chip(run.result) + verdict),
         "".join(f'<p class="soft">Note: {escape(note)}.</p>' for note in run.notes),
+        _identity(run),
         _cards(run),
         _section("What the drill expected", _expectations(run)),
         _section("Who did what when", _chart(run)),
-        _section("Faults", _faults(run)),
+        _section("Faults", _faults(run) or _none("No robot died or lost a capability.")),
+        _section("What operators ordered", _orders(run)),
         _section("Failures", _failures(run)),
         _pair(_section("Robots", _robots(run)), _section("Global tasks", _tasks(run))),
         _section("What waited for whom", _waits(run)),
         _section("Agreement", _agreement(run)),
+        _section("Verification", _proof(run)),
     ]
     return "\n".join(part for part in parts if part)
+
+
+def _identity(run: RunReport) -> str:
+    """Which run it was, and when."""
+    known = run.identity
+    if known is None:
+        return ""
+    rows = [("run", known.run), ("mission digest", known.mission_digest), ("mrbt", known.version)]
+    if known.began_unix_s is not None:
+        end = _clock(run, run.duration_s)
+        rows.insert(0, ("when", f"{_date(known.began_unix_s)} {_clock(run, 0.0)} to {end} UTC"))
+    else:
+        rows.insert(0, ("when", "simulated, in virtual time"))
+    if run.proof is not None:
+        rows.append(
+            ("recordings", "verified" if run.proof.is_verified else "NOT verified, see below")
+        )
+    listed = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in rows)
+    return f'<dl class="identity">{listed}</dl>'
+
+
+def _date(unix_s: float) -> str:
+    return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d}"
+
+
+def _clock(run: RunReport, at_s: float | None) -> str:
+    """The wall-clock time of a second of the run, in UTC, to the millisecond."""
+    if run.identity is None or run.identity.began_unix_s is None or at_s is None:
+        return "–"
+    time = datetime.fromtimestamp(run.identity.began_unix_s + at_s, UTC)
+    return f"{time:%H:%M:%S}.{time.microsecond // 1000:03d}"
+
+
+def _orders(run: RunReport) -> str:
+    if run.proof is None:
+        return ""
+    rows = ((_seconds(o.at_s), _clock(run, o.at_s), o.by, o.order) for o in run.orders)
+    table = _table(("at", "clock (UTC)", "by", "order"), rows)
+    return table or _none("No command and no view ordered anything in this run directory.")
+
+
+def _proof(run: RunReport) -> str:
+    """What `mrbt recording verify` finds."""
+    proof = run.proof
+    if proof is None:
+        return ""
+    counts = ", ".join(f"{count:,} {name}" for name, count in proof.counts.items())
+    result = "prove what the team did" if proof.is_verified else "do not prove what the team did"
+    text = f"{len(proof.recordings)} recordings {result}. Checked: {counts}."
+    findings = _table(("found",), ((each,) for each in proof.findings[:MOST_ROWS]))
+    left = len(proof.findings) - MOST_ROWS
+    more = _none(f"{left} more: see mrbt recording verify") if left > 0 else ""
+    return f"<p>{escape(text)}</p>" + "".join(map(_none, proof.notes)) + findings + more
+
+
+def _none(text: str) -> str:
+    return f'<p class="soft">{escape(text)}</p>'
 
 
 def _cards(run: RunReport) -> str:
@@ -148,14 +209,16 @@ def _chart(run: RunReport) -> str:
 
 def _faults(run: RunReport) -> str:
     """Deaths and lost capabilities."""
-    head = ("at", "robot", "fault", "detected after", "it held", "taken over by", "after")
-    return _table((*head, "who could"), map(_fault_row, run.faults))
+    head = ("at", "clock (UTC)", "robot", "fault", "detected after", "it held", "taken over by")
+    rows = (_fault_row(run, fault) for fault in run.faults)
+    return _table((*head, "after", "who could"), rows)
 
 
-def _fault_row(fault: ReportedFault) -> tuple[str, ...]:
+def _fault_row(run: RunReport, fault: ReportedFault) -> tuple[str, ...]:
     until = "" if fault.until_s is None else f"; back at {_seconds(fault.until_s)}"
     return (
         _seconds(fault.at_s),
+        _clock(run, fault.at_s),
         fault.robot,
         (lost_text(fault.lost, fault.reason) if fault.lost else "died") + until,
         "" if fault.lost else _after(fault.detected_us, fault.exact),

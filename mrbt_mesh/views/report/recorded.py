@@ -11,6 +11,7 @@ from mrbt_mesh.views.report.model import (
     ReportedFault,
     ReportedWork,
     RobotUse,
+    RunIdentity,
     RunReport,
     TaskEnd,
     Wait,
@@ -59,7 +60,14 @@ def report_recording(recording: Recording, title: str) -> RunReport:
         None if robot else history.differences(start_us),
         notes=tuple(notes),
         failures=reported_failures(summary),
+        identity=_identity(recording, start_us),
     )
+
+
+def _identity(recording: Recording, start_us: int) -> RunIdentity:
+    said = recording.metadata
+    began_unix_s = said.epoch_ns / 1e9 + start_us / 1e6 if said.epoch_ns else None
+    return RunIdentity(began_unix_s, said.run, said.mission_digest, said.version)
 
 
 def _work(span: WorkSpan, start_us: int, end_us: int) -> ReportedWork:

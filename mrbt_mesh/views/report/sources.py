@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import read_recording
-from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
-from mrbt_mesh.views.report.model import CampaignReport, RunReport, RunsReport
+from mrbt_mesh.runtime.run_dir import ORDERS_FILE, SUMMARY_FILE
+from mrbt_mesh.views.replay.findings import Verification
+from mrbt_mesh.views.report.model import (
+    CampaignReport,
+    Proof,
+    ReportedOrder,
+    RunReport,
+    RunsReport,
+)
 from mrbt_mesh.views.report.recorded import report_recording
 from mrbt_mesh.views.report.summaries import (
     drill_expectations,
@@ -24,17 +31,22 @@ from mrbt_mesh.views.report.summaries import (
 
 NOT_OURS = "is not what `mrbt sim run`, `up` or `drill` print with --json"
 MOST_BYTES = 1 << 28
+Verify: TypeAlias = Callable[[Path], Verification]
 
 
-def read_report(paths: Iterable[Path]) -> RunsReport:
-    """Recordings, run directories, and the output of commands; raises InputError."""
+def read_report(paths: Iterable[Path], verify: Verify) -> RunsReport:
+    """Recordings, run directories, and the output of commands; raises InputError.
+
+    `verify` verifies the recordings of a path.
+    """
     runs: list[RunReport] = []
     campaigns: list[CampaignReport] = []
     for path in paths:
         if path.is_dir():
-            runs.append(_run_dir(path))
+            runs.append(_run_dir(path, verify))
         elif path.suffix == ".mcap":
-            runs.append(report_recording(read_recording(path), path.stem))
+            found = report_recording(read_recording(path), path.stem)
+            runs.append(replace(found, proof=_proof(verify(path))))
         else:
             data = _json_object(path)
             with _refusing(f"{path}: {NOT_OURS}"):
@@ -47,16 +59,34 @@ def read_report(paths: Iterable[Path]) -> RunsReport:
     return RunsReport(tuple(_named_apart(runs)), tuple(campaigns))
 
 
-def _run_dir(path: Path) -> RunReport:
+def _run_dir(path: Path, verify: Verify) -> RunReport:
     summary = path / SUMMARY_FILE
     data = _json_object(summary) if summary.exists() else None
     title, file = path.resolve().name, _recording_of(path)
     with _refusing(f"{summary}: is no summary of a run"):
         if file is not None:
-            return report_recording(read_recording(file), title)
+            found = report_recording(read_recording(file), title)
+            began_unix_s = found.identity.began_unix_s if found.identity is not None else None
+            orders = tuple(_orders(path / ORDERS_FILE, began_unix_s))
+            return replace(found, proof=_proof(verify(path)), orders=orders)
         if data is not None:
             return report_summary(data, title)
     raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
+
+
+def _proof(found: Verification) -> Proof:
+    findings = tuple(map(str, found.findings))
+    return Proof(found.is_good, found.files, dict(found.counts), findings, found.notes)
+
+
+def _orders(path: Path, began_unix_s: float | None) -> Iterator[ReportedOrder]:
+    """The orders of a run; a line that was cut off is left out."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    for line in lines:
+        with contextlib.suppress(ValueError):
+            data = json.loads(line)
+            at_s = None if began_unix_s is None else float(data["unix_s"]) - began_unix_s
+            yield ReportedOrder(at_s, str(data["by"]), str(data["order"]))
 
 
 def _recording_of(run_dir: Path) -> Path | None:
