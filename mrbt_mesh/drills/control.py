@@ -69,8 +69,8 @@ class Control:
     async def carry_out(self, order: Any) -> str:
         """Do it and say what was done; raises OrderError."""
         text = await self._carry_out(order)
-        if self._watcher.address.run_dir is not None:
-            self._watcher.address.run_dir.note_order(f"a view: {order['act']}", text)
+        if self._team is not None:
+            self._team.run_dir.note_order(f"a view: {order['act']}", text)
         return text
 
     async def _carry_out(self, order: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from mrbt_mesh.drills import watched as drills_watched
 from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.drills.model import StepModel
+from mrbt_mesh.runtime.run_dir import RunDir
 from tests.support.watched import WELD, watched
 
 
@@ -91,6 +93,9 @@ def test_only_what_can_be_done_is_offered() -> None:
 class FullDisk:
     """A team of this machine, whose robots cannot be started again."""
 
+    def __init__(self, folder: Path) -> None:
+        self.run_dir = RunDir(folder)
+
     def process(self, robot: str) -> None:
         return None
 
@@ -98,24 +103,26 @@ class FullDisk:
         raise OSError(28, "No space left on device")
 
 
-async def test_what_the_system_refuses_is_told() -> None:
-    refusing = Control(Watcher(), FullDisk(), None)  # type: ignore[arg-type]
+async def test_what_the_system_refuses_is_told(tmp_path: Path) -> None:
+    refusing = Control(Watcher(), FullDisk(tmp_path), None)  # type: ignore[arg-type]
     with pytest.raises(OrderError, match="No space left"):
         await refusing.carry_out({"act": "join", "robot": "A"})
 
 
 async def test_a_drill_that_the_system_refuses_ends_and_nothing_else(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     step = StepModel.model_validate({"after": 0, "restart": "A"})
     found = SimpleNamespace(label="one", steps=[step])
     monkeypatch.setattr(drills_watched, "fitting_drills", lambda mission: {"one": found})
     watcher = Watcher()
     async with anyio.create_task_group() as group:
-        refusing = Control(watcher, FullDisk(), group)  # type: ignore[arg-type]
+        refusing = Control(watcher, FullDisk(tmp_path), group)  # type: ignore[arg-type]
         assert await refusing.carry_out({"act": "drill", "label": "one"}) == (
             "one: 1 steps, each at its moment"
         )
+    (order,) = (tmp_path / "orders.jsonl").read_text().splitlines()
+    assert json.loads(order)["by"] == "a view: drill"
     assert "drill one: [Errno 28] No space left on device" in watcher.observer.record.timeline[-1]
 
 
@@ -124,6 +131,6 @@ async def test_a_drill_file_that_is_wrong_is_told(
 ) -> None:
     (tmp_path / "wrong.yaml").write_text("name: [")
     monkeypatch.setattr(drills_watched, "drill_folder", lambda: tmp_path)
-    wrong = Control(Watcher(), FullDisk(), None)  # type: ignore[arg-type]
+    wrong = Control(Watcher(), FullDisk(tmp_path), None)  # type: ignore[arg-type]
     with pytest.raises(OrderError, match=r"wrong\.yaml"):
         await wrong.drills()
