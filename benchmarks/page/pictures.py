@@ -46,13 +46,13 @@ def make(folder: Path) -> None:
             pages[scheme].goto(found[1])
         first = pages["light"]
         first.wait_for_function(_MOMENT)
+        first.click('button[aria-label="Orders to B1"]')
         first.click('button[aria-label="Kill B1"]')
         for page in pages.values():
-            page.click(_TAKEN_OVER)
+            page.wait_for_selector(_TAKEN_OVER)
             page.wait_for_selector("#why-body table")
         first.wait_for_selector("#toast", state="hidden")
         for name, page in pages.items():
-            page.evaluate("scrollTo(0, 0)")
-            page.screenshot(path=folder / f"page-{name}.png", full_page=True)
+            page.screenshot(path=folder / f"page-{name}.png")
     demo.send_signal(signal.SIGINT)
     demo.communicate()

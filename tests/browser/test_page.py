@@ -39,7 +39,7 @@ def at_work(team: Team) -> tuple[str, str]:
 def killed(team: Team, page: Page, robot: str) -> str:
     """Kill the robot by its button; the name of its replacement, as the page has it."""
     page.wait_for_selector(f'.card:has-text("{robot}"):has-text("{HELD}")')
-    page.click(f'button[aria-label="Kill {robot}"]')
+    order(page, robot, "Kill")
     button = page.wait_for_selector(TAKEN_OVER)
     assert button is not None
     found = re.search(rf"{robot} died .* by (\w+) \(", button.inner_text())
@@ -47,22 +47,35 @@ def killed(team: Team, page: Page, robot: str) -> str:
     return found[1]
 
 
+def order(page: Page, robot: str, what: str) -> None:
+    """Give a robot an order, by its menu."""
+    page.click(f'button[aria-label="Orders to {robot}"]')
+    page.click(f'#menu button[aria-label="{what} {robot}"]')
+
+
+def ended(result: str = "success") -> str:
+    """Selects what the page says of a run that has ended."""
+    return f'#headline p:has-text("{result} after")'
+
+
 def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser) -> None:
     url, robot = at_work(team)
     page, problems = opened(browser, url)
     assert "#" not in page.url, "the token is out of sight"
     # Who has read nothing is told what to do, and what colours and idle robots mean.
-    page.wait_for_selector('#why-body:has-text("kill a robot by its button")')
+    page.wait_for_selector('#no-faults:has-text("kill one from its menu")')
     assert page.inner_text("#map-key").split("\n") == ["not known yet", "good", "bad"]
     page.wait_for_selector('.card .task:has-text("free: ")')
+    assert page.is_hidden("#why")
     replacement = killed(team, page, robot)
     assert replacement != robot
     # What the robots did themselves says the same.
     event = team.wait_for_event("do_diagnosis", args=["2"], robot=replacement)
     assert event["robot"] == replacement
     page.wait_for_selector(f'.card[data-state="dead"]:has-text("{robot}")')
-    page.click("#takeovers button")
-    page.wait_for_selector("#why-body .sentence")
+    # The drawer opens by itself, and the robot in trouble comes first.
+    page.wait_for_selector('#why-body .sentence:has-text("took over its")')
+    assert robot in page.inner_text(".card >> nth=0")
     why = page.inner_text("#why-body")
     assert re.search(rf"{robot} died at .*; the others knew after \d+ ms", why)
     assert re.search(rf"{replacement} took over its {re.escape(HELD)} after \d+ ms", why)
@@ -70,17 +83,23 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     assert "is dead" in why
     picture(page, "takeover-wide-light")
     # It comes back by its button, and the mission goes on.
-    page.click(f'button[aria-label="Start again {robot}"]')
+    order(page, robot, "Start again")
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
     team.release()
-    page.wait_for_selector('#result[data-status="success"]')
-    page.wait_for_selector('#banner:has-text("The run is over")')
+    page.wait_for_selector(ended())
+    page.wait_for_selector('#headline:has-text("the run is over")')
+    page.wait_for_selector(f'#after:has-text("mrbt recording report {team.run_dir}")')
+    page.wait_for_selector('.card:has-text("■ ended")')
+    assert page.locator('.card:has-text("idle")').count() == 0
     code, summary = team.end()
     assert (code, summary["result"]) == (0, "success")
     assert problems == []
     # Of a run that is over the journals still tell the result.
-    late, _ = opened(browser, serve(team, "0")[1])
-    assert late.get_attribute("#result", "data-status") == "success"
+    late, _ = opened(browser, serve(team, "0")[1], PHONE)
+    late.wait_for_selector(ended())
+    assert accessibility_violations(late) == []
+    assert late.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    picture(late, "ended-phone-light")
 
 
 def test_everybody_can_use_it(team: Team, browser: Browser) -> None:
@@ -93,6 +112,11 @@ def test_everybody_can_use_it(team: Team, browser: Browser) -> None:
             page, problems = opened(browser, url, size, scheme)
             use(page)
             picture(page, f"robot-{'wide' if size == WIDE else 'phone'}-{scheme}")
+            page.click("#signs-open")
+            assert accessibility_violations(page) == []
+            page.click("#signs-close")
+            page.click('button[aria-label="Orders to the team"]')
+            assert accessibility_violations(page) == []
             page.click('button:has-text("Drills…")')
             page.wait_for_selector('#drills-list li:has-text("kill_at_work")')
             assert accessibility_violations(page) == []
@@ -124,7 +148,7 @@ def test_the_tree_that_a_robot_runs_is_seen_as_it_goes_on(team: Team, browser: B
 
 
 def test_the_tree_by_keyboard_and_by_search(team: Team, browser: Browser) -> None:
-    url, _ = at_work(team)
+    url, robot = at_work(team)
     page, problems = opened(browser, url)
     page.uncheck("#fold-finished")
     page.wait_for_selector('.row:has-text("broken(1)")')
@@ -137,13 +161,19 @@ def test_the_tree_by_keyboard_and_by_search(team: Team, browser: Browser) -> Non
     assert page.locator(".row").count() == 1
     page.fill("#search", "solder(5)")
     page.wait_for_selector('.row.hit:has-text("solder(5)")')
-    assert page.inner_text("#found") == "1 found"
+    assert re.fullmatch(r"0 robots, 1 nodes, \d+ events", page.inner_text("#found"))
+    assert page.locator(".card:visible").count() == 0
+    # Folded, a node shows who works inside.
+    page.fill("#search", "")
+    page.click("#fold-all")
+    page.wait_for_selector(f'.row .who:has-text("{robot}")')
     assert problems == []
 
 
 def test_a_drill_file_is_carried_out_on_this_team(team: Team, browser: Browser) -> None:
     url, robot = at_work(team)
     page, problems = opened(browser, url)
+    page.click('button[aria-label="Orders to the team"]')
     page.click('button:has-text("Drills…")')
     label = f"kill_at_work[task={HELD},phase=running]"
     page.fill("#drills-search", label)
@@ -159,7 +189,9 @@ def test_a_drill_file_is_carried_out_on_this_team(team: Team, browser: Browser) 
 def test_orders_without_the_token_are_refused(team: Team, browser: Browser) -> None:
     url, robot = at_work(team)
     page, _ = opened(browser, url.partition("#")[0])
-    page.click(f'button[aria-label="Kill {robot}"]')
+    assert page.locator('button[aria-label^="Orders"]').count() == 0
+    page, _ = opened(browser, url.partition("#")[0] + "#wrong")
+    order(page, robot, "Kill")
     page.wait_for_selector('#toast:has-text("token is missing or wrong")')
     assert team.pid(robot) in {process.pid for process in team.running()}
 
@@ -171,17 +203,17 @@ def test_a_lost_connection_says_so_and_comes_back(team: Team, browser: Browser) 
     team.wait_for_event("do_diagnosis", args=["2"])
     served, url = serve(team, "0")
     page, _ = opened(browser, url)
-    assert page.locator('button:has-text("Kill")').count() == 0
+    assert page.locator('button[aria-label^="Orders"]').count() == 0
     served.kill()
     served.communicate()
-    page.wait_for_selector('#banner:has-text("Connection lost")')
+    page.wait_for_selector('#headline:has-text("connection lost")')
     port = re.search(r":(\d+)/", url)
     assert port is not None
     serve(team, port[1])
-    page.wait_for_selector("#banner", state="hidden")
+    page.wait_for_selector('#headline:not(:has-text("connection lost"))')
     page.wait_for_selector(f'.card:has-text("{HELD}")')
     team.release()
-    page.wait_for_selector('#result[data-status="success"]')
+    page.wait_for_selector(ended())
     assert team.end()[0] == 0
 
 
@@ -198,9 +230,9 @@ def test_a_frozen_robot_is_thawed_by_its_button(team: Team, browser: Browser) ->
     url, robot = at_work(team)
     page, problems = opened(browser, url)
     page.wait_for_selector(f'.card:has-text("{robot}"):has-text("{HELD}")')
-    page.click(f'button[aria-label="Freeze {robot}"]')
+    order(page, robot, "Freeze")
     page.wait_for_selector(f'.card[data-state="dead"]:has-text("{robot}")')
-    page.click(f'button[aria-label="Thaw {robot}"]')
+    order(page, robot, "Thaw")
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
     team.interrupt()
     team.end()
@@ -224,6 +256,6 @@ def test_a_page_that_is_opened_late_shows_the_whole_past(team: Team, browser: Br
     picture(page, "late-wide-light")
     # It goes on from there.
     team.release()
-    page.wait_for_selector('#result[data-status="success"]')
+    page.wait_for_selector(ended())
     assert team.end()[0] == 0
     assert problems == []

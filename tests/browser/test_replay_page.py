@@ -75,10 +75,12 @@ def test_a_death_is_found_by_its_mark_and_undone_by_going_back(url: str, browser
     page, problems = opened(browser, url)
     page.wait_for_selector("#takeovers button")
     assert page.locator('.card[data-state="dead"]').count() == 0, "it has not come yet"
-    assert page.locator('button:has-text("Kill"), button:has-text("Abort")').count() == 0
+    assert page.locator('button[aria-label^="Orders"]').count() == 0
     paused(page)
     page.click("#next-fault")
     page.wait_for_selector('.card[data-state="dead"]:has-text("A1")')
+    page.wait_for_selector('#headline p:has-text("1 dead: A1")')
+    assert "no robot is heard" not in page.inner_text("#headline")
     assert place_s(page) == pytest.approx(12.5, abs=0.2)
     page.click("#takeovers button")
     page.wait_for_selector('#why-body .sentence:has-text("took over its")')
@@ -90,16 +92,16 @@ def test_a_death_is_found_by_its_mark_and_undone_by_going_back(url: str, browser
     assert place_s(page) == pytest.approx(7.5, abs=0.2)
     page.focus("#place")
     page.keyboard.press("End")
-    page.wait_for_selector('#result[data-status="success"]')
+    page.wait_for_selector('#headline:has-text("success after")')
     page.keyboard.press("Home")
-    page.wait_for_selector('#result:has-text("before the start")')
+    page.wait_for_selector('#headline:has-text("waiting for robots")')
     # On at the greatest speed, to the end, where it pauses.
     page.select_option("#speed", "64")
     page.keyboard.press("n")
     page.wait_for_selector('.card[data-state="dead"]:has-text("A1")')
     page.click("#mission")
     page.keyboard.press(" ")
-    page.wait_for_selector('#result[data-status="success"]')
+    page.wait_for_selector('#headline:has-text("success after")')
     page.wait_for_selector('#play[aria-label="Play"]')
     assert problems == []
 

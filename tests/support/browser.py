@@ -27,7 +27,7 @@ MARKS = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
 # The live page has received the state of the run.
-CONNECTED = '#result:not([data-status="idle"])'
+CONNECTED = '#headline p:not(:has-text("connecting")):not(:has-text("waiting"))'
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 MISSING = f"no {' or '.join(NAMES)} on PATH: `make test-browser` installs Debian's chromium as root"
 AXE = Path(__file__).with_name("axe") / "axe.min.js"

@@ -62,6 +62,11 @@ def robots_that_differ(observer: Observer) -> list[str]:
     return [robot for robot, digest in digests.items() if digest != usual]
 
 
+def _present(observer: Observer) -> set[str]:
+    """The robots that are neither dead nor left; in a recording, membership counts none."""
+    return {robot for robot, peer in observer.membership.peers.items() if peer.state.is_member}
+
+
 def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
     """What is to be said of a team now, the worst first; never empty.
 
@@ -101,7 +106,7 @@ def _blocked(observer: Observer) -> Iterator[Statement]:
     plan, record = observer.plan, observer.record
     if plan is None or record.result is not None:
         return
-    if record.started_us is not None and not observer.membership.members():
+    if record.started_us is not None and not _present(observer):
         yield Statement(Level.BAD, "no robot is heard")
     reasons = {episode.request for episode in record.blocked if episode.to_us is None}
     waiting = [w for w in plan.waiting if w.is_blocked and w.global_task in reasons]
@@ -169,7 +174,7 @@ def _silent(observer: Observer) -> Iterator[Statement]:
 
 def _faulty(observer: Observer) -> Iterator[Statement]:
     """Lost capabilities, and what is wrong with programs and journals."""
-    record, members = observer.record, observer.membership.members()
+    record, members = observer.record, _present(observer)
     for fault in record.minor:
         if fault.until_us is None and fault.robot in members:
             text = f"{fault.robot} {lost_text(fault.local_tasks, fault.reason)}"

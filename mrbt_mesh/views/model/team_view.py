@@ -7,8 +7,7 @@ from typing import Any, Protocol
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
-from mrbt_mesh.core.mission.mission import MissionEnd
-from mrbt_mesh.core.observer.headline import headline, reported_plans, robots_that_differ
+from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
@@ -32,25 +31,22 @@ class AgreementView:
         self._since_us: dict[str, int] = {}
         self.differing: list[str] = []
 
-    def look(self, observer: Observer, now_us: int) -> dict[str, Any]:
-        """`equal`, how many `robots` report a plan, and `differ`: robot -> since when, in s."""
+    def look(self, observer: Observer, now_us: int) -> dict[str, float | None]:
+        """Robot that differs -> since when, in s."""
         differ = robots_that_differ(observer)
         self._since_us = {robot: self._since_us.get(robot, now_us) for robot in differ}
         self.differing = [r for r, at_us in self._since_us.items() if now_us > at_us + AGREED_US]
-        return {
-            "equal": not differ,
-            "robots": len(reported_plans(observer)),
-            "differ": {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()},
-        }
+        return {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()}
 
 
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
-    `team`: result, order, agreement, what is blocked. `headline`: how it is, the worst first, as
-    objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot. `task/NAME`: a
-    global task. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever
-    ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
+    `team`: order, rounds, whether it has started and how it ended. `headline`: how it is, the worst
+    first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
+    `task/NAME`: a global task. `node/N`: `[status, robots, note, activations]` of a node of T_G
+    that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot
+    reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -68,12 +64,12 @@ class TeamState:
     def update(self, now_us: int) -> None:
         """Look at the observer, which is up to date."""
         observer = self.observer
-        agreement = self._agreement.look(observer, now_us)
-        self.changes.put("team", self._team(agreement))
+        differ = self._agreement.look(observer, now_us)
+        self.changes.put("team", self._team())
         statements = headline(observer, self._agreement.differing)
         self.changes.put("headline", [statement.to_json() for statement in statements])
         for robot in observer.robots():
-            self.changes.put(f"robot/{robot}", self._robot(robot, agreement["differ"]))
+            self.changes.put(f"robot/{robot}", self._robot(robot, differ))
             self.changes.put(f"position/{robot}", self._position(robot))
         causes = (observer.facts.changes, observer.membership.member_changes, id(observer.plan))
         if causes != self._causes:
@@ -99,34 +95,15 @@ class TeamState:
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
 
-    def _team(self, agreement: dict[str, Any]) -> dict[str, Any]:
-        observer, record = self.observer, self.observer.record
-        plan = observer.plan
+    def _team(self) -> dict[str, Any]:
+        record = self.observer.record
         return {
-            "result": plan.result.name.lower() if plan is not None else None,
             "ended": record.result.name.lower() if record.result is not None else None,
             "ended_s": record.seconds(record.ended_us),
-            "order": str(observer.facts.order()),
+            "order": str(self.observer.facts.order()),
             "started": record.started_us is not None,
-            "agreement": agreement,
             "rounds": len(record.rounds.all),
-            "stands_by": self._stands_by,
-            "blocked": [
-                {
-                    "request": episode.request,
-                    "reason": episode.reason,
-                    "since_s": record.seconds(episode.from_us),
-                }
-                for episode in record.blocked
-                if episode.to_us is None
-            ],
         }
-
-    @property
-    def _stands_by(self) -> bool:
-        plan, ends = self.observer.plan, self.observer.mission.ends
-        has_ended = plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
-        return ends is MissionEnd.NEVER and has_ended
 
     def _robot(self, robot: str, differ: dict[str, Any]) -> dict[str, Any]:
         observer = self.observer

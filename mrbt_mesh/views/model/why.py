@@ -216,7 +216,10 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
     sentence = fault_sentence(observer, fault)
     if fault.replacement is not None:
         own = next((each for each in found if each.robot == fault.replacement), None)
-        found = [replace(e, reason="has taken over") if e is own else e for e in found]
+        # The plan may still be the one before the death.
+        known = {fault.replacement: "has taken over", fault.robot: "is dead"}
+        found = [replace(e, chosen=e is own, reason=known.get(e.robot, e.reason)) for e in found]
+        found.sort(key=lambda each: not each.chosen)
         if own is not None and own.performance is not None:
             sentence += f" {fault.replacement} does it with {own.performance:g}."
         sentence += f" {_others(found, fault.replacement)}"

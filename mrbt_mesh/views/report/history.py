@@ -113,7 +113,7 @@ class History:
         members = {robot for robot, state in states.items() if state.is_member}
         self._idle.look({(r, why): () for r, why in idle if r in members}, now_us)
         self.plans_held.look(reported_plans(observer), now_us)
-        differ = tuple(sorted(self._agreement.look(observer, now_us)["differ"]))
+        differ = tuple(sorted(self._agreement.look(observer, now_us)))
         self._differing.look({(", ".join(differ), ""): differ} if differ else {}, now_us)
         self._left.look({(r, ""): () for r, s in states.items() if s is State.LEFT}, now_us)
         for index, fault in enumerate(observer.record.major):

@@ -6,6 +6,7 @@ import json
 import mimetypes
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
+from shlex import quote
 from typing import Any, Protocol, TypeAlias
 
 from starlette.applications import Starlette
@@ -20,6 +21,7 @@ from mrbt_mesh import plugins
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import Control, OrderError
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_robot, why_task
@@ -46,7 +48,7 @@ class Projector(Protocol):
 
 class Page:
     """What the routes answer with. `control` is None where nothing may be steered, `projector`
-    where a team is shown that runs.
+    where a team is shown that runs, `run_dir` where that is not on this machine.
     """
 
     def __init__(
@@ -56,12 +58,14 @@ class Page:
         control: Control | None = None,
         token: str = "",
         projector: Projector | None = None,
+        run_dir: Path | None = None,
     ) -> None:
         self._feed = feed
         self._hosts = own_hosts
         self._control = control
         self._token = token
         self._projector = projector
+        self._run_dir = run_dir
         self._html = (STATIC / "index.html").read_bytes()
 
     def application(self) -> Starlette:
@@ -91,7 +95,19 @@ class Page:
         control = self._control.offers() if self._control is not None else None
         mission = mission_view(self._feed.observer.mission)
         recording = self._projector.to_json() if self._projector is not None else None
-        return JSONResponse(mission | {"control": control, "recording": recording})
+        more = {"control": control, "recording": recording, "commands": self._commands()}
+        return JSONResponse(mission | more)
+
+    def _commands(self) -> dict[str, str]:
+        """What can be done with the run when it is over -> the command for it."""
+        if self._run_dir is None:
+            return {}
+        found = {"make a report": f"mrbt recording report {quote(str(self._run_dir))}"}
+        recordings = [*observer_files(self._run_dir), *robot_files(self._run_dir)]
+        if recordings:
+            replay = f"mrbt recording replay {quote(str(recordings[0]))} --web"
+            found = {"see it again": replay} | found
+        return found
 
     async def _events(self, request: Request) -> Response:
         last = request.headers.get("last-event-id", "")

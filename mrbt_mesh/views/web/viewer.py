@@ -43,7 +43,9 @@ class WebViewer:
         feed, token = Feed(TeamView(watcher.observer), boottime_us), new_token()
         async with anyio.create_task_group() as group:
             control = Control(watcher, team, group) if options.has_control else None
-            async with served(options, feed, lambda own: Page(feed, own, control, token)) as page:
+            run_dir = team.run_dir.path if team is not None else None
+            page_for = lambda own: Page(feed, own, control, token, run_dir=run_dir)  # noqa: E731
+            async with served(options, feed, page_for) as page:
                 address = f"{page}#{token}" if control is not None else page
                 yield OpenView(address, feed.update, anyio.Event())
             group.cancel_scope.cancel()

@@ -51,7 +51,7 @@ def test_who_works_where_and_how_nodes_stand() -> None:
 
 def test_all_agree() -> None:
     page = Page()
-    assert page.items["team"]["agreement"] == {"equal": True, "robots": 3, "differ": {}}
+    assert page.items["headline"][-1] == {"level": "good", "text": "all 3 agree"}
 
 
 def test_statuses_are_those_of_the_heartbeats() -> None:
@@ -73,8 +73,9 @@ def test_a_kill_its_detection_and_the_takeover() -> None:
     why = page.items["why/0"]
     about = f"after {fault['taken_over_after']}, as seen by the observer."
     assert f"B took over its weld {about}" in why["sentence"]
-    chosen = why["groups"][0]["candidates"][0]
-    assert (chosen["robot"], chosen["reason"]) == ("B", "has taken over")
+    chosen, dead, *_ = why["groups"][0]["candidates"]
+    assert (chosen["robot"], chosen["reason"], chosen["chosen"]) == ("B", "has taken over", True)
+    assert (dead["robot"], dead["reason"], dead["chosen"]) == ("A", "is dead", False)
 
 
 def test_work_of_the_dead_ends_with_them() -> None:
@@ -90,10 +91,9 @@ def test_a_blocked_task_says_so_and_why() -> None:
     page = Page("succeed A", "kill B", "pass 1500")
     assert page.items["task/cover"]["reason"] == "blocked: lift needs 2, 1 alive"
     assert page.items["node/2"][2] == "blocked"
-    (blocked,) = page.items["team"]["blocked"]
-    assert blocked["request"] == "cover"
+    assert page.items["headline"][0]["text"].startswith("BLOCKED: cover")
     page.do("start B", "pass 1500")
-    assert page.items["team"]["blocked"] == []
+    assert all(each["level"] != "bad" for each in page.items["headline"])
 
 
 def test_a_page_that_comes_late_has_the_whole_past() -> None:

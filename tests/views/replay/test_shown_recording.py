@@ -57,7 +57,6 @@ def watched_until(recording: Recording, at_us: int) -> dict[str, Any]:
 def without_agreement(items: dict[str, Any]) -> dict[str, Any]:
     """Since when somebody differs is known only to who looked then."""
     found = dict(items)
-    found["team"] = {k: v for k, v in items["team"].items() if k != "agreement"}
     for key in found:
         if key.startswith("robot/"):
             found[key] = {k: v for k, v in found[key].items() if k != "differs_since_s"}

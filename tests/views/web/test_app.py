@@ -7,6 +7,7 @@ import hashlib
 import json
 import re
 import sys
+from pathlib import Path
 from typing import Any
 
 import httpx2 as httpx
@@ -54,12 +55,12 @@ def orders() -> Orders:
     return Orders()
 
 
-def client(orders: Orders | None) -> TestClient:
+def client(orders: Orders | None, run_dir: Path | None = None) -> TestClient:
     script, observer = watched(WELD)
     feed = Feed(TeamView(observer), lambda: script.team.now_us)
     feed.update()
     own_hosts = hosts(["127.0.0.1", "localhost", "::1"], 8000)
-    page = Page(feed, own_hosts, orders, TOKEN)  # type: ignore[arg-type]
+    page = Page(feed, own_hosts, orders, TOKEN, run_dir=run_dir)  # type: ignore[arg-type]
     return TestClient(page.application(), base_url=f"http://{HOST}")
 
 
@@ -107,6 +108,15 @@ def test_mission_why_and_trees() -> None:
     assert page.get("/trees/A").json()["T_Li"]["statuses"][0] == 1
     for path in ("/why/robot/Z", "/why/task/none", "/trees/Z"):
         assert page.get(path).status_code == 404
+
+
+def test_commands_for_a_run_that_is_over(tmp_path: Path) -> None:
+    assert client(None).get("/mission").json()["commands"] == {}
+    report = {"make a report": f"mrbt recording report {tmp_path}"}
+    assert client(None, tmp_path).get("/mission").json()["commands"] == report
+    (tmp_path / "run.mcap").touch()
+    replay = {"see it again": f"mrbt recording replay {tmp_path}/run.mcap --web"}
+    assert client(None, tmp_path).get("/mission").json()["commands"] == replay | report
 
 
 @pytest.mark.parametrize("host", ["evil.example:8000", "127.0.0.1", "127.0.0.1:8001", "", "[::1]"])

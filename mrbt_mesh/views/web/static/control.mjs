@@ -1,6 +1,6 @@
 // Orders and drills: only where the server offers them, and with the token of the printed address.
 
-import { byId, element, setText } from "./text.mjs";
+import { byId, dialog, element, setText } from "./text.mjs";
 
 const WORDS = { kill: "Kill", freeze: "Freeze", thaw: "Thaw", join: "Start again", lose: "Lose", restore: "Restore",
   leave: "Leave", pause: "Pause", resume: "Resume", abort: "Abort" };
@@ -20,43 +20,71 @@ export class Control {
     this.offers = offers;
     this._token = token;
     this._drills = null;
+    this._menu = byId("menu");
     this._makeTeamOrders();
   }
 
-  button(act, robot, more = {}) {
-    const kind = act === "kill" || act === "abort" ? "danger" : undefined;
-    const text = robot ? `${WORDS[act]} ${robot}` : WORDS[act];
-    return element("button", { type: "button", class: kind, title: (this.offers.robot[act] ?? this.offers.team[act]),
-      "aria-label": text, "data-act": act,
-      onclick: (event) => this._press(event.currentTarget, { act, ...(robot ? { robot } : {}), ...more }) }, WORDS[act]);
+  // Of pause and resume, the one that has an effect now.
+  update(keys, store) {
+    if (!keys.has("team")) return;
+    const { order, ended } = store.get("team") ?? {};
+    byId("team-orders").hidden = !!ended || store.state === "over";
+    this._pause.replaceChildren(this._button(order === "pause" ? "resume" : "pause"));
   }
 
-  // What can be done to one robot, each with what it will do.
-  details(robot, capabilities, lost) {
-    const rows = element("div", { class: "do" });
-    for (const act of ["kill", "freeze", "thaw", "join", "leave"]) {
-      if (this.offers.robot[act]) rows.append(this.button(act, robot), element("span", { class: "hint" }, this.offers.robot[act]));
-    }
-    for (const [act, tasks] of [["lose", ["all", ...capabilities]], ["restore", ["all", ...lost]]]) {
-      if (!this.offers.robot[act]) continue;
-      const choice = element("select", { "aria-label": `capability to ${act}` },
-        ...tasks.map((task) => element("option", { value: task }, task)));
-      const press = element("button", { type: "button", onclick: (event) =>
-        this._press(event.currentTarget, { act, robot, local_task: choice.value }) }, WORDS[act]);
-      rows.append(press, element("span", { class: "hint" }, this.offers.robot[act]), element("span", { class: "wide" }, choice));
-    }
-    return rows;
+  // A button that opens a menu with what `rows` returns.
+  menuButton(label, text, rows) {
+    const made = element("button", { type: "button", class: "more", "aria-label": label, title: label, onclick: () => {
+      this._menu.setAttribute("aria-label", label);
+      this._menu.replaceChildren(...rows());
+      this._menu.querySelector("button")?.setAttribute("autofocus", "");
+      const { right, bottom, top } = made.getBoundingClientRect(), isLow = bottom > innerHeight * 0.6;
+      this._menu.style.left = `${Math.max(8, Math.min(right, innerWidth - 8) - 320)}px`;
+      this._menu.style.top = isLow ? "auto" : `${bottom + 4}px`;
+      this._menu.style.bottom = isLow ? `${innerHeight - top + 4}px` : "auto";
+    } }, text);
+    made.popoverTargetElement = this._menu;
+    return made;
+  }
+
+  // What can be done to a robot, each with what it will do. `robot()`: what is known of it then.
+  robotMenu(name, robot) {
+    return this.menuButton(`Orders to ${name}`, "⋯", () => {
+      const { isHere, isFrozen, capabilities, lost } = robot();
+      const acts = isFrozen ? ["thaw", "kill"] : isHere ? ["kill", "freeze", "leave"] : ["join"];
+      const rows = acts.flatMap((act) => this._row(act, name));
+      if (isHere) rows.push(...this._choice("lose", name, ["all", ...capabilities]));
+      if (isHere && lost.length) rows.push(...this._choice("restore", name, ["all", ...lost]));
+      return rows;
+    });
+  }
+
+  _hint(act) { return element("span", { class: "hint" }, this.offers.robot[act] ?? this.offers.team[act]); }
+
+  _row(act, robot) {
+    return this.offers[robot ? "robot" : "team"][act] ? [this._button(act, robot), this._hint(act)] : [];
+  }
+
+  _choice(act, robot, tasks) {
+    const choice = element("select", { "aria-label": `capability to ${act}` }, ...tasks.map((task) => element("option", { value: task }, task)));
+    const button = element("button", { type: "button", onclick: (event) => this._press(event.currentTarget, { act, robot, local_task: choice.value }) }, WORDS[act]);
+    return [button, element("span", {}, choice, " ", this._hint(act))];
+  }
+
+  _button(act, robot) {
+    return element("button", { type: "button", class: act === "kill" || act === "abort" ? "danger" : undefined,
+      "aria-label": robot ? `${WORDS[act]} ${robot}` : WORDS[act], title: this.offers.robot[act] ?? this.offers.team[act],
+      onclick: (event) => this._press(event.currentTarget, { act, ...(robot ? { robot } : {}) }) }, WORDS[act]);
   }
 
   _makeTeamOrders() {
-    const orders = byId("team-orders");
-    orders.hidden = false;
-    for (const act of ["pause", "resume", "abort"]) orders.append(this.button(act));
-    if (this.offers.drills) {
-      orders.append(element("button", { type: "button", title: "Faults at chosen moments, from the drill files", onclick: () => this._openDrills() }, "Drills…"));
-      byId("drills-close").addEventListener("click", () => byId("drills").close());
-      byId("drills-search").addEventListener("input", () => this._listDrills());
-    }
+    this._pause = element("span", {}, this._button("pause"));
+    byId("team-orders").append(this._pause, this.menuButton("Orders to the team", "Orders…", () => [...this._row("abort"),
+      ...(this.offers.drills ? [element("button", { type: "button", onclick: () => this._openDrills() }, "Drills…"),
+        element("span", { class: "hint" }, "Faults at chosen moments, from the drill files.")] : [])]));
+    byId("team-orders").hidden = false;
+    dialog("drills");
+    byId("drills-search").addEventListener("input", () => this._listDrills());
   }
 
   async _press(button, order) {
@@ -66,6 +94,7 @@ export class Control {
       return;
     }
     button.disabled = true;
+    this._menu.hidePopover();
     await this._send(order);
     button.disabled = false;
   }
@@ -86,6 +115,7 @@ export class Control {
   }
 
   async _openDrills() {
+    this._menu.hidePopover();
     byId("drills").showModal();
     if (this._drills) return;
     setText(byId("drills-list"), "reading the drill files…");
@@ -123,4 +153,13 @@ function toast(text) {
   shown.hidden = false;
   clearTimeout(hiding);
   hiding = setTimeout(() => { shown.hidden = true; }, 5000);
+}
+
+export async function copy(text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    toast(`Copied: ${text}`);
+  } catch {
+    toast(text);
+  }
 }

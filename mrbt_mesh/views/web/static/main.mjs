@@ -1,16 +1,20 @@
 // The page: puts its parts together and keeps them up to date.
 
-import { Control, takeToken } from "./control.mjs";
+import { Control, copy, takeToken } from "./control.mjs";
 import { MapView } from "./map.mjs";
 import { PlaybackView } from "./playback.mjs";
 import { RobotsView } from "./robots.mjs";
 import { Store } from "./store.mjs";
-import { SIGN, byId, hasDifferedLong, seconds, setData, setText } from "./text.mjs";
+import { LEVEL_SIGN, allSigns, byId, dialog, element, seconds, setText, withCommands } from "./text.mjs";
 import { TimelineView } from "./timeline.mjs";
 import { TreeView } from "./tree.mjs";
 import { WhyView } from "./why.mjs";
 
 const RETRY_MS = 1000;
+
+const TRY_IT = "No robot has died. Try it: kill one from its menu (⋯). Here you then see who takes over its work, and after how many milliseconds.";
+// Statements that are shown before the others are asked for.
+const FIRST = 3;
 
 async function mission() {
   for (;;) {
@@ -18,61 +22,70 @@ async function mission() {
       const answer = await fetch("/mission");
       if (answer.ok) return answer.json();
     } catch { /* not there yet, or not any more */ }
-    banner("No answer. Trying again…");
+    say([{ level: "warn", text: "no answer, trying again…" }]);
     await new Promise((done) => setTimeout(done, RETRY_MS));
   }
 }
 
-function banner(text) {
-  const shown = byId("banner");
-  setText(shown, text);
-  shown.hidden = !text;
+// What the server says of the team, after what the page knows of its connection.
+function headline(store, isRecording) {
+  const found = store.get("headline") ?? [{ level: "info", text: "connecting…" }];
+  if (store.state === "lost") return [{ level: "warn", text: "connection lost: this is what was last known; trying again…" }, ...found];
+  if (store.state === "over") return [...found, { level: "info", text: isRecording ? "its server has ended" : "the run is over" }];
+  return found;
 }
 
-function drawTeam(store, isRecording) {
-  const team = store.get("team");
-  if (!team) return;
-  const status = !team.started ? "idle" : team.order === "pause" && !team.ended ? "warn" : team.ended ?? team.result ?? "idle";
-  const words = !team.started ? (isRecording ? "before the start" : "waiting for the team") : status === "warn" ? "❚❚ paused"
-    : team.stands_by ? `${SIGN[status] ?? ""} ${status}, stands by` : `${SIGN[status] ?? ""} ${status}`;
-  setData(byId("result"), "status", status);
-  setText(byId("result"), words);
-  const { equal, robots, differ } = team.agreement;
-  const isAgreeing = !equal && !Object.values(differ).some((since) => hasDifferedLong(since, store.now()));
-  const others = Object.entries(differ).map(([robot, since]) => `${robot} since ${seconds(since)}`);
-  setData(byId("agreement"), "status", robots === 0 || isAgreeing ? "idle" : equal ? "success" : "warn");
-  setText(byId("agreement"), robots === 0 ? "nobody is heard" : equal ? `● ${robots === 1 ? "one robot" : `all ${robots} agree`}` : isAgreeing ? "◌ agreeing…" : `◐ differs: ${others.join(", ")}`);
-  const blocked = team.blocked.map((each) => `${each.request} is ${each.reason} (since ${seconds(each.since_s)})`);
-  drawBanner(store, team.ended ? [] : blocked, isRecording);
+let isWhole = false, said = "";
+
+function say(statements) {
+  const key = JSON.stringify([isWhole, statements]);
+  if (said === key) return;
+  said = key;
+  const shown = isWhole ? statements : statements.slice(0, FIRST);
+  const rows = shown.map(({ level, text }) => element("p", { "data-level": level },
+    element("span", { "aria-hidden": "true" }, LEVEL_SIGN[level]), element("span", {}, ...withCommands(text))));
+  if (statements.length > FIRST) {
+    const more = isWhole ? "less" : `${statements.length - FIRST} more`;
+    rows.push(element("button", { type: "button", onclick: () => { isWhole = !isWhole; say(statements); } }, more));
+  }
+  byId("headline").replaceChildren(...rows);
 }
 
-function drawBanner(store, blocked, isRecording) {
-  if (store.state === "lost") banner("Connection lost. The page shows what was last known, and tries again by itself…");
-  else if (store.state === "over" && isRecording) banner("The recording is shown no more: its server has ended.");
-  else if (store.state === "over") banner("The run is over. The page stays as it was.");
-  else banner(blocked.join(" · "));
+// What can be done with a run that is over -> the command for it.
+function offerCommands(commands) {
+  byId("after").replaceChildren(...Object.entries(commands).map(([what, command]) => element("span", {}, `To ${what}: `, element("code", {}, command), " ",
+    element("button", { type: "button", "aria-label": `Copy the command to ${what}`, onclick: () => copy(command) }, "Copy"))));
 }
 
 async function begin() {
   const told = await mission();
-  banner("");
-  document.title = `${told.name} · ${told.recording ? "replay · " : ""}mrbt`;
   setText(byId("mission"), told.name);
   const store = new Store();
   if (told.recording) store.end = told.recording.to_s;
   const playback = told.recording ? new PlaybackView(store, told.recording) : null;
-  const control = told.control ? new Control(told.control, takeToken()) : null;
+  const token = takeToken();
+  const control = told.control && token ? new Control(told.control, token) : null;
   const select = (selection) => {
     why.show(selection);
     robots.select(selection.kind === "robot" ? selection.name : null);
   };
   const robots = new RobotsView(store, told.robots, select, control);
-  const why = new WhyView(store, select, control);
+  const why = new WhyView(store, select);
   const tree = new TreeView(store, told.tree, select);
   const timeline = new TimelineView(store, select, told.recording, (time) => playback?.go(time));
   const map = new MapView(store, told.map, select);
-  for (const view of [robots, tree, timeline, why, map, ...(playback ? [playback] : [])]) store.onChange((keys) => view.update(keys));
-  store.onChange(() => drawTeam(store, playback !== null));
+  for (const view of [robots, tree, timeline, why, map, ...(playback ? [playback] : []), ...(control ? [control] : [])]) store.onChange((keys) => view.update(keys, store));
+  offerCommands(told.commands);
+  if (control) setText(byId("no-faults"), TRY_IT);
+  store.onChange(() => {
+    const statements = headline(store, playback !== null);
+    say(statements);
+    document.title = `${statements[0].level === "bad" ? `${LEVEL_SIGN.bad} ` : ""}${told.name} · ${told.recording ? "replay · " : ""}mrbt`;
+    byId("after").hidden = !(store.get("team")?.ended || store.state === "over");
+  });
+  search([robots, tree, timeline]);
+  byId("signs-body").replaceChildren(...allSigns());
+  dialog("signs", byId("signs-open"));
   store.connect();
   const tick = () => {
     setText(byId("clock"), seconds(store.now()));
@@ -81,6 +94,21 @@ async function begin() {
     requestAnimationFrame(tick);
   };
   tick();
+}
+
+// One field for robots, tasks and events: each view shows what fits, and says how much that is.
+function search(views) {
+  const field = byId("search");
+  field.addEventListener("input", () => {
+    const wanted = field.value.trim().toLowerCase();
+    const found = views.map((view) => view.search(wanted));
+    setText(byId("found"), wanted ? found.join(", ") : "");
+  });
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "/" || event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input, select, dialog")) return;
+    field.focus();
+    event.preventDefault();
+  });
 }
 
 begin();

@@ -1,6 +1,6 @@
 // A recording: play, pause, speed, and any place of it. The server plays it; all its pages see the same.
 
-import { byId, element, lostText, seconds, setText } from "./text.mjs";
+import { byId, element, knownAt, lostText, seconds, setText } from "./text.mjs";
 
 const STEP_S = 5, SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32, 64], END_S = 0.05;
 
@@ -48,7 +48,7 @@ export class PlaybackView {
 
   // Times at which something broke, in order.
   _faults() {
-    const times = ["fault", "loss"].flatMap((kind) => [...this._store.all(kind).values()].map((each) => each.at_s));
+    const times = ["fault", "loss"].flatMap((kind) => [...this._store.all(kind).values()].map(knownAt));
     return [...new Set(times)].sort((a, b) => a - b);
   }
 
@@ -76,7 +76,7 @@ export class PlaybackView {
   _mark() {
     const marks = ["fault", "loss"].flatMap((kind) => [...this._store.all(kind).values()].map((each) => {
       const mark = element("i", { class: kind, title: `${each.robot} ${kind === "fault" ? "died" : lostText(each.local_tasks, each.reason)} at ${seconds(each.at_s)}`,
-        onclick: () => this.go(each.at_s) });
+        onclick: () => this.go(knownAt(each)) });
       mark.style.left = `${(each.at_s - this._from) / Math.max(1e-6, this._to - this._from) * 100}%`;
       return mark;
     }));
@@ -129,7 +129,7 @@ export class PlaybackView {
       this._wanted = null;
       try {
         await fetch("/playback", { method: "POST", headers: { "content-type": "application/json" }, body });
-      } catch { /* the banner says that the connection is lost */ }
+      } catch { /* the headline says that the connection is lost */ }
     }
     this._isAsking = false;
   }

@@ -1,10 +1,11 @@
-// The robots as cards.
+// The robots: those in trouble first, then those at work, then the others.
 
-import { SIGN, byId, element, hasDifferedLong, lostText, setData, setText, textsByReason } from "./text.mjs";
+import { STATES, byId, contains, element, hasDifferedLong, lostText, setData, setText, textsByReason } from "./text.mjs";
 
-const SIGNS = { alive: "●", joining: "◌", suspect: "◐", leaving: "◍", dead: "✕", left: "○", absent: "○" };
-const TREES = ["T_i", "T_A", "T_G", "T_Li"];
-const MEANINGS = ["all it does", "how it plans", "the team's tree", "its own tasks"];
+const GROUPS = { trouble: "in trouble", work: "at work", idle: "idle" };
+// From so many on each has a row in place of a card.
+const ROWS_FROM = 10;
+const byName = new Intl.Collator("en", { numeric: true }).compare;
 
 export class RobotsView {
   constructor(store, robots, select, control) {
@@ -13,34 +14,89 @@ export class RobotsView {
     this._select = select;
     this._control = control;
     this._cards = new Map();
-    this._selected = null;
+    this._wanted = "";
+    this._group = null;
+    this._list = byId("cards");
+    this._makeGroups();
     for (const name of Object.keys(robots)) this._card(name);
+    this._arrange();
+    // Robots begin and end work all the time: they keep their places while somebody reads or points.
+    for (const left of ["mouseleave", "focusout"]) this._list.addEventListener(left, () => this._arrange());
   }
 
   update(keys) {
-    let isNew = false;
-    for (const key of keys) {
-      if (key.startsWith("robot/")) { this._draw(key.slice(6)); isNew = true; }
-      else if (key.startsWith("fault/") && this._store.get(key)) this._draw(this._store.get(key).robot);
+    const drawn = new Set();
+    // How the team is decides on the state of all.
+    if (keys.has("team") && this._isOver !== this._hasEnded()) {
+      this._isOver = this._hasEnded();
+      for (const name of this._cards.keys()) drawn.add(name);
     }
-    if (isNew || keys.has("team")) this._count();
+    for (const key of keys) {
+      if (key.startsWith("robot/")) drawn.add(key.slice(6));
+      else if (key.startsWith("fault/") && this._store.get(key)) drawn.add(this._store.get(key).robot);
+    }
+    for (const name of drawn) this._draw(name);
+    if (drawn.size) this._arrange();
   }
 
   select(name) {
-    this._selected = name;
     for (const [robot, card] of this._cards) card.root.classList.toggle("selected", robot === name);
   }
 
-  _count() {
-    const counts = new Map();
-    for (const robot of this._store.all("robot").values()) counts.set(robot.state, (counts.get(robot.state) ?? 0) + 1);
-    setText(byId("robots-hint"), [...counts].map(([state, count]) => `${count} ${state}`).join(", "));
+  search(wanted) {
+    this._wanted = wanted;
+    return `${this._filter()} robots`;
   }
 
+  _hasEnded() { return !!this._store.get("team")?.ended; }
+
+  // -- groups, order, filter --------------------------------------------------------------
+
+  _makeGroups() {
+    this._buttons = new Map(Object.keys(GROUPS).map((group) => [group, element("button", { type: "button", "data-group": group, "aria-pressed": "false",
+      onclick: () => { this._group = this._group === group ? null : group; this._filter(); } })]));
+    byId("groups").append(...this._buttons.values());
+  }
+
+  _arrange() {
+    const cards = [...this._cards.values()], places = Object.keys(GROUPS);
+    for (const [group, button] of this._buttons) {
+      const count = cards.filter((card) => card.group === group).length;
+      setText(button, `${count} ${group === "idle" && this._isOver ? "ended" : GROUPS[group]}`);
+      setData(button, "count", String(count));
+    }
+    this._list.classList.toggle("is-over", !!this._isOver);
+    this._list.classList.toggle("compact", cards.length >= ROWS_FROM);
+    const place = (card) => (places.indexOf(card.group) + 1) || places.length;
+    const wanted = cards.sort((a, b) => place(a) - place(b) || byName(a.robot, b.robot));
+    const trouble = wanted.filter((card) => card.group === "trouble").map((card) => card.robot).join();
+    const isHeld = this._list.matches(":hover, :focus-within") && trouble === this._trouble;
+    if (!isHeld && wanted.some((card, i) => this._list.children[i] !== card.root)) {
+      const focused = document.activeElement;
+      this._list.append(...wanted.map((card) => card.root));
+      if (this._list.contains(focused)) focused.focus({ preventScroll: true });
+      this._trouble = trouble;
+    }
+    this._filter();
+  }
+
+  _filter() {
+    let shown = 0;
+    for (const card of this._cards.values()) {
+      const fits = (!this._group || card.group === this._group) && contains(card.root.textContent, this._wanted);
+      if (card.root.hidden === fits) card.root.hidden = !fits;
+      shown += fits;
+    }
+    for (const [group, button] of this._buttons) button.setAttribute("aria-pressed", String(group === this._group));
+    return shown;
+  }
+
+  // -- one robot --------------------------------------------------------------------------
+
   _card(name) {
-    const part = (tag, className) => element(tag, { class: className });
-    const card = { state: part("span", "state"), type: part("span", "hint"), task: part("div", "task"),
-      can: part("div", "can"), wrong: part("div", "wrong"), problems: part("div", "problems"), trees: part("div", "trees"), buttons: part("div", "buttons"), shown: "", canShown: "" };
+    const part = (className) => element("div", { class: className });
+    const card = { robot: name, state: element("span", { class: "state" }), type: element("span", { class: "hint" }), task: part("task"),
+      can: part("can"), wrong: part("wrong"), problems: part("problems"), canShown: "" };
     // Its inner part is scaled, which needs no new layout.
     card.done = element("div", {});
     card.bar = element("div", { class: "progress", role: "progressbar", "aria-label": `progress of ${name}`, "aria-valuenow": 0 }, card.done);
@@ -48,28 +104,35 @@ export class RobotsView {
       onclick: () => this._select({ kind: "robot", name }) }, name);
     // By keys it is chosen by its name; with a mouse or a finger it is one target, but for its buttons.
     card.root = element("li", { class: "card", onclick: (event) => { if (!event.target.closest("button")) card.name.click(); } },
-      element("div", { class: "top" }, card.name, card.type, card.state), card.task, card.bar, card.can, card.wrong, card.problems, card.trees, card.buttons);
+      element("div", { class: "top" }, card.name, card.type, card.state, this._control?.robotMenu(name, () => this._known(name))),
+      card.task, card.bar, card.can, card.wrong, card.problems);
     this._cards.set(name, card);
-    const after = [...this._cards.keys()].sort().indexOf(name);
-    byId("cards").insertBefore(card.root, byId("cards").children[after] ?? null);
+    this._list.append(card.root);
     this._draw(name);
     return card;
   }
 
+  _robot(name) {
+    return this._store.get(`robot/${name}`) ?? { state: "absent", type: this._mission[name]?.type,
+      capabilities: this._mission[name]?.capabilities ?? {}, lost: {}, pending: {}, idle: "" };
+  }
+
   _draw(name) {
     const card = this._cards.get(name) ?? this._card(name);
-    const robot = this._store.get(`robot/${name}`) ?? {
-      state: "absent", type: this._mission[name]?.type, capabilities: this._mission[name]?.capabilities ?? {}, lost: {}, pending: {}, statuses: [], idle: "" };
+    const robot = this._robot(name), hasTask = !!robot.local_task;
+    const state = this._state(robot, hasTask), [sign, group] = STATES[state] ?? ["●", "idle"];
+    const isWrong = !["dead", "left", "absent"].includes(robot.state) && (robot.problems?.length || Object.keys(robot.lost).length);
+    card.group = isWrong && !this._isOver ? "trouble" : group;
     setData(card.root, "state", robot.state);
-    setText(card.state, `${SIGNS[robot.state] ?? "●"} ${this._stateText(robot)}`);
+    setData(card.root, "group", card.group);
+    setData(card.state, "is", group);
+    setText(card.state, `${sign} ${state}`);
     setText(card.type, robot.type ?? "");
-    const isAt = robot.local_task !== null && robot.local_task !== undefined;
     const waits = robot.phase === "running" ? "" : ` (${robot.phase === "ready" ? "waits for its partners" : "about to begin"})`;
-    setText(card.task, isAt ? `${robot.local_task}${robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`}${waits}` : robot.idle ? `free: ${robot.idle}` : "no task");
-    if (card.task.title !== card.task.textContent) card.task.title = card.task.textContent;
-    if (card.task.classList.contains("none") === isAt) card.task.classList.toggle("none", !isAt);
-    const visibility = robot.phase === "running" ? "" : "hidden";
-    if (card.bar.style.visibility !== visibility) card.bar.style.visibility = visibility;
+    this._drawTask(card, robot, hasTask, waits);
+    card.task.classList.toggle("none", !hasTask);
+    const isRunning = robot.phase === "running";
+    if (card.bar.hidden === isRunning) card.bar.hidden = !isRunning;
     const progress = String(robot.progress ?? 0);
     if (card.bar.getAttribute("aria-valuenow") !== progress) {
       card.bar.setAttribute("aria-valuenow", progress);
@@ -77,24 +140,23 @@ export class RobotsView {
     }
     this._drawCan(card, robot);
     setText(card.problems, (robot.problems ?? []).map((text) => `⚠ ${text}`).join("\n"));
-    this._drawTrees(card, robot.statuses);
-    if (this._control) this._drawButtons(card, name, robot);
   }
 
-  _drawTrees(card, statuses) {
-    const key = statuses.join();
-    if (card.treesShown === key) return;
-    card.treesShown = key;
-    setText(card.trees, "");
-    statuses.forEach((status, i) => card.trees.append(
-      element("span", { title: `${TREES[i]}, ${MEANINGS[i]}: ${status}` }, `${TREES[i]} `,
-        element("span", { class: `s-${status}`, "aria-hidden": "true" }, SIGN[status]), element("span", { class: "said" }, status))));
+  // A row leaves out what it is for.
+  _drawTask(card, robot, hasTask, waits) {
+    const whole = robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`;
+    const text = hasTask ? robot.local_task : robot.idle ? `free: ${robot.idle}` : "no task";
+    const key = `${text}|${whole}|${waits}`;
+    if (card.taskShown === key) return;
+    card.taskShown = key;
+    card.task.replaceChildren(text, hasTask ? element("span", {}, whole) : "", hasTask ? waits : "");
   }
 
-  _stateText(robot) {
+  _state(robot, hasTask) {
+    if (robot.state === "absent") return "not started";
+    if (this._hasEnded() && ["alive", "suspect"].includes(robot.state)) return "ended";
     if (hasDifferedLong(robot.differs_since_s, this._store.now())) return "differs";
-    if (robot.state === "alive" && this._store.get("team")?.stands_by) return "standing by";
-    return robot.state === "absent" ? "not started" : robot.state;
+    return robot.state !== "alive" ? robot.state : hasTask ? "at work" : "idle";
   }
 
   // Lost capabilities are struck out; below them is why.
@@ -110,23 +172,15 @@ export class RobotsView {
     });
     card.can.replaceChildren(...parts);
     card.wrong.replaceChildren(
-      ...textsByReason(robot.lost).map(([reason, names]) => element("div", { class: "lost" }, lostText(names, reason))),
+      ...textsByReason(robot.lost).map(([reason, names]) => element("div", { class: "lost" }, `⚠ ${lostText(names, reason)}`)),
       ...textsByReason(robot.pending).map(([reason, names]) => element("div", {}, `${names.join(", ")} not yet: ${reason}`)));
   }
 
-  // Whether its process is known to have ended: one that is frozen is taken for dead as well.
-  _hasEnded(name) {
-    return [...this._store.all("fault").values()].some((fault) => fault.robot === name && fault.until_s === null && fault.has_ended);
-  }
-
-  _drawButtons(card, name, robot) {
-    const isHere = !["dead", "left", "absent"].includes(robot.state);
-    const isFrozen = robot.state === "suspect" || (robot.state === "dead" && !this._hasEnded(name));
-    const acts = isFrozen ? ["kill", "thaw"] : isHere ? ["kill", "freeze"] : ["join"];
-    const offered = acts.filter((act) => this._control.offers.robot[act]);
-    const key = offered.join();
-    if (card.shown === key) return;
-    card.shown = key;
-    card.buttons.replaceChildren(...offered.map((act) => this._control.button(act, name)));
+  // What its menu depends on. A robot that is frozen is taken for dead as well: what is known is whether its process has ended.
+  _known(name) {
+    const { state, capabilities, lost } = this._robot(name);
+    const hasEnded = [...this._store.all("fault").values()].some((fault) => fault.robot === name && fault.until_s === null && fault.has_ended);
+    return { isHere: !["dead", "left", "absent"].includes(state), isFrozen: state === "suspect" || (state === "dead" && !hasEnded),
+      capabilities: Object.keys(capabilities), lost: Object.keys(lost) };
   }
 }

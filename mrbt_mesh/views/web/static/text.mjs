@@ -10,6 +10,49 @@ const KINDS = {
 
 export const kindSign = (kind) => KINDS[kind] ?? "◆";
 
+// Of a statement of the headline.
+export const LEVEL_SIGN = { bad: "✕", warn: "⚠", info: "·", good: "✓" };
+
+// What is said of a robot: sign, group, meaning.
+export const STATES = {
+  dead: ["✕", "trouble", "declared dead by the others"],
+  suspect: ["◐", "trouble", "silent: it may be dead"],
+  differs: ["≠", "trouble", "reports another plan than the others"],
+  "at work": ["▶", "work", "has a task"],
+  joining: ["◌", "idle", "is not counted on yet"],
+  leaving: ["◍", "idle", "leaves on purpose"],
+  idle: ["○", "idle", "has no task; its row says why"],
+  left: ["⊘", "idle", "has left on purpose"],
+  "not started": ["–", "idle", "no message from it yet"],
+  ended: ["■", "idle", "the run is over"],
+};
+
+// How a span of the timeline ends: key -> words.
+export const ENDS = { running: "works", done: "done", failed: "failed", dropped: "not needed any more", died: "died at it" };
+const MARKS = [["✕", "died; the line goes to who took over"], ["▲", "lost capabilities"], ["◂", "began before it was watched"], ["━", "claimed, not begun yet"]];
+
+const swatch = (end) => element("i", { "data-end": end });
+
+// The signs of the timeline that are seen most.
+export function timelineLegend() {
+  return [...["running", "done", "failed", "dropped"].flatMap((end) => [swatch(end), `${ENDS[end]} `]),
+    element("b", {}, "✕"), "death ", element("i", { class: "hatched" }), "not watched"];
+}
+
+// All signs of the page, with their meanings.
+export function allSigns() {
+  const table = (title, rows) => element("section", {}, element("h3", {}, title),
+    element("dl", {}, ...rows.flatMap(([sign, text]) => [element("dt", {}, sign), element("dd", {}, text)])));
+  return [
+    table("Robots", [...Object.entries(STATES).map(([state, [sign, , meaning]]) => [sign, `${state}: ${meaning}`]),
+      ["⚠", "a problem of its program or journal, or a lost capability, which is struck out"]]),
+    table("Timeline", [...Object.entries(ENDS).map(([end, text]) => [swatch(end), text]),
+      [element("i", { class: "hatched" }), "not watched: nothing is known of this time"], ...MARKS]),
+    table("State of a node", Object.entries(SIGN).map(([status, sign]) => [sign, status === "idle" ? "idle: the tree does not reach it now" : status])),
+    table("Kind of a node", [...Object.entries(KINDS).filter(([, sign]) => sign).map(([kind, sign]) => [sign, kind]), ["◆", "another kind"]]),
+  ];
+}
+
 export function seconds(value) {
   if (value === null || value === undefined) return "";
   if (value < 600) return `${value.toFixed(1)} s`;
@@ -51,3 +94,19 @@ export function setData(node, key, value) {
 }
 
 export const byId = (id) => document.getElementById(id);
+
+// When the others knew of a fault: there a recording shows it.
+export const knownAt = (fault) => fault.at_s + (fault.detected_ms ?? 0) / 1000 + 0.001;
+
+// A panel over the page that its buttons open and close.
+export function dialog(name, open) {
+  const shown = byId(name);
+  byId(`${name}-close`).addEventListener("click", () => shown.close());
+  open?.addEventListener("click", () => shown.showModal());
+  return shown;
+}
+
+// Text in which `commands` are marked by backticks, as nodes.
+export const withCommands = (text) => text.split("`").map((part, i) => (i % 2 ? element("code", {}, part) : part));
+
+export const contains = (text, wanted) => text.toLowerCase().includes(wanted);

@@ -3,12 +3,14 @@
 import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
-import { byId, element, lostText, seconds, setText } from "./text.mjs";
+import { ENDS, byId, contains, element, knownAt, lostText, seconds, setText, timelineLegend } from "./text.mjs";
 
 const HATCH = 9;
-const LANE = 26, GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
+// Few robots have high lanes.
+const LANE = 24, LOW_LANE = 16, FEW = 9;
+const GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
 // As in the style sheet.
-const SEEN_SHARE = 0.42;
+const SEEN_SHARE = 0.34;
 
 export class TimelineView {
   // `recording`: from when to when it goes, of one that is replayed; `seek` goes to a time of it.
@@ -18,6 +20,8 @@ export class TimelineView {
     this._recording = recording;
     this._seek = seek;
     this._robots = [];
+    this._all = [];
+    this._wanted = "";
     this._isFollowing = !recording;
     this._span = recording ? [recording.from_s, this._end() * 1.03] : [0, FOLLOWED_S];
     this._canvas = byId("spans");
@@ -44,16 +48,38 @@ export class TimelineView {
       } else if (kind === "robot" && this._store.get(key)) isNew = this._addLane(name) || isNew;
       else if (kind === "event") this._isEventful = true;
     }
+    if (this._isFollowing && keys.has("team") && this._store.get("team")?.ended) this._whole();
     if (isTaken) this._listTakeovers();
     if (this._isEventful) this._listEvents();
     if (isNew) this.draw();
   }
 
   _addLane(robot) {
-    if (!robot || this._robots.includes(robot)) return false;
-    this._robots = [...this._robots, robot].sort();
+    if (!robot || this._all.includes(robot)) return false;
+    this._all = [...this._all, robot].sort();
+    this._chooseLanes();
     return true;
   }
+
+  // The robots whose names or tasks fit what is searched; if none does, all.
+  _chooseLanes() {
+    const works = [...this._store.all("work").values()];
+    const fits = (robot) => contains(robot, this._wanted) || works.some((work) => work.robot === robot && contains(workName(work), this._wanted));
+    const found = this._all.filter(fits);
+    this._robots = found.length ? found : this._all;
+  }
+
+  search(wanted) {
+    this._wanted = wanted;
+    this._chooseLanes();
+    this.draw();
+    const found = [...this._store.all("event").values()].filter((event) => contains(event.text, wanted)).length;
+    byId("events").replaceChildren();
+    this._listEvents();
+    return `${found} events`;
+  }
+
+  get _lane() { return this._robots.length > FEW ? LOW_LANE : LANE; }
 
   // Until when there is something to see; what has not ended goes on until then.
   _end() { return this._recording ? this._recording.to_s : this._store.now(); }
@@ -106,7 +132,7 @@ export class TimelineView {
       this._span = [last - long * 0.92, last + long * 0.08];
     }
     // The canvas is as high as what is seen of the lanes, and stays in place while they scroll.
-    const whole = Math.max(1, this._robots.length) * LANE + 4;
+    const whole = Math.max(1, this._robots.length) * this._lane + 4;
     const seen = Math.min(whole, Math.floor(window.innerHeight * SEEN_SHARE)), height = this._top + seen;
     const inner = byId("lanes-inner");
     if (inner.style.height !== `${whole}px`) inner.style.height = `${whole}px`;
@@ -123,11 +149,11 @@ export class TimelineView {
     context.fillStyle = this._colours.panel;
     context.fillRect(0, this._top, GUTTER - 4, seen);
     context.textBaseline = "middle";
-    context.font = `600 12px ${this._font}`;
+    context.font = `600 ${this._lane === LANE ? 12 : 11}px ${this._font}`;
     this._robots.forEach((robot, lane) => {
       const state = this._store.get(`robot/${robot}`)?.state;
       context.fillStyle = state === "dead" ? this._colours.failure : this._colours.text;
-      context.fillText(robot, 14, lane * LANE + LANE / 2 + 2, GUTTER - 20);
+      context.fillText(state === "dead" ? `✕ ${robot}` : robot, 14, lane * this._lane + this._lane / 2 + 2, GUTTER - 20);
     });
   }
 
@@ -160,7 +186,7 @@ export class TimelineView {
 
   _paintLanes(context, now, height) {
     this._robots.forEach((_, lane) => {
-      if (lane % 2 === 0) { context.fillStyle = this._colours.raised; context.fillRect(GUTTER, lane * LANE + 2, this._width, LANE); }
+      if (lane % 2 === 0) { context.fillStyle = this._colours.raised; context.fillRect(GUTTER, lane * this._lane + 2, this._width, this._lane); }
     });
     context.strokeStyle = this._colours.line;
     context.lineWidth = 1;
@@ -210,10 +236,10 @@ export class TimelineView {
 
   _paintWork(context, work, now) {
     const lane = this._robots.indexOf(work.robot);
-    if (lane * LANE > this._top + window.innerHeight || (lane + 1) * LANE < this._top) return;
+    if (lane * this._lane > this._top + window.innerHeight || (lane + 1) * this._lane < this._top) return;
     const end = work.ended_s ?? now;
     if (lane < 0 || end < this._span[0] || work.claimed_s > this._span[1]) return;
-    const y = lane * LANE + 6, height = LANE - 8;
+    const y = lane * this._lane + 4, height = this._lane - 4;
     const from = Math.max(GUTTER, this._x(work.claimed_s)), begun = this._x(work.running_s ?? end), to = this._x(end);
     context.fillStyle = this._colours.idle;
     context.globalAlpha = 0.35;
@@ -249,7 +275,7 @@ export class TimelineView {
   _paintLoss(context, loss) {
     const lane = this._robots.indexOf(loss.robot);
     if (lane < 0 || loss.at_s < this._span[0] || loss.at_s > this._span[1]) return;
-    const x = this._x(loss.at_s), y = lane * LANE + LANE / 2 + 2;
+    const x = this._x(loss.at_s), y = lane * this._lane + this._lane / 2 + 2;
     context.fillStyle = this._colours.warn;
     context.beginPath(); context.moveTo(x, y - 7); context.lineTo(x + 7, y + 6); context.lineTo(x - 7, y + 6); context.fill();
     this._hits.push({ x: x - 8, y: y - 8, wide: 16, height: 16, loss });
@@ -258,7 +284,7 @@ export class TimelineView {
   _paintFault(context, name, fault, now) {
     const lane = this._robots.indexOf(fault.robot);
     if (lane < 0 || fault.at_s > this._span[1]) return;
-    const y = lane * LANE + LANE / 2 + 2, x = this._x(fault.at_s);
+    const y = lane * this._lane + this._lane / 2 + 2, x = this._x(fault.at_s);
     const after = (value) => (value === null ? null : this._x(fault.at_s + value / 1000));
     const known = after(fault.detected_ms), taken = after(fault.taken_over_ms);
     context.strokeStyle = this._colours.failure;
@@ -270,7 +296,7 @@ export class TimelineView {
     if (known !== null) { context.beginPath(); context.moveTo(x, y); context.lineTo(Math.max(known, x), y); context.stroke(); }
     const other = this._robots.indexOf(fault.replacement);
     if (taken !== null && other >= 0 && taken >= GUTTER) {
-      const to = other * LANE + LANE / 2 + 2, down = Math.sign(to - y);
+      const to = other * this._lane + this._lane / 2 + 2, down = Math.sign(to - y);
       context.beginPath(); context.moveTo(known ?? x, y); context.lineTo(taken, y); context.lineTo(taken, to - down * 9); context.stroke();
       context.fillStyle = this._colours.failure;
       context.beginPath(); context.moveTo(taken, to - down * 4); context.lineTo(taken - 5, to - down * 12); context.lineTo(taken + 5, to - down * 12); context.fill();
@@ -293,16 +319,17 @@ export class TimelineView {
   // -- lists ------------------------------------------------------------------------------
 
   _listTakeovers() {
-    const rows = [...this._store.all("fault")].sort((a, b) => a[1].at_s - b[1].at_s).map(([name, fault]) => element("li", {},
+    const rows = [...this._store.all("fault")].sort((a, b) => b[1].at_s - a[1].at_s).map(([name, fault]) => element("li", {},
       element("button", { type: "button", "data-fault": name, onclick: () => this._chooseFault(name, fault) },
         element("b", {}, `${fault.robot} died ${fault.older ? "before" : "at"} ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
         fault.replacement ? ` by ${fault.replacement} (${fault.held})` : fault.held ? ` (${fault.held})` : "")));
     byId("takeovers").replaceChildren(...rows);
+    byId("no-faults").hidden = rows.length > 0;
   }
 
   // In a recording this is also the way to its moment.
   _chooseFault(name, fault) {
-    if (this._recording) this._seek(fault.at_s);
+    if (this._recording) this._seek(knownAt(fault));
     this._choose({ kind: "fault", name });
   }
 
@@ -313,9 +340,8 @@ export class TimelineView {
     const all = this._store.all("event");
     setText(byId("happened-count"), `(${all.size})`);
     if (!byId("happened").open) { this._isEventful = true; return; }
-    const known = list.children.length;
-    const shown = [...all].map(([index, event]) => [Number(index), event]).sort((a, b) => a[0] - b[0]);
-    if (known > shown.length) list.replaceChildren();
+    const shown = [...all].filter(([, event]) => contains(event.text, this._wanted)).map(([index, event]) => [Number(index), event]).sort((a, b) => a[0] - b[0]);
+    if (list.children.length > shown.length) list.replaceChildren();
     for (const [, event] of shown.slice(list.children.length)) {
       list.append(element("li", {}, element("time", {}, seconds(event.at_s ?? 0)), element("span", {}, event.text)));
     }
@@ -326,6 +352,7 @@ export class TimelineView {
 
   _listen() {
     const press = (id, act) => byId(id).addEventListener("click", act);
+    byId("timeline-legend").append(...timelineLegend());
     press("follow", () => this._follow(!this._isFollowing));
     press("whole", () => this._whole());
     press("zoom-in", () => this._zoomBy(0.5));
@@ -428,9 +455,11 @@ function faultNumbers(fault) {
   return fault.taken_over_after === null ? `${known}, not taken over yet` : `${known}, taken over after ${fault.taken_over_after}`;
 }
 
+const workName = (work) => `${work.local_task} for ${work.global_task}`;
+
 function workText(work, now) {
-  const end = { done: "done", failed: "failed", dropped: "given up", died: "died" }[work.end] ?? (work.running_s === null ? "waits" : "works");
+  const end = ENDS[work.end] ?? (work.running_s === null ? "waits" : ENDS.running);
   const long = (work.ended_s ?? now) - (work.running_s ?? work.claimed_s);
   const why = work.reason ? `: ${work.reason}` : "";
-  return `${work.robot}: ${work.local_task} for ${work.global_task}, ${end}, ${work.older ? "longer than " : ""}${seconds(long)}${why}`;
+  return `${work.robot}: ${workName(work)}, ${end}, ${work.older ? "longer than " : ""}${seconds(long)}${why}`;
 }

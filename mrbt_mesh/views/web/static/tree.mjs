@@ -1,12 +1,14 @@
 // The tree T_G as rows, of which only those are made that can be seen.
 
-import { STATUS, SIGN, byId, element, kindSign, setData, setText } from "./text.mjs";
+import { STATUS, SIGN, byId, contains, element, kindSign, setData, setText } from "./text.mjs";
 
 const ROW = 26;
 const SIZES = [11, 12, 13, 15, 17, 20];
 // Larger trees begin folded below this depth.
 const LARGE = 150;
 const AROUND = 6;
+// What is finished above it is not folded: the steps of the mission are seen to its end.
+const KEPT_DEPTH = 2;
 
 export class TreeView {
   constructor(store, nodes, select) {
@@ -28,6 +30,8 @@ export class TreeView {
     this._shown = [];
     this._place = new Map();
     this._hits = new Set();
+    // Nodes with robots or a note, for the folded nodes around them.
+    this._marked = new Map();
     this._size = 2;
     this._current = 0;
     this._top = 0;
@@ -45,6 +49,8 @@ export class TreeView {
     for (const key of keys) {
       if (!key.startsWith("node/")) continue;
       isNew = true;
+      const index = Number(key.slice(5)), [, robots = [], note = ""] = this._store.get(key) ?? [];
+      if (robots.length || note) this._marked.set(index, [robots, note]); else this._marked.delete(index);
       isMoved ||= byId("fold-finished").checked;
     }
     if (isMoved) this._layout();
@@ -58,7 +64,7 @@ export class TreeView {
   _isFolded(node) {
     if (node.children.length === 0 || this._opened.has(node.index)) return false;
     if (this._folded.has(node.index)) return true;
-    return byId("fold-finished").checked && ["success", "failure"].includes(this._status(node.index));
+    return node.depth >= KEPT_DEPTH && byId("fold-finished").checked && ["success", "failure"].includes(this._status(node.index));
   }
 
   _layout() {
@@ -115,8 +121,9 @@ export class TreeView {
       this._rows.set(index, row);
       this._inner.append(row.root);
     }
-    const [, robots = [], note = "", times = 0] = this._store.get(`node/${index}`) ?? [];
+    const times = this._store.get(`node/${index}`)?.[3] ?? 0;
     const status = this._status(index), isFolded = this._isFolded(node);
+    const [robots, note] = isFolded ? this._inside(node) : this._marked.get(index) ?? [[], ""];
     const y = `translateY(${place * height}px)`;
     if (row.root.style.transform !== y) row.root.style.transform = y;
     setData(row.root, "is", status);
@@ -140,6 +147,12 @@ export class TreeView {
     if (node.children.length) row.root.setAttribute("aria-expanded", String(!isFolded));
     const said = `${node.kind}: ${node.label}, ${status}`;
     if (row.root.title !== said) row.root.title = said;
+  }
+
+  // Who works within a folded node, and whether something is blocked there.
+  _inside(node) {
+    const marks = [...this._marked].filter(([index]) => index >= node.index && index <= node.end).map(([, mark]) => mark);
+    return [[...new Set(marks.flatMap(([robots]) => robots))].sort(), ["blocked", "waits"].find((note) => marks.some((mark) => mark[1] === note)) ?? ""];
   }
 
   _make(node) {
@@ -187,7 +200,6 @@ export class TreeView {
     });
     byId("larger").addEventListener("click", () => this._resize(1));
     byId("smaller").addEventListener("click", () => this._resize(-1));
-    byId("search").addEventListener("input", (event) => this._search(event.target.value));
     byId("search").addEventListener("keydown", (event) => { if (event.key === "Enter") this._nextHit(); });
   }
 
@@ -233,11 +245,10 @@ export class TreeView {
 
   // -- search -----------------------------------------------------------------------------
 
-  _search(text) {
-    const wanted = text.trim().toLowerCase();
-    this._hits = new Set(wanted ? this._nodes.filter((n) => n.label.toLowerCase().includes(wanted)).map((n) => n.index) : []);
-    setText(byId("found"), wanted ? `${this._hits.size} found` : "");
+  search(wanted) {
+    this._hits = new Set(wanted ? this._nodes.filter((n) => contains(n.label, wanted)).map((n) => n.index) : []);
     if (this._hits.size) this._reveal(Math.min(...this._hits)); else this._draw();
+    return `${this._hits.size} nodes`;
   }
 
   _nextHit() {
@@ -251,10 +262,5 @@ export class TreeView {
     const field = document.activeElement;
     this._goTo(index);
     field?.focus();
-  }
-
-  showTask(name) {
-    const index = this._nodes.findIndex((node) => node.kind === "Action" && node.subject === name);
-    if (index >= 0) { this._reveal(index); }
   }
 }

@@ -3,33 +3,63 @@
 import { SIGN, STATUS, byId, element, kindSign, seconds } from "./text.mjs";
 
 const AGAIN_MS = 300;
-const TRY_IT = "Try it: kill a robot by its button. Another one takes over its work; the timeline says after how many milliseconds.";
+const TREES = ["T_i", "T_A", "T_G", "T_Li"];
 
+// A drawer. It opens by itself on the newest fault, and shows that until somebody selects something.
 export class WhyView {
-  constructor(store, select, control) {
+  constructor(store, select) {
     this._store = store;
     this._select = select;
-    this._control = control;
     this._selection = null;
     this._timer = 0;
     this._shown = "";
-    if (control) byId("why-body").append(element("p", { class: "hint" }, TRY_IT));
+    this._newest = undefined;
+    byId("why-close").addEventListener("click", () => this._close());
+    byId("why").addEventListener("keydown", (event) => { if (event.key === "Escape") this._close(); });
   }
 
   show(selection) {
+    this._opener = document.activeElement;
+    this._isByHand = true;
+    this._open(selection);
+  }
+
+  _open(selection) {
     this._selection = selection;
     this._shown = "";
+    byId("why").hidden = false;
+    byId("why").classList.toggle("by-hand", !!this._isByHand);
+    document.querySelector("main").classList.add("has-why");
     this._load();
-    byId("why").scrollIntoView({ block: "nearest" });
+  }
+
+  _close() {
+    this._selection = null;
+    this._isByHand = false;
+    byId("why").hidden = true;
+    document.querySelector("main").classList.remove("has-why");
+    if (this._opener?.isConnected) this._opener.focus();
   }
 
   // What is selected may have changed: it is asked again, but not all the time.
   update(keys) {
+    this._follow();
     const chosen = this._selection;
     if (!chosen || this._timer) return;
     const wanted = { robot: `robot/${chosen.name}`, task: `task/${chosen.name}`, fault: `why/${chosen.name}` }[chosen.kind];
     if (!keys.has(wanted) && !keys.has(`fault/${chosen.name}`)) return;
-    this._timer = setTimeout(() => { this._timer = 0; this._load(); }, AGAIN_MS);
+    this._timer = setTimeout(() => { this._timer = 0; if (this._selection) this._load(); }, AGAIN_MS);
+  }
+
+  // In a recording, the newest fault until where it is.
+  _follow() {
+    const now = this._store.now();
+    const past = [...this._store.all("fault")].filter(([, fault]) => fault.at_s === null || now === null || fault.at_s <= now);
+    const newest = past.sort((a, b) => (a[1].at_s ?? 0) - (b[1].at_s ?? 0)).at(-1)?.[0];
+    if (newest === this._newest) return;
+    this._newest = newest;
+    if (this._isByHand) return;
+    if (newest === undefined) this._close(); else this._open({ kind: "fault", name: newest });
   }
 
   async _load() {
@@ -44,7 +74,7 @@ export class WhyView {
       ]);
     }
     if (chosen !== this._selection || !told) return;
-    const key = JSON.stringify([told, trees, this._store.get(`robot/${chosen.name}`)?.lost]);
+    const key = JSON.stringify([told, trees, this._store.get(`robot/${chosen.name}`)?.statuses]);
     if (key === this._shown) return;
     this._shown = key;
     this._draw(chosen, told, trees);
@@ -65,13 +95,13 @@ export class WhyView {
       if (told.groups.length > 1) parts.push(element("h3", {}, group.local_task));
       parts.push(element("table", { "aria-label": `Who can do ${group.local_task}` },
         element("thead", {}, element("tr", {}, element("th", { scope: "col" }, "robot"),
-          element("th", { scope: "col" }, "how well"), element("th", { scope: "col" }, "how it stands"))),
+          element("th", { scope: "col" }, "how well"), element("th", { scope: "col" }, "why, why not"))),
         element("tbody", {}, ...group.candidates.map((each) => this._candidate(each)))));
     }
-    if (chosen.kind === "robot" && this._control) {
-      const robot = this._store.get(`robot/${chosen.name}`);
-      parts.push(element("h3", {}, `Drills for ${chosen.name}`),
-        this._control.details(chosen.name, Object.keys(robot?.capabilities ?? {}), Object.keys(robot?.lost ?? {})));
+    const statuses = chosen.kind === "robot" ? this._store.get(`robot/${chosen.name}`)?.statuses ?? [] : [];
+    if (statuses.length) {
+      parts.push(element("p", { class: "hint" }, ...statuses.flatMap((status, i) => [`${TREES[i]} `,
+        element("span", { class: `s-${status}` }, `${SIGN[status]} ${status} `)])));
     }
     if (trees) {
       for (const name of ["T_A", "T_Li"]) {
