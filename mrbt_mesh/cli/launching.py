@@ -119,7 +119,7 @@ async def _detached(team: Team) -> int:
             stderr=output,
             start_new_session=True,
         )
-    click.echo(f"{team.mission.name}: {len(info.robots)} robots run; see mrbt status")
+    click.echo(f"{info.team}: {len(info.robots)} robots run; see mrbt status")
     click.echo(f"run directory: {run_dir.path}")
     return SUCCESS
 

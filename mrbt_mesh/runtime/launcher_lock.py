@@ -21,7 +21,7 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, identity_of_this_proc
 
 # A robot that has not left after so long never will, such as one whose program blocks it.
 LEAVE_LIMIT_S = 10.0
-LOOKS, LOOK_S = 100, 0.01
+LOOKS, LOCK_TRIES, LOOK_S = 100, 10, 0.01
 
 
 @contextlib.contextmanager
@@ -37,7 +37,7 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
         raise RunDirError(f"cannot write the run directory: {error}") from error
     try:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(descriptor)
         except BlockingIOError:
             raise RunDirError(f"{run_dir.path}: another process runs this team") from None
         except OSError as error:
@@ -51,6 +51,15 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+def _lock(descriptor: int) -> None:
+    """Lock the file; who looks whether it is locked, with `is_launched`, locks it for a moment."""
+    for _ in range(LOCK_TRIES - 1):
+        with contextlib.suppress(BlockingIOError):
+            return fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        time.sleep(LOOK_S)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def is_launched(run_dir: RunDir) -> bool:
@@ -68,7 +77,7 @@ def is_launched(run_dir: RunDir) -> bool:
     return False
 
 
-def launcher(run_dir: RunDir) -> psutil.Process | None:
+def launcher_of(run_dir: RunDir) -> psutil.Process | None:
     """The process that launched the run's robots, if it lives and is of this machine."""
     for _ in range(LOOKS):
         if not is_launched(run_dir):

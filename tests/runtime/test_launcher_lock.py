@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import subprocess
 import sys
 import threading
@@ -10,7 +12,12 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.runtime.launcher import agent_arguments
-from mrbt_mesh.runtime.launcher_lock import LauncherWatch, is_launched, launched_from_here
+from mrbt_mesh.runtime.launcher_lock import (
+    LauncherWatch,
+    is_launched,
+    launched_from_here,
+    launcher_of,
+)
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 
@@ -82,6 +89,21 @@ def test_a_run_has_one_launcher_at_a_time(tmp_path: Path) -> None:
     with launched_from_here(run_dir):
         assert is_launched(run_dir)
     assert not is_launched(run_dir)
+
+
+def test_who_looks_for_a_launcher_is_not_taken_for_one(tmp_path: Path) -> None:
+    run_dir = RunDir(tmp_path)
+    run_dir.launcher_lock_path.touch()
+    with run_dir.launcher_lock_path.open() as file:
+        fcntl.flock(file, fcntl.LOCK_SH)
+        looking = threading.Timer(0.02, fcntl.flock, (file, fcntl.LOCK_UN))
+        looking.start()
+        with launched_from_here(run_dir):
+            found = launcher_of(run_dir)
+        looking.join()
+    assert found is not None
+    assert found.pid == os.getpid()
+    assert launcher_of(run_dir) is None
 
 
 def test_a_run_directory_that_cannot_be_written_is_explained(tmp_path: Path) -> None:

@@ -120,9 +120,9 @@ def _end_launcher(run_dir: RunDir) -> None:
     """Ask the run's `mrbt up` to end, and insist; without one its robots leave by themselves."""
     import psutil
 
-    from mrbt_mesh.runtime.launcher_lock import launcher
+    from mrbt_mesh.runtime.launcher_lock import launcher_of
 
-    process = launcher(run_dir)
+    process = launcher_of(run_dir)
     if process is not None:
         with contextlib.suppress(psutil.NoSuchProcess):
             process.terminate()
