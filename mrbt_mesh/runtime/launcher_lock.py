@@ -55,11 +55,14 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
 
 def _lock(descriptor: int) -> None:
     """Lock the file; who looks whether it is locked, with `is_launched`, locks it for a moment."""
-    for _ in range(LOCK_TRIES - 1):
-        with contextlib.suppress(BlockingIOError):
-            return fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        time.sleep(LOOK_S)
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    for tries_left in reversed(range(LOCK_TRIES)):
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except BlockingIOError:
+            if not tries_left:
+                raise
+            time.sleep(LOOK_S)
 
 
 def is_launched(run_dir: RunDir) -> bool:

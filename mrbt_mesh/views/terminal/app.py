@@ -40,12 +40,12 @@ KEYS = {
     "m": "this pane alone, or all of them again",
     "Left, Right, Space": "tree: fold, unfold",
     "o": "tree: fold what does not run, or unfold all",
-    "i": "tree: T_i of the selected robot, with T_A and T_Li; T_G again",
+    "i": "tree: T_i of the selected robot; T_G again",
     "/ then n, N": "tree: search, next match, previous match",
     "+, -": "timeline: zoom in, zoom out",
     "Left, Right ": "timeline: scroll in time",
     "l, w": "timeline: follow the run again; the whole run",
-    "q": "quit; `mrbt up` ends its team with it, `mrbt watch` does not",
+    "q": "quit; at `mrbt up` this ends the team",
 }
 
 
@@ -63,7 +63,7 @@ class TeamTop(App[None]):
         Binding("slash", "search", "find", key_display="/"),
         Binding("n", "again(1)", "Next match", show=False),
         Binding("N", "again(-1)", "Previous match", show=False),
-        Binding("o", "fold_resting", "fold"),
+        Binding("o", "fold_resting", "Fold", show=False),
         Binding("i", "own_tree", "T_i"),
         Binding("plus,equals_sign", "zoom(1)", "Zoom in", show=False),
         Binding("minus", "zoom(-1)", "Zoom out", show=False),

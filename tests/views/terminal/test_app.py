@@ -79,7 +79,7 @@ async def test_all_panes_are_on_screen(size: tuple[int, int]) -> None:
         assert "━✖···" in line_of(app, "›A1  ")
         for robot in ("A1", "A2", "B1", "B2", "C1", "C2"):
             assert sum(line[1:4] == f"{robot} " for line in lines) == 1, "a lane each"
-        assert "q quit ? help / find o fold" in lines[-1]
+        assert "q quit ? help / find i T_i" in lines[-1]
 
 
 async def test_notes_and_what_happened() -> None:
