@@ -31,7 +31,7 @@ from mrbt_mesh.runtime.capacity import (
 )
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
-from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of

@@ -30,7 +30,6 @@ SECTIONS = {
 MODULES = {
     "orders": "kill freeze thaw leave join fault pause resume abort decide",
     "runs": "ls down logs",
-    "agent": "router",
     "plan": "validate",
     "up": "demo",
 }

@@ -26,8 +26,8 @@ from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.past import tell_past
-from mrbt_mesh.runtime.recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDirError
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress

@@ -31,7 +31,7 @@ from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
-from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, write_atomically
 from mrbt_mesh.runtime.team import Team, address_of, new_run

@@ -32,7 +32,7 @@ from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
-from mrbt_mesh.runtime.recording import (
+from mrbt_mesh.runtime.observer_recording import (
     RecordTo,
     observer_metadata,
     observer_recording,

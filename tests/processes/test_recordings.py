@@ -14,7 +14,7 @@ from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.recording.recorded_state import state_text, team_state
 from mrbt_mesh.runtime.journal import read_journals
-from mrbt_mesh.runtime.recording import RecordTo
+from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.watcher import watching

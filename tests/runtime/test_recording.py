@@ -18,7 +18,8 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
-from mrbt_mesh.runtime.recording import RecordTo, observer_recording, robot_recording
+from mrbt_mesh.runtime.observer_recording import RecordTo, observer_recording
+from mrbt_mesh.runtime.recording import robot_recording
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from tests.support.build import action, make_mission
 from tests.support.keys import keys_of

@@ -1,24 +1,21 @@
-"""`mrbt agent` and `mrbt router`: one process of a team, anywhere on the network."""
+"""`mrbt agent`: one robot of a team, anywhere on the network."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 
 from mrbt_mesh.cli.command import (
     PATH,
-    SUCCESS,
     FiniteNumber,
     MrbtCommand,
-    end_process,
     options_as,
     refuse,
 )
-from mrbt_mesh.cli.network import NETWORK, endpoints_option, warn_insecure
+from mrbt_mesh.cli.network import NETWORK, warn_insecure
 from mrbt_mesh.cli.options import (
-    json_option,
     keep_option,
     program_option,
     record_beats_option,
@@ -27,7 +24,7 @@ from mrbt_mesh.cli.options import (
 )
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.robot_options import RobotOptions
-from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE, WARNING
+from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
 def _names(context: click.Context, option: click.Parameter, value: str | None) -> Any:
@@ -126,76 +123,3 @@ def agent(mission: Path, robot: str, options: RobotOptions) -> None:
     if options.metrics_port is None:
         refuse("give --metrics-port too", "--metrics-host")
     run_robot(mission, robot, options)
-
-
-@click.command(cls=MrbtCommand)
-@endpoints_option("--listen", "Endpoint to listen on. Default: port 7447, with --keys over TLS.")
-@endpoints_option("--connect", "Endpoint of another router; of two, one connects.")
-@click.option(
-    "--keys",
-    type=PATH,
-    metavar="DIR",
-    help="Folder with a router's key: members alone may link, over TLS or QUIC.",
-)
-@click.option(
-    "--write-config",
-    type=PATH,
-    metavar="FILE",
-    help="Do not run; write a configuration that makes zenohd do the same.",
-)
-@json_option
-def router(
-    listen: tuple[str, ...],
-    connect: tuple[str, ...],
-    keys: Path | None,
-    write_config: Path | None,
-    as_json: bool,
-) -> None:
-    """Pass messages on between robots that do not reach each other.
-
-    Runs until SIGINT or SIGTERM. Robots are its clients and need its address alone. With two
-    routers, one connected to the other, a team goes on when one of them dies. Teams of different
-    names do not hear each other.
-
-    \b
-    Example, on two machines, and a robot:
-      mrbt router
-      mrbt router --connect tcp/10.0.0.1:7447
-      mrbt agent --keys keys --mission mission.yaml --robot A1 --router tcp/10.0.0.1:7447
-    """
-    from mrbt_mesh.runtime import router as routing
-
-    where = listen or (routing.default_endpoint(keys is not None),)
-    if keys is None:
-        config = routing.RouterConfig(where, connect)
-    else:
-        config = routing.config_with_keys(keys, where, connect)
-    if write_config is not None:
-        routing.write_config(write_config, config)
-        click.echo(f"wrote {write_config}: zenohd -c {write_config}")
-        return
-    _route(config, as_json)
-
-
-def _route(config: Any, as_json: bool) -> NoReturn:
-    """Route until SIGINT or SIGTERM; raises TransportError."""
-    import json
-    import signal
-    import threading
-
-    from mrbt_mesh.runtime.router import Router
-
-    over = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: over.set())
-    router = Router(config)
-    if as_json:
-        click.echo(json.dumps({"locators": router.locators}))
-    else:
-        if config.certificates is None:
-            click.echo(f"{WARNING} everybody who reaches this router may link to it", err=True)
-        for locator in router.locators:
-            click.echo(f"running; robots of this network: --router {locator}")
-    over.wait()
-    router.close()
-    end_process(SUCCESS)

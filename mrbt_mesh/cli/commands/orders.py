@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fail
-from mrbt_mesh.cli.network import TeamOptions, team_options
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
+from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:

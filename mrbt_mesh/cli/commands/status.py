@@ -10,8 +10,8 @@ import click
 
 from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
 from mrbt_mesh.cli.commands.orders import nobody, with_team
-from mrbt_mesh.cli.network import TeamOptions, team_options
 from mrbt_mesh.cli.options import json_option
+from mrbt_mesh.cli.team_options import TeamOptions, team_options
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.membership.peer import State

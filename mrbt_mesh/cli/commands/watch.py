@@ -14,9 +14,9 @@ from mrbt_mesh.cli.command import (
     refuse,
 )
 from mrbt_mesh.cli.commands.agent import METRICS
-from mrbt_mesh.cli.network import TeamOptions, team_options
 from mrbt_mesh.cli.options import ShowOptions, record_beats_option, show_options
 from mrbt_mesh.cli.plugged import ChosenViews, check_exports, export_options, view_options
+from mrbt_mesh.cli.team_options import TeamOptions, team_options
 
 
 @click.command(cls=MrbtCommand)
@@ -53,7 +53,7 @@ def watch(
     from mrbt_mesh.cli import watching
     from mrbt_mesh.cli.finished import print_summary, summary_of_finished
     from mrbt_mesh.plugins import MetricsAddress
-    from mrbt_mesh.runtime.recording import RecordTo
+    from mrbt_mesh.runtime.observer_recording import RecordTo
     from mrbt_mesh.runtime.team import Team
 
     check_exports(exports)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.cli.network import TeamOptions
+from mrbt_mesh.cli.team_options import TeamOptions
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.robot_options import RobotOptions

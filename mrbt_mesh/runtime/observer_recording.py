@@ -1,0 +1,63 @@
+"""The recording of an observer of real processes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.metadata import OBSERVER, RunMetadata
+from mrbt_mesh.recording.observer_recorder import ObserverRecorder
+from mrbt_mesh.recording.writer import RecordingWriter
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES
+from mrbt_mesh.runtime.recording import GuardedRecorder, cannot_record, metadata_of
+
+
+@dataclass(frozen=True)
+class RecordTo:
+    """Where an observer records; with `beats` also every heartbeat.
+
+    `speed`: how many times faster simulated robots work. `limit_bytes`: the recording ends there.
+    """
+
+    path: Path
+    beats: bool = False
+    speed: float = 1.0
+    limit_bytes: int = DEFAULT_KEEP_BYTES
+
+
+def observer_recording(
+    to: RecordTo | None,
+    observer: Observer,
+    run: str,
+    keys: Keys | None,
+) -> GuardedRecorder[ObserverRecorder] | None:
+    """Begin to record what an observer hears; raises InputError if that cannot be."""
+    if to is None:
+        return None
+    metadata = replace(observer_metadata(observer, run, keys is not None), speed=to.speed)
+    try:
+        writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats, keys=keys)
+    except OSError as error:
+        raise InputError(cannot_record(to.path, error)) from None
+    return to_observers_record(ObserverRecorder(writer, observer, beats=to.beats), observer)
+
+
+def to_observers_record(
+    recorder: ObserverRecorder, observer: Observer
+) -> GuardedRecorder[ObserverRecorder]:
+    """A recording whose end is an entry of the observer's own record."""
+
+    def report(reason: str) -> None:
+        observer.record.say(boottime_us(), f"nothing is recorded any more: {reason}")
+
+    return GuardedRecorder(recorder, report)
+
+
+def observer_metadata(observer: Observer, run: str, has_keys: bool) -> RunMetadata:
+    """The metadata of an observer's recording."""
+    found = metadata_of(observer.mission, OBSERVER, run, observer.membership.timing)
+    return replace(found, has_keys=has_keys)
