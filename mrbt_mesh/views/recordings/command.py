@@ -174,7 +174,7 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     """
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
     from mrbt_mesh.runtime.known_runs import find_run
-    from mrbt_mesh.views.recordings.files import chosen, signature_check
+    from mrbt_mesh.views.recordings.files import chosen, manifest_of
     from mrbt_mesh.views.replay.findings import Verification
     from mrbt_mesh.views.replay.verify import verify as verify_recordings
     from mrbt_mesh.views.report.page import report_html
@@ -185,7 +185,7 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
 
     def verified(path: Path) -> Verification:
         recordings, folder = chosen((path,))
-        return verify_recordings(recordings, signature_check(folder))
+        return verify_recordings(recordings, manifest_of(folder))
 
     found = read_report(paths or (find_run(None, "RUN_DIR").path,), verified)
     if as_json:

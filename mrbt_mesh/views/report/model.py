@@ -178,13 +178,24 @@ class RunIdentity:
 
 @dataclass(frozen=True)
 class Proof:
-    """What `mrbt recording verify` finds in these recordings. `counts`: checks by kind."""
+    """What `mrbt recording verify` finds in these recordings: contradictions (`findings`), and
+    what is not proved (`gaps`). `counts`: checks by kind. `team_key`: empty without one.
+    """
 
-    is_verified: bool
     recordings: tuple[str, ...]
+    team_key: str
     counts: dict[str, int]
     findings: tuple[str, ...]
-    notes: tuple[str, ...]
+    gaps: tuple[str, ...]
+
+    @property
+    def result(self) -> str:
+        """In a few words."""
+        if self.findings:
+            return f"CONTRADICTED: {len(self.findings)} findings"
+        if self.gaps:
+            return f"not contradicted, and not all is proved: gaps: {len(self.gaps)}"
+        return "all proved"
 
 
 @dataclass(frozen=True)

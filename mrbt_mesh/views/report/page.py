@@ -113,9 +113,7 @@ def _identity(run: RunReport) -> str:
     else:
         rows.insert(0, ("when", "simulated, in virtual time"))
     if run.proof is not None:
-        rows.append(
-            ("recordings", "verified" if run.proof.is_verified else "NOT verified, see below")
-        )
+        rows.append(("mrbt recording verify", run.proof.result))
     listed = "".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in rows)
     return f'<dl class="identity">{listed}</dl>'
 
@@ -146,12 +144,16 @@ def _proof(run: RunReport) -> str:
     if proof is None:
         return ""
     counts = ", ".join(f"{count:,} {name}" for name, count in proof.counts.items())
-    result = "prove what the team did" if proof.is_verified else "do not prove what the team did"
-    text = f"{len(proof.recordings)} recordings {result}. Checked: {counts}."
-    findings = _table(("found",), ((each,) for each in proof.findings[:MOST_ROWS]))
-    left = len(proof.findings) - MOST_ROWS
-    more = _none(f"{left} more: see mrbt recording verify") if left > 0 else ""
-    return f"<p>{escape(text)}</p>" + "".join(map(_none, proof.notes)) + findings + more
+    text = f"{len(proof.recordings)} recordings: {proof.result}. Checked: {counts}."
+    key = f"Signed by the team whose key is {proof.team_key[:16]}." if proof.team_key else ""
+    basis = _none(key or "Without keys everything can be forged.")
+    shown = "".join(
+        _table((name,), ((each,) for each in found[:MOST_ROWS]))
+        for name, found in (("contradicted", proof.findings), ("not proved", proof.gaps))
+    )
+    left = sum(max(0, len(found) - MOST_ROWS) for found in (proof.findings, proof.gaps))
+    more = _none(f"{left} more: see mrbt recording verify") if left else ""
+    return f"<p>{escape(text)}</p>{basis}{shown}{more}"
 
 
 def _none(text: str) -> str:

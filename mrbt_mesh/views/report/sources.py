@@ -75,8 +75,8 @@ def _run_dir(path: Path, verify: Verify) -> RunReport:
 
 
 def _proof(found: Verification) -> Proof:
-    findings = tuple(map(str, found.findings))
-    return Proof(found.is_good, found.files, dict(found.counts), findings, found.notes)
+    findings, gaps = tuple(map(str, found.findings)), tuple(map(str, found.gaps))
+    return Proof(found.files, found.team_key, dict(found.counts), findings, gaps)
 
 
 def _orders(path: Path, began_unix_s: float | None) -> Iterator[ReportedOrder]:

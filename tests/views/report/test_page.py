@@ -128,18 +128,22 @@ def test_who_agreed_on_which_plan_when() -> None:
 
 def test_an_incident_has_its_date_clock_version_digest_orders_and_verification() -> None:
     identity = RunIdentity(1_795_641_208.552, "64cf970d", "5c96016d", "0.1.0")
-    proof = Proof(False, ("run.mcap",), {"facts": 1692}, ("run.mcap: record 3: wrong",), ("cut",))
+    findings = ("run.mcap: record 3: wrong",)
+    proof = Proof(("run.mcap",), "0123456789abcdef01", {"facts": 1692}, findings, ("cut",))
     orders = (ReportedOrder(6.685, "mrbt kill", "A1 (pid 7) killed"),)
     run = replace(RUN, identity=identity, proof=proof, orders=orders)
     text = report_html(RunsReport((run,)))
     for wanted in (
         "2026-11-25 21:13:28.552 to 21:13:48.552 UTC",
-        *("64cf970d", "5c96016d", "0.1.0", "NOT verified, see below"),
+        *("64cf970d", "5c96016d", "0.1.0", "CONTRADICTED: 1 findings"),
         "21:13:38.552",  # of the fault
         *("21:13:35.237", "mrbt kill", "A1 (pid 7) killed"),
-        "1 recordings do not prove what the team did. Checked: 1,692 facts.",
+        "Checked: 1,692 facts.",
+        "whose key is 0123456789abcdef.",
         *("run.mcap: record 3: wrong", "cut"),
     ):
         assert wanted in text, wanted
+    gaps = replace(run, proof=replace(proof, findings=()))
+    assert "not contradicted, and not all is proved: gaps: 1" in report_html(RunsReport((gaps,)))
     simulated = replace(run, identity=replace(identity, began_unix_s=None))
     assert "simulated, in virtual time" in report_html(RunsReport((simulated,)))
