@@ -7,6 +7,7 @@ import socket
 
 import pytest
 
+from mrbt_mesh.runtime.run_dir import ORDERS_FILE
 from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
 
 pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
@@ -174,6 +175,7 @@ def test_a_team_is_ended_by_its_name(team: Team) -> None:
     name = json.loads((team.run_dir / "run.json").read_text())["options"]["team"]
     expected = f"{name}: 2 robots ended, mission timeout\n"
     assert team.mrbt("down", name) == expected
+    assert "mrbt down" in (team.run_dir / ORDERS_FILE).read_text()
     code, summary = team.end()
     assert (code, summary["ended_because"]) == (3, "stopped by the operator")
     other = team.folder / "other"

@@ -106,6 +106,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     if not is_running(found):
         raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
     robots = [*found.living()]
+    found.note_order("mrbt down", "the team is ended")
     _end_launcher(found)
     anyio.run(Team(found, info, load_mission(found.mission_path)).end)
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
