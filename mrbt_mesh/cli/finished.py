@@ -32,7 +32,10 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
     summary = run_dir.summary()
     if summary is None and run_dir.robots():
         summary = _summary(run_dir)
+        from mrbt_mesh.runtime.summary_signature import sign_summary
+
         run_dir.write_summary(summary)
+        sign_summary(run_dir)
     return summary
 
 

@@ -28,7 +28,7 @@ from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.past import tell_past
-from mrbt_mesh.runtime.run_dir import RunDirError
+from mrbt_mesh.runtime.summary_signature import sign_summary
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
@@ -254,7 +254,8 @@ class Session:
         if team is not None and team.is_launched_here:
             try:
                 team.run_dir.write_summary(summary)
-            except RunDirError as error:
+                sign_summary(team.run_dir)
+            except InputError as error:
                 errors.print(str(error), soft_wrap=True, markup=False)
         print_summary(summary, self.show.as_json)
         print_refusals(refused)

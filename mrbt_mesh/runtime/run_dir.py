@@ -17,6 +17,7 @@ run.mcap            what `up` heard of it
 orders.jsonl        what operators ordered by commands and views, with the times
 deaths.json         the times of its deaths, as `up` and `drill` have them
 summary.json        written by `up` at the end; for a detached team by `cli/finished.py`
+summary.signature   its signature, in a team with keys (see `summary_signature`)
 summary_writer.out  what was printed by that process: nothing, unless it fails
 metrics-targets.json  where robots serve metrics, as Prometheus reads it (file_sd_configs)
 """

@@ -31,12 +31,14 @@ def record_example(
     )
 
 
-def record_keyed(folder: Path, name: str, seed: int, schedule: Schedule = ()) -> Manifest:
-    """Simulate an example whose robots have keys, and record it; returns the team's manifest."""
+def record_keyed(
+    folder: Path, name: str, seed: int, schedule: Schedule = ()
+) -> tuple[SimulationResult, Manifest]:
+    """Simulate an example whose robots have keys, and record it; its observer is `eye`."""
     mission, program = example(name)
     keys = keys_of(*mission.robots, observer="eye")
     options = AgentOptions(keys={**keys, OBSERVER: keys["eye"]})
-    simulate(
+    result = simulate(
         mission,
         program,
         seed=seed,
@@ -45,7 +47,7 @@ def record_keyed(folder: Path, name: str, seed: int, schedule: Schedule = ()) ->
         record=folder,
         timeout_us=60 * SECOND_US,
     )
-    return keys["eye"].manifest
+    return result, keys["eye"].manifest
 
 
 def read_all(folder: Path) -> list[Recording]:

@@ -131,12 +131,12 @@ def verify(
              mrbt recording verify simulated --accept unsigned
     """
     from mrbt_mesh.cli.terminal import console, print_json
-    from mrbt_mesh.views.recordings.files import chosen, manifest_of
+    from mrbt_mesh.views.recordings.files import chosen, manifest_of, summary_of
     from mrbt_mesh.views.recordings.render import render_verdict
     from mrbt_mesh.views.replay.verify import verify as verify_recordings
 
     recordings, folder = chosen(paths)
-    found = verify_recordings(recordings, manifest_of(keys or folder))
+    found = verify_recordings(recordings, manifest_of(keys or folder), summary_of(paths))
     holds = found.holds(accept)
     if as_json:
         print_json({"verified": holds, "accepted": sorted(accept), **found.to_json()})

@@ -16,14 +16,20 @@ from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
+from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
 from mrbt_mesh.views.replay.check_team import TeamCheck, lives
 from mrbt_mesh.views.replay.findings import Verification
 
 _Key = tuple[str, str, Version]
 
 
-def verify(recordings: Sequence[Recording], manifest: Manifest | None = None) -> Verification:
-    """Verify recordings of one run, at least one; the `manifest` checks signatures.
+def verify(
+    recordings: Sequence[Recording],
+    manifest: Manifest | None = None,
+    summary: SummaryFile | None = None,
+) -> Verification:
+    """Verify recordings of one run, at least one, and its summary; the `manifest` checks
+    signatures.
 
     Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
     """
@@ -46,6 +52,11 @@ def verify(recordings: Sequence[Recording], manifest: Manifest | None = None) ->
     _missing(checks)
     team = TeamCheck(checks, manifest)
     team.run()
+    findings = [each for check in checks for each in check.findings]
+    if summary is not None:
+        contradictions, gaps = check_summary(summary, recordings, manifest)
+        findings += contradictions
+        team.gaps += gaps
     counts: Counter[str] = Counter()
     for check in checks:
         counts.update(check.counts)
@@ -56,7 +67,7 @@ def verify(recordings: Sequence[Recording], manifest: Manifest | None = None) ->
         dict(sorted(counts.items())),
         tuple(team.proved),
         tuple(team.gaps),
-        tuple(each for check in checks for each in check.findings),
+        tuple(findings),
         tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
     )
 

@@ -28,7 +28,7 @@ FAULTS: dict[str, Schedule] = {
 def keyed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Manifest]:
     """The recordings of a run with keys in which A1 died, by the name of the file."""
     folder = tmp_path_factory.mktemp("keyed")
-    manifest = record_keyed(folder, "vehicle_repair", 7, FAULTS["killed"])
+    _, manifest = record_keyed(folder, "vehicle_repair", 7, FAULTS["killed"])
     return {each.name: each for each in read_all(folder)}, manifest
 
 
@@ -38,7 +38,7 @@ def texts(verdict: Verification) -> str:
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_honest_run_is_proved(tmp_path: Path, fault: str) -> None:
-    manifest = record_keyed(tmp_path, "vehicle_repair", 7, FAULTS[fault])
+    _, manifest = record_keyed(tmp_path, "vehicle_repair", 7, FAULTS[fault])
     recordings = read_all(tmp_path)
     verdict = verify(recordings, manifest)
     assert verdict.is_proved, texts(verdict)

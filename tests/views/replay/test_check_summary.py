@@ -1,0 +1,56 @@
+"""summary.json: signed by its observer, and as the observer's recording has it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from mrbt_mesh.recording.reader import Recording
+from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.runtime.summary_signature import signature_of
+from mrbt_mesh.views.replay.check_summary import SummaryFile
+from mrbt_mesh.views.replay.verify import verify
+from tests.support.keys import keys_of
+from tests.support.recorded import read_all, record_keyed
+
+Run = tuple[list[Recording], Manifest, bytes]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("summary")
+    result, manifest = record_keyed(folder, "explore", 3)
+    return read_all(folder), manifest, json.dumps(result.summary).encode()
+
+
+def found(run: Run, content: bytes, signature: str) -> list[str]:
+    verdict = verify(*run[:2], SummaryFile(content, signature))
+    return [str(each) for each in (*verdict.findings, *verdict.gaps)]
+
+
+def signed(run: Run, content: bytes, by: str = "eye") -> str:
+    return signature_of(keys_of("R1", "R2", observer="eye")[by], run[0][0].metadata.run, content)
+
+
+def test_a_signed_summary_is_proved(run: Run) -> None:
+    content = run[2]
+    assert found(run, content, signed(run, content)) == []
+
+
+def test_what_is_not_signed_is_named(run: Run) -> None:
+    content = run[2]
+    (text,) = found(run, content.replace(b"duration_s", b"length_s"), signed(run, content))
+    assert text == "summary.json: it is not what was signed in summary.signature"
+    assert found(run, content, signed(run, content, "R1")) == [text]
+    assert found(run, content, "[]") == [text]
+    assert "it has no signature" in found(run, content, "")[0]
+    assert "it is missing" in found(run, b"", "")[0]
+
+
+def test_a_stolen_key_does_not_hide_another_result(run: Run) -> None:
+    forged = run[2].replace(b'"result": "success"', b'"result": "failure"', 1)
+    (text,) = found(run, forged, signed(run, forged))
+    assert "its result is failure, that of the recording success" in text
+    (text,) = found(run, b"{}", signed(run, b"{}"))
+    assert "it is malformed" in text
