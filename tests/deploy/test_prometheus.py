@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import re
 import shutil
+import socket
 import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,7 +27,7 @@ from tests.support.paths import ROOT
 
 FOLDER = ROOT / "deploy" / "prometheus"
 ALERTS, BOARD = FOLDER / "alerts.yml", FOLDER / "grafana-board.json"
-PROMTOOL = shutil.which("promtool")
+PROMTOOL, PROMETHEUS = shutil.which("promtool"), shutil.which("prometheus")
 needs_promtool = pytest.mark.skipif(
     PROMTOOL is None, reason="promtool is not installed (Debian: apt-get install prometheus)"
 )
@@ -134,46 +137,61 @@ def test_promtool_accepts_the_metrics() -> None:
     assert done.stdout == done.stderr == ""
 
 
+def late(name: str, bound: str, labels: str = "") -> dict[str, str]:
+    """A histogram whose samples all exceed the bound."""
+    return {
+        f'{name}_bucket{{{labels}le="{bound}"}}': "0x40",
+        **{f'{name}_bucket{{{labels}le="{le}"}}': "0+20x40" for le in ("10.0", "+Inf")},
+        f"{name}_count{{{labels}}}": "0+20x40",
+    }
+
+
+A = {"robot": "A"}
+# Alert -> the series with which it fires, one sample every five seconds, and what it is about.
+FIRING: dict[str, tuple[dict[str, str], dict[str, str]]] = {
+    "RobotDead": ({'mrbt_peer_dead{run="r",robot="B",peer="A"}': "1x40"}, {"run": "r"}),
+    "TeamNotHeard": ({}, {"severity": "critical"}),
+    "DetectionSlow": (late("mrbt_team_detection_duration_seconds", "2.5"), {}),
+    "TakeoverSlow": (late("mrbt_team_takeover_duration_seconds", "2.5"), {}),
+    "RobotDoesNotAnswer": ({'mrbt_event_loop_responds{robot="A"}': "0x40"}, A),
+    "NoAgreement": (
+        {'mrbt_agreement{instance="i"}': "0x40", 'mrbt_joined{instance="i"}': "1x40"},
+        {"instance": "i"},
+    ),
+    "RobotDoesNotJoin": ({'mrbt_joined{robot="A"}': "0x40"}, A),
+    "RequestBlocked": ({'mrbt_requests{run="r",state="blocked"}': "2x40"}, {"run": "r"}),
+    "MessagesRefused": (
+        {'mrbt_refused_messages_total{robot="A",reason="flood"}': "0+100x40"},
+        {"robot": "A", "reason": "flood"},
+    ),
+    "InboxOverflow": ({'mrbt_inbox_dropped_messages_total{robot="A"}': "0+1x40"}, A),
+    "EventLoopLate": (late("mrbt_event_loop_lag_seconds", "0.1", 'robot="A",'), A),
+    "JournalSlow": (late("mrbt_journal_sync_duration_seconds", "0.25", 'robot="A",'), A),
+    "DiskFull": ({'mrbt_journal_problem{robot="A",reason="disk_full"}': "1x40"}, A),
+    "JournalFails": ({'mrbt_journal_problem{robot="A",reason="other"}': "1x40"}, A),
+    "RobotFencedItself": ({'mrbt_fencings_total{robot="A"}': "0+1x40"}, A),
+    "MissionFailed": ({'mrbt_mission_status{run="r",status="failure"}': "1x40"}, {"run": "r"}),
+}
+# With these nothing fires.
+CALM = {"mrbt_robot_info": "1x40"}
+
+
+def test_every_alert_is_fired_here() -> None:
+    (group,) = YAML(typ="safe").load(ALERTS.read_text())["groups"]
+    assert {rule["alert"] for rule in group["rules"]} == FIRING.keys()
+
+
 @needs_promtool
-@pytest.mark.parametrize(
-    ("alert", "series", "at", "labels"),
-    [
-        ("RobotDead", {'mrbt_peer_dead{run="r",robot="B",peer="A"}': "1x20"}, "30s", {"run": "r"}),
-        ("RequestBlocked", {'mrbt_requests{run="r",state="blocked"}': "2x20"}, "30s", {"run": "r"}),
-        (
-            "NoAgreement",
-            {'mrbt_agreement{instance="i"}': "0x20", 'mrbt_joined{instance="i"}': "1x20"},
-            "30s",
-            {"instance": "i"},
-        ),
-        (
-            "MessagesRefused",
-            {'mrbt_refused_messages_total{robot="A",reason="flood"}': "0+100x40"},
-            "2m",
-            {"robot": "A", "reason": "flood"},
-        ),
-        (
-            "EventLoopLate",
-            {
-                'mrbt_event_loop_lag_seconds_bucket{robot="A",le="0.1"}': "0+1x40",
-                'mrbt_event_loop_lag_seconds_bucket{robot="A",le="0.25"}': "0+20x40",
-                'mrbt_event_loop_lag_seconds_bucket{robot="A",le="+Inf"}': "0+20x40",
-            },
-            "2m",
-            {"robot": "A"},
-        ),
-    ],
-)
-def test_alerts_fire(
-    alert: str, series: dict[str, str], at: str, labels: dict[str, str], tmp_path: Path
-) -> None:
-    """With these series, one sample every five seconds; and with none of them nothing fires."""
+@pytest.mark.parametrize("alert", FIRING)
+def test_alerts_fire(alert: str, tmp_path: Path) -> None:
+    series, labels = FIRING[alert]
     rules = {"rule_files": [str(ALERTS)], "evaluation_interval": "5s"}
     for name, holds in (("with", True), ("without", False)):
+        given = series if holds else CALM
         test = {
             "interval": "5s",
-            "input_series": [{"series": s, "values": v} for s, v in series.items()] * holds,
-            "alert_rule_test": [{"eval_time": at, "alertname": alert, **expected(labels, holds)}],
+            "input_series": [{"series": s, "values": v} for s, v in given.items()],
+            "alert_rule_test": [{"eval_time": "2m", "alertname": alert, **expected(holds)}],
         }
         path = tmp_path / f"{name}.yml"
         path.write_text(json.dumps(rules | {"tests": [test]}))
@@ -185,7 +203,49 @@ def test_alerts_fire(
         assert {f'{key}="{value}"' for key, value in labels.items()} <= found or not holds
 
 
-def expected(labels: dict[str, str], holds: bool) -> dict[str, Any]:
+@pytest.mark.skipif(PROMETHEUS is None, reason="no prometheus (Debian: apt-get install prometheus)")
+def test_a_real_prometheus_reads_a_team_and_fires(tmp_path: Path) -> None:
+    page = families()
+    config = YAML(typ="safe").load((FOLDER / "prometheus.yml").read_text())
+    config["global"] = {"scrape_interval": "1s", "evaluation_interval": "1s"}
+    config["rule_files"] = [str(ALERTS)]
+    with serving(MetricsAddress(0), metrics_app(lambda: page)) as port, socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+        free.close()
+        targets = [{"targets": [f"127.0.0.1:{port}"]}]
+        config["scrape_configs"] = [{"job_name": "mrbt-robots", "static_configs": targets}]
+        path = tmp_path / "prometheus.yml"
+        path.write_text(json.dumps(config))
+        words = (f"--config.file={path}", f"--storage.tsdb.path={tmp_path / 'data'}")
+        with (tmp_path / "out").open("w") as output:
+            process = subprocess.Popen(
+                [str(PROMETHEUS), *words, f"--web.listen-address={address}"],
+                stdout=output,
+                stderr=output,
+            )
+        try:
+            firing = wait_until_firing(address)
+        finally:
+            process.terminate()
+            process.wait(30)
+    assert {"RobotDead", "RequestBlocked"} & firing, (tmp_path / "out").read_text()
+    assert "TeamNotHeard" not in firing
+
+
+def wait_until_firing(address: str) -> set[str]:
+    """The alerts that fire, once any does."""
+    for _ in range(600):
+        with contextlib.suppress(OSError):
+            text = urlopen(f"http://{address}/api/v1/alerts", timeout=5).read()
+            alerts = json.loads(text)["data"]["alerts"]
+            if firing := {a["labels"]["alertname"] for a in alerts if a["state"] == "firing"}:
+                return firing
+        threading.Event().wait(0.1)
+    return set()
+
+
+def expected(holds: bool) -> dict[str, Any]:
     """Something that is never so, for promtool to say what is; or nothing at all."""
     return {"exp_alerts": [{"exp_labels": {"none": "such"}}] if holds else []}
 

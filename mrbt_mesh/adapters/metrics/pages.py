@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -23,15 +25,17 @@ from mrbt_mesh.adapters.metrics.families import (
 from mrbt_mesh.adapters.metrics.meter import Meter
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.tree import Kind, Status
-from mrbt_mesh.core.facts.records import Outcome
+from mrbt_mesh.core.facts.records import JOURNAL, Outcome
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.runtime.journal_writer import SLOW
 from mrbt_mesh.version import __version__
 
 STATUSES = tuple(status.name.lower() for status in Status)
 STATES, TASK_STATES = tuple(map(str, State)), tuple(map(str, TaskState))
+DISK_FULL = os.strerror(errno.ENOSPC)
 _REQUESTS = "Requests of T_G: served, waiting for busy robots, or blocked for lack of robots."
 
 
@@ -55,6 +59,11 @@ def _itself(view: AgentView, meter: Meter) -> Iterator[Family]:
     yield histogram("mrbt_event_loop_lag_seconds", text, meter.lag_s)
     text = "Time of a write to the journal that is synced to disk."
     yield histogram("mrbt_journal_sync_duration_seconds", text, meter.sync_s)
+    problem = view.facts.problems.get(view.robot, {}).get(JOURNAL, "")
+    text = "Whether its journal has a problem: its disk is full, it is slow, or another one."
+    reasons = {"disk_full": DISK_FULL in problem, "slow": problem == SLOW}
+    reasons["other"] = bool(problem) and not any(reasons.values())
+    yield gauge("mrbt_journal_problem", text, by_name(reasons), "reason")
     yield gauge("mrbt_facts", "Facts that it holds, of all authors.", float(len(view.facts.map)))
 
 
@@ -187,7 +196,7 @@ def _team_faults(observer: Observer) -> Iterator[Family]:
             (detection_s, fault.detected_after_us),
             (takeover_s, fault.reassigned_after_us),
         ):
-            if after_us is not None:
+            if after_us is not None and not fault.is_older:
                 durations.observe(after_us / 1e6)
     text = "Time from a death until all knew."
     yield histogram("mrbt_team_detection_duration_seconds", text, detection_s)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mrbt_mesh.adapters.metrics.pages import robot_page, team_page
+from mrbt_mesh.core.facts.records import JOURNAL
+from mrbt_mesh.runtime.journal_writer import SLOW
 from tests.support.metered import MeteredTeam, values
 
 
@@ -42,6 +46,22 @@ def test_a_robot_without_work_has_no_sample_of_a_running_task() -> None:
 
 def test_a_lost_capability() -> None:
     assert page("tell A fault weld", "pass 100")["mrbt_lost_capabilities",] == 1
+
+
+@pytest.mark.parametrize(
+    ("problem", "reason"),
+    [
+        ("journal cannot be written: No space left on device", "disk_full"),
+        ("journal cannot be written: it is read-only", "other"),
+        (SLOW, "slow"),
+    ],
+)
+def test_a_problem_of_the_journal(problem: str, reason: str) -> None:
+    team = MeteredTeam()
+    team.view.facts.problems["A"] = {JOURNAL: problem}
+    found = values(robot_page(team.view, team.meter))
+    names = ("disk_full", "slow", "other")
+    assert [n for n in names if found["mrbt_journal_problem", n]] == [reason]
 
 
 def test_the_names_are_those_that_prometheus_asks_for() -> None:
