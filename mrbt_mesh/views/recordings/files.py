@@ -10,7 +10,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.runtime.known_runs import find_run
-from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, RUN_FILE, SUMMARY_FILE
+from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, SUMMARY_FILE
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.member_keys import Manifest
@@ -39,17 +39,16 @@ def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
 
 
 def summary_of(paths: Sequence[Path]) -> SummaryFile | None:
-    """The summary of the first run directory, which it need not have yet; raises InputError."""
+    """The summary of the run directory that has one; raises InputError."""
     from mrbt_mesh.runtime.summary_signature import SIGNATURE_FILE
     from mrbt_mesh.views.replay.check_summary import SummaryFile
 
     for path in paths or (find_run(None, "RUN_DIR").path,):
         file, signature = path / SUMMARY_FILE, path / SIGNATURE_FILE
         try:
-            if (path / RUN_FILE).is_file():
-                content = file.read_bytes() if file.is_file() else b""
+            if file.is_file():
                 text = signature.read_text("utf-8", "replace") if signature.is_file() else ""
-                return SummaryFile(content, text)
+                return SummaryFile(file.read_bytes(), text)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     return None
