@@ -1,4 +1,4 @@
-"""The README's pictures of the page: a robot of the demo has just been killed by its button."""
+"""The README's pictures of the page: a robot has just been killed from its menu."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from benchmarks.page.chromium import chromium
 WAIT_MS = 60_000
 SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
 _TAKEN_OVER = '#takeovers button:has-text("taken over"):not(:has-text("not taken over"))'
+_MISSION = "examples/vehicle_repair/mission.yaml"
 # A part is being diagnosed by a robot whose work another one, now free, can take over.
 _MOMENT = """() => {
   const said = [...document.querySelectorAll(".card")].map((card) => card.innerText);
@@ -26,14 +27,14 @@ _MOMENT = """() => {
 def make(folder: Path) -> None:
     """Write `page-light.png` and `page-dark.png`."""
     folder.mkdir(parents=True, exist_ok=True)
-    demo = subprocess.Popen(
-        [sys.executable, "-m", "mrbt_mesh", "demo", "--headless"],
+    team = subprocess.Popen(
+        [sys.executable, "-m", "mrbt_mesh", "up", _MISSION, "--headless", "--web", "--control"],
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert demo.stdout is not None
-    lines = iter(demo.stdout)
-    found = next(filter(None, (re.search(r"page: (\S+)", line) for line in lines)))
+    assert team.stdout is not None
+    lines = iter(team.stdout)
+    found = next(filter(None, (re.search(r"web: (\S+)", line) for line in lines)))
     with chromium() as browser:
         pages: dict[str, Any] = {}
         for scheme in SCHEMES:
@@ -52,7 +53,9 @@ def make(folder: Path) -> None:
             page.wait_for_selector(_TAKEN_OVER)
             page.wait_for_selector("#why-body table")
         first.wait_for_selector("#toast", state="hidden")
+        # Robots keep their places while the mouse points at them.
+        first.mouse.move(0, 0)
         for name, page in pages.items():
             page.screenshot(path=folder / f"page-{name}.png")
-    demo.send_signal(signal.SIGINT)
-    demo.communicate()
+    team.send_signal(signal.SIGINT)
+    team.communicate()

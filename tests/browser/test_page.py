@@ -61,6 +61,7 @@ def ended(result: str = "success") -> str:
 def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser) -> None:
     url, robot = at_work(team)
     page, problems = opened(browser, url)
+    page.click("#alerts")
     assert "#" not in page.url, "the token is out of sight"
     # Who has read nothing is told what to do, and what colours and idle robots mean.
     page.wait_for_selector('#no-faults:has-text("kill one from its menu")')
@@ -73,6 +74,7 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     event = team.wait_for_event("do_diagnosis", args=["2"], robot=replacement)
     assert event["robot"] == replacement
     page.wait_for_selector(f'.card[data-state="dead"]:has-text("{robot}")')
+    page.wait_for_function("document.title.startsWith('⚠ ')")
     # The drawer opens by itself, and the robot in trouble comes first.
     page.wait_for_selector('#why-body .sentence:has-text("took over its")')
     assert robot in page.inner_text(".card >> nth=0")

@@ -106,6 +106,17 @@ def test_a_death_is_found_by_its_mark_and_undone_by_going_back(url: str, browser
     assert problems == []
 
 
+def test_a_link_leads_to_a_moment(url: str, browser: Browser) -> None:
+    page, problems = opened(browser, f"{url}?t=14.25")
+    page.wait_for_selector('#play[aria-label="Play"]')
+    assert place_s(page) == pytest.approx(14.25, abs=0.1)
+    page.click("#link")
+    page.wait_for_selector('#toast:has-text("?t=14.25")')
+    page.click('.card[data-state="dead"] .name')
+    page.wait_for_selector('#why-body .events li:has-text("died at it")')
+    assert problems == []
+
+
 def test_everybody_can_use_it(url: str, browser: Browser) -> None:
     for size, scheme in ((WIDE, "light"), (PHONE, "dark")):
         page, problems = opened(browser, url, size, scheme)

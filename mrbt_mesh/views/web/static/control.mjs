@@ -10,7 +10,7 @@ export function takeToken() {
   const token = location.hash.slice(1);
   if (token) {
     sessionStorage.setItem("mrbt-token", token);
-    history.replaceState(null, "", location.pathname);
+    history.replaceState(null, "", location.pathname + location.search);
   }
   return sessionStorage.getItem("mrbt-token") ?? "";
 }

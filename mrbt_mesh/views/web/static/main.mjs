@@ -1,5 +1,6 @@
 // The page: puts its parts together and keeps them up to date.
 
+import { Alerts } from "./alerts.mjs";
 import { Control, copy, takeToken } from "./control.mjs";
 import { MapView } from "./map.mjs";
 import { PlaybackView } from "./playback.mjs";
@@ -75,15 +76,18 @@ async function begin() {
   const timeline = new TimelineView(store, select, told.recording, (time) => playback?.go(time));
   const map = new MapView(store, told.map, select);
   for (const view of [robots, tree, timeline, why, map, ...(playback ? [playback] : []), ...(control ? [control] : [])]) store.onChange((keys) => view.update(keys, store));
+  const alerts = new Alerts(told.name);
   offerCommands(told.commands);
   if (control) setText(byId("no-faults"), TRY_IT);
   store.onChange(() => {
     const statements = headline(store, playback !== null);
     say(statements);
-    document.title = `${statements[0].level === "bad" ? `${LEVEL_SIGN.bad} ` : ""}${told.name} · ${told.recording ? "replay · " : ""}mrbt`;
+    alerts.update(statements);
+    document.title = `${alerts.prefix}${statements[0].level === "bad" ? `${LEVEL_SIGN.bad} ` : ""}${told.name} · ${told.recording ? "replay · " : ""}mrbt`;
     byId("after").hidden = !(store.get("team")?.ended || store.state === "over");
   });
   search([robots, tree, timeline]);
+  linkMoments(timeline, playback);
   byId("signs-body").replaceChildren(...allSigns());
   dialog("signs", byId("signs-open"));
   store.connect();
@@ -94,6 +98,16 @@ async function begin() {
     requestAnimationFrame(tick);
   };
   tick();
+}
+
+// `?t=SECONDS` leads to a moment of the run.
+function linkMoments(timeline, playback) {
+  const text = new URLSearchParams(location.search).get("t"), time = Number(text);
+  if (text && Number.isFinite(time)) {
+    timeline.showMoment(time);
+    playback?.go(time, true);
+  }
+  byId("link").addEventListener("click", () => copy(`${location.origin}${location.pathname}?t=${timeline.moment().toFixed(2)}`));
 }
 
 // One field for robots, tasks and events: each view shows what fits, and says how much that is.

@@ -40,10 +40,10 @@ export class PlaybackView {
     }
   }
 
-  go(time) {
+  go(time, isPaused) {
     const at = Math.max(this._from, Math.min(time, this._to));
     this._store.leap(at);
-    this._wish({ at_s: at });
+    this._wish({ at_s: at, ...(isPaused ? { paused: true } : {}) });
   }
 
   // Times at which something broke, in order.

@@ -418,6 +418,16 @@ export class TimelineView {
 
   _whole() { this._set(this._recording?.from_s ?? 0, Math.max(5, (this._end() ?? 0) * 1.05)); }
 
+  // Where a recording is; of a team, the time that is followed, or the middle of what is shown.
+  moment() { return this._recording || this._isFollowing ? this._store.now() ?? 0 : (this._span[0] + this._span[1]) / 2; }
+
+  // The end of a running team is not known yet, so this is not limited to it.
+  showMoment(time) {
+    const half = (this._span[1] - this._span[0]) / 2;
+    this._span = [time - half, time + half];
+    this._follow(false);
+  }
+
   _zoomBy(factor) {
     const [from, to] = this._span, now = this._store.now() ?? to;
     const middle = this._isFollowing ? now : (from + to) / 2;

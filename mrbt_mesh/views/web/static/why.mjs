@@ -1,8 +1,10 @@
 // Why: what is selected, explained by the server from the plan.
 
-import { SIGN, STATUS, byId, element, kindSign, seconds } from "./text.mjs";
+import { ENDS, SIGN, STATUS, byId, element, kindSign, lostText, seconds } from "./text.mjs";
 
 const AGAIN_MS = 300;
+// Entries of a robot's history that are shown.
+const HISTORY = 30;
 const TREES = ["T_i", "T_A", "T_G", "T_Li"];
 
 // A drawer. It opens by itself on the newest fault, and shows that until somebody selects something.
@@ -103,12 +105,25 @@ export class WhyView {
       parts.push(element("p", { class: "hint" }, ...statuses.flatMap((status, i) => [`${TREES[i]} `,
         element("span", { class: `s-${status}` }, `${SIGN[status]} ${status} `)])));
     }
+    if (chosen.kind === "robot") parts.push(...this._history(chosen.name));
     if (trees) {
       for (const name of ["T_A", "T_Li"]) {
         parts.push(element("h3", {}, `${name}: ${name === "T_A" ? "how it plans" : "its own tasks"}`), ownTree(trees[name], name));
       }
     }
     body.replaceChildren(...parts);
+  }
+
+  // What a robot has done and lost, the newest first.
+  _history(name) {
+    const of = (kind) => [...this._store.all(kind).values()].filter((each) => each.robot === name);
+    const rows = [
+      ...of("work").map((work) => [work.claimed_s, `${work.local_task} for ${work.global_task}: ${ENDS[work.end ?? "running"]}${work.reason ? `: ${work.reason}` : ""}`]),
+      ...of("fault").map((fault) => [fault.at_s, "died"]), ...of("fault").filter((fault) => fault.until_s !== null).map((fault) => [fault.until_s, "back"]),
+      ...of("loss").map((loss) => [loss.at_s, lostText(loss.local_tasks, loss.reason)]),
+    ].sort((a, b) => b[0] - a[0]).slice(0, HISTORY);
+    return rows.length ? [element("h3", {}, "What it did, the newest first"),
+      element("ol", { class: "events" }, ...rows.map(([at, text]) => element("li", {}, element("time", {}, seconds(at)), element("span", {}, text))))] : [];
   }
 
   _candidate(each) {
