@@ -23,6 +23,10 @@ class DeathTimes:
     exact: bool
 
 
+# As a robot knows nobody when it joins, its first plan may lack robots for this long.
+BRIEF_US = 100_000
+
+
 @dataclass(slots=True)
 class MajorFault:
     """A robot's death: its claim, and its times as `DeathTimes` has them.
@@ -117,12 +121,19 @@ class FailedEnd:
 
 @dataclass(slots=True)
 class BlockedEpisode:
-    """A time during which a request could not be served by any living robots."""
+    """A time during which a request could not be served by any living robots.
+
+    `is_brief`: it was over sooner than robots that join hear of one another.
+    """
 
     request: str
     reason: str
     from_us: int
     to_us: int | None = None
+
+    @property
+    def is_brief(self) -> bool:
+        return self.to_us is not None and self.to_us - self.from_us < BRIEF_US
 
 
 @dataclass(slots=True)

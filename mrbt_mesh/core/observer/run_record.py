@@ -282,6 +282,7 @@ class RunRecord:
             if episode.to_us is None and now_blocked.get(episode.request) != episode.reason:
                 episode.to_us = now_us
                 self.say(now_us, f"{episode.request} is no longer blocked")
+        self.blocked = [each for each in self.blocked if not each.is_brief]
         running = {episode.request for episode in self.blocked if episode.to_us is None}
         for request, reason in now_blocked.items():
             if settled and request not in running:
