@@ -26,6 +26,7 @@ from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.known_runs import known_runs
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.past import tell_past
 from mrbt_mesh.runtime.summary_signature import sign_summary
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
+LOOK_S = 0.2
 TERMINAL_VIEW = "top"
 
 
@@ -45,6 +47,15 @@ def print_where(address: TeamAddress, show: ShowOptions) -> None:
     """Where a team is looked for that may not exist yet."""
     if not show.as_json and not _is_live(show):
         click.echo(f"listening for team {address.transport.team}, run {address.run}")
+
+
+def wait_for_a_run() -> None:
+    """Wait until this machine has a run, if it has none."""
+    if known_runs():
+        return
+    click.echo("no run is known here: waiting for the first one (mrbt up MISSION)", err=True)
+    while not known_runs():
+        time.sleep(LOOK_S)
 
 
 def past_of(team: Team | None) -> Callable[[Observer], None] | None:

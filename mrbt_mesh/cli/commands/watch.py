@@ -40,6 +40,8 @@ def watch(
 ) -> None:
     """Watch a team that runs already, or will run; it does not notice.
 
+    On a machine that has had no run yet it waits for the first one.
+
     Ends with the mission, or prints the summary of a run that is over. With a view, it goes on
     until the view is closed, or until Ctrl-C. Exit status: that of `mrbt up`; with a view 0.
 
@@ -63,6 +65,8 @@ def watch(
     metrics = MetricsAddress(metrics_port, metrics_host) if metrics_port is not None else None
     if record is None:
         refuse("of a recording: give --record as well", "--record-beats")
+    if team.run_dir is None and team.mission is None:
+        watching.wait_for_a_run()
     found = team.run_directory()
     if found is not None and not views.viewers:
         summary = summary_of_finished(found)
