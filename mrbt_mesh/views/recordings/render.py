@@ -16,7 +16,8 @@ MOST_FINDINGS = 20
 _TASK_STATES = ("success", "failure", "running", "cancelled", "not_started")
 _COUNTED = {
     "facts": "facts read again",
-    "signatures": "signatures checked",
+    "signatures": "signatures of facts checked",
+    "recording_signatures": "signatures of recordings checked",
     "dropped": "facts dropped rightly",
     "plans": "plans made again",
     "statuses": "statuses of T_G found again",

@@ -72,7 +72,7 @@ class TeamCheck:
             return None
         last = None
         for each in check.recording.signatures:
-            check.counts["signatures"] += 1
+            check.counts["recording_signatures"] += 1
             if not self._is_owners(check.recording.metadata.robot, each):
                 check.add_to(each.number, f"what was recorded before was not signed by {each.by}")
             elif last is not None and last.is_end:
