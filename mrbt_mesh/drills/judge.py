@@ -226,7 +226,9 @@ class _Judge:
         found = [
             f"{line.robot} did not hear {line.peer}"
             for line in self.evidence.links
-            if not line.back and not line.pair & hit and line.pair not in self.injected.disturbed
+            if line.event == "link_silent"
+            and not line.pair & hit
+            and line.pair not in self.injected.disturbed
         ]
         expected = f"at most {most} healthy links stall" if most else "no healthy link stalls"
         return DrillResult(expected, len(found) <= most, "; ".join(found) or "none")

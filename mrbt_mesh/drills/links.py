@@ -11,12 +11,18 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class LinkLine:
-    """`robot` has had no beat from `peer` itself for a lease, or (`back`) has one again."""
+    """`robot` has had no beat from `peer` itself for a lease (`event` link_silent), has one again
+    (link_heard), or no longer needs any (link_unwatched).
+    """
 
     unix_s: float
     robot: str
     peer: str
-    back: bool
+    event: str
+
+    @property
+    def back(self) -> bool:
+        return self.event == "link_heard"
 
     @property
     def pair(self) -> frozenset[str]:
@@ -33,16 +39,16 @@ def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
             continue
         # A killed robot's last line may be cut short.
         for line in map(json.loads, text[: text.rfind("\n") + 1].splitlines()):
-            if line["event"] in ("link_silent", "link_heard"):
+            if line["event"] in ("link_silent", "link_heard", "link_unwatched"):
                 unix_s = datetime.fromisoformat(line["timestamp"]).timestamp()
-                found.append(LinkLine(unix_s, robot, line["peer"], line["event"] == "link_heard"))
+                found.append(LinkLine(unix_s, robot, line["peer"], line["event"]))
     return sorted(found, key=lambda line: line.unix_s)
 
 
 def silent_at_the_end(lines: Iterable[LinkLine]) -> list[LinkLine]:
-    """The last entry about each link that was not heard again."""
+    """The last entry about each link that was needed and not heard again."""
     last = {(line.robot, line.peer): line for line in lines}
-    return [line for line in last.values() if not line.back]
+    return [line for line in last.values() if line.event == "link_silent"]
 
 
 def slow_returns(

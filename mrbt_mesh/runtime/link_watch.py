@@ -25,7 +25,9 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class LinkEvent:
-    """`what` is link_up (heard for the first time), link_silent, or link_heard (again)."""
+    """`what` is link_up (heard for the first time), link_silent, link_heard (again), or
+    link_unwatched: silent, of a robot that is no neighbour any more.
+    """
 
     what: str
     robot: str
@@ -59,7 +61,10 @@ class LinkWatch:
         """Take in how the links are now; returns what has changed."""
         events = []
         for gone in [robot for robot in self._links if robot not in robots]:
-            del self._links[gone]
+            link = self._links.pop(gone)
+            if link.is_silent:
+                silent_us = now_us - (now_us if link.heard_us is None else link.heard_us)
+                events.append(LinkEvent("link_unwatched", gone, silent_us))
         for robot, sighting in robots.items():
             event = self._look_at(robot, sighting, now_us)
             if event is not None:

@@ -198,7 +198,7 @@ def test_robots_that_were_hit_are_those_whose_processes_suffered() -> None:
 
 
 def link(unix_s: float, robot: str, peer: str, *, back: bool) -> LinkLine:
-    return LinkLine(unix_s, robot, peer, back)
+    return LinkLine(unix_s, robot, peer, "link_heard" if back else "link_silent")
 
 
 def cut_until(healed_s: float, *links: LinkLine, disturbed: str = "A1 B1") -> Evidence:
@@ -216,6 +216,9 @@ def test_links_come_back_in_time_or_not() -> None:
     assert (late.holds, late.found) == (False, "B1 heard A1 after 1.5 s")
     (never,) = results(cut_until(5, *lost, both[0]), links_back_within_s=2)
     assert (never.holds, never.found) == (False, "B1 hears A1 no more")
+    unneeded = LinkLine(7, "B1", "A1", "link_unwatched")
+    (other,) = results(cut_until(5, *lost, both[0], unneeded), links_back_within_s=2)
+    assert (other.holds, other.found) == (True, "1 links came back"), "A1 is no neighbour now"
     (idle,) = results(cut_until(5), links_back_within_s=2)
     assert (idle.holds, idle.found) == (False, "no link was lost")
 

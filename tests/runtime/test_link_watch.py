@@ -78,10 +78,12 @@ def test_reopening_in_vain_becomes_rarer() -> None:
     assert len(story.splits) == 2, "what is over is forgotten"
 
 
-def test_robots_that_are_gone_are_forgotten() -> None:
+def test_robots_that_are_no_neighbours_any_more_are_forgotten_and_reported_if_silent() -> None:
     watch = LinkWatch(LEASE_US)
-    here = {"B1": Sighting(0, 0, True)}
-    for now_us in range(0, 3 * LEASE_US, TICK_US):
-        watch.look(here, now_us)
+    silent = Sighting(0, 0, True)
+    for beats in range(0, 3 * LEASE_US, TICK_US):
+        watch.look({"B1": silent, "C1": Sighting(beats, beats, True)}, beats)
+    events = watch.look({}, 3 * LEASE_US)
+    assert events == [LinkEvent("link_unwatched", "B1", 3 * LEASE_US)]
     assert watch.look({}, 3 * LEASE_US) == []
     assert watch.split({}, 0, 3 * LEASE_US) is None
