@@ -190,7 +190,8 @@ def test_a_team_is_ended_by_its_name(team: Team) -> None:
 def test_who_watches_late_knows_the_past(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE)
-    team.wait_for_events(2, "explore")
+    for event in team.wait_for_events(2, "explore"):
+        team.wait_for_work(event)
     team.mrbt("kill", "R2")
     team.wait_for_line("R2 is dead")
     lines = team.command("watch", "--headless", "--timeout", "1").stdout
