@@ -31,11 +31,11 @@ def test_a_killed_container_is_replaced_and_comes_back_with_its_journal(
     lines.until("B1 is back")
     compose.hold()
     lines.until("mission: success")
-    noticed, taken_over = lines.until(
-        rf"B1 died, noticed after (\d+ ms), while on do_diagnosis\({part}\), "
-        rf"replaced by {replacement} after (\d+ ms)"
+    detected, taken_over = lines.until(
+        rf"B1 died, detected after about (\d+ ms), while on do_diagnosis\({part}\), "
+        rf"replaced by {replacement} after about (\d+ ms)"
     ).groups()
-    say(f"b1 killed: noticed after {noticed}, replaced after {taken_over}")
+    say(f"b1 killed: detected after {detected}, replaced after {taken_over}")
     assert compose.docker("wait", compose.container("observer")).strip() == "0"
 
     events = compose.events()
