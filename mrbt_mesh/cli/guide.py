@@ -11,8 +11,10 @@ import anyio
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.settings import WARNING
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
@@ -24,6 +26,7 @@ class Guide:
 
     def __init__(self, kill_after_s: float) -> None:
         self._kill_after_s = kill_after_s
+        self._problem: list[str] = []
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -45,12 +48,16 @@ class Guide:
                 process = team.process(robot)
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
-                    team.run_dir.note_order("mrbt demo", f"{robot} (pid {process.pid}) killed")
+                    try:
+                        team.run_dir.note_order("mrbt demo", f"{robot} (pid {process.pid}) killed")
+                    except InputError as error:
+                        self._problem = [f"{WARNING} {error}"]
                     return
 
     def closing(self, team: Team) -> list[str]:
         """Where the recording is, and three commands to try with it."""
         return [
+            *self._problem,
             "",
             "The run is recorded. Try:",
             f"  mrbt recording replay {observer_file(team.run_dir.path)}",

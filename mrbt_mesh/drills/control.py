@@ -70,7 +70,10 @@ class Control:
         """Do it and say what was done; raises OrderError."""
         text = await self._carry_out(order)
         if self._team is not None:
-            self._team.run_dir.note_order(f"a view: {order['act']}", text)
+            try:
+                self._team.run_dir.note_order(f"a view: {order['act']}", text)
+            except InputError as error:
+                return f"{text}; {error}"
         return text
 
     async def _carry_out(self, order: Any) -> str:

@@ -11,7 +11,7 @@ from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RUN_FILE, RunDir, RunDirError, state_dir, write_atomically
 
-# Runs that are over, and older than so many other ones, are no longer listed.
+# The number of runs that are listed; older ones only while they run.
 MOST_KNOWN = 50
 HOW_TO_NAME = "--run-dir TEAM"
 

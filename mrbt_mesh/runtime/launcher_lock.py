@@ -54,7 +54,7 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> None:
-    """Lock the file; who looks whether it is locked, with `is_launched`, locks it for a moment."""
+    """Lock the file. `is_launched` in another process may hold the lock for a moment."""
     for tries_left in reversed(range(LOCK_TRIES)):
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

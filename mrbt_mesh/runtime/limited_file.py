@@ -10,7 +10,7 @@ import fcntl
 import io
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,35 @@ def _set_aside(path: Path, descriptor: int) -> bool:
     except OSError:
         return False
     return True
+
+
+class NewLines:
+    """The lines of a file that grows to a limit, for those who follow it. Each is read once."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file_number = 0
+        self._at = 0
+
+    def take(self) -> Iterator[str]:
+        """The lines since the last call, at first those of the file before it too."""
+        before = self._path.with_name(f"{self._path.name}.1")
+        with contextlib.suppress(OSError):
+            if self._path.stat().st_ino != self._file_number:
+                if not self._file_number or before.stat().st_ino == self._file_number:
+                    yield from self._rest(before)
+                self._file_number, self._at = self._path.stat().st_ino, 0
+            yield from self._rest(self._path)
+
+    def _rest(self, path: Path) -> Iterator[str]:
+        """The whole lines that are not read yet."""
+        with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+            file.seek(self._at)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                self._at += len(line)
+                yield line[:-1].decode(errors="replace")
 
 
 class LimitedLog:

@@ -28,9 +28,8 @@ import contextlib
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +43,6 @@ from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
-# What robots log of a death, and how much later than they its end may be noticed elsewhere.
-LOGGED, LATE_US = ("robot_suspect", "robot_dead", "local_task_started"), 1_000_000
 DEATHS_FILE, ORDERS_FILE = "deaths.json", "orders.jsonl"
 _STATE = "MRBT_STATE_DIR"
 
@@ -103,15 +100,6 @@ def state_dir() -> Path:
     return (Path(base) if base else Path.home() / ".local" / "state") / "mrbt"
 
 
-def _logged(path: Path) -> Iterator[dict[str, Any]]:
-    """The lines of a robot's log about deaths and work, without one that is cut off."""
-    with contextlib.suppress(OSError):
-        for line in path.read_text(errors="replace").splitlines():
-            if any(event in line for event in LOGGED):
-                with contextlib.suppress(ValueError):
-                    yield json.loads(line)
-
-
 def write_atomically(path: Path, text: str) -> None:
     """Write a file that is never seen half written. Raises OSError."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -131,7 +119,7 @@ def identity_of_this_process() -> str:
 
 
 def process_in(path: Path) -> psutil.Process | None:
-    """The process with the identity in a file, if it runs; a recycled pid does not deceive."""
+    """The process with the identity in a file, if it runs; another one with its pid is none."""
     try:
         data = json.loads(path.read_text())
         process = psutil.Process(data["pid"])
@@ -277,41 +265,21 @@ class RunDir:
     # -- what happened --------------------------------------------------------------------
 
     def note_order(self, by: str, order: str, unix_s: float | None = None) -> None:
-        """An operator has ordered something, by default now: by which command or view, and what."""
-        line = json.dumps({"unix_s": unix_s or time.time(), "by": by, "order": order})
-        with contextlib.suppress(OSError), (self.path / ORDERS_FILE).open("a") as file:
-            file.write(f"{line}\n")
+        """An operator has ordered something, by default now: by which command or view, and what.
 
-    def logged_times(self, fault: MajorFault, now_us: int) -> DeathTimes:
-        """The times of a death as the robots themselves logged what they did, and as the fault has
-        them where they logged nothing.
-
-        The end of a process may be noticed here after robots have lost its token.
+        Raises RunDirError if that cannot be noted; the order itself was carried out.
         """
-        epoch_us, times = round(time.time() * 1e6) - now_us, fault.times
-        held = (fault.held.activation, fault.held.local_task) if fault.held is not None else None
-        found: dict[str, list[int]] = {event: [] for event in LOGGED}
-        for path in self.path.glob("*.log"):
-            for row in _logged(path):
-                at_us = round(datetime.fromisoformat(row["timestamp"]).timestamp() * 1e6) - epoch_us
-                is_start = "activation" in row
-                if is_start and path.stem == times.replacement:
-                    is_wanted = (row["activation"], row["local_task"]) == held
-                else:
-                    is_wanted = not is_start and row["robot"] == fault.robot
-                if is_wanted and at_us >= times.at_us - LATE_US * times.exact:
-                    found[row["event"]].append(at_us)
-        suspected_us, dead_us, begun_us = found.values()
-        at_us = min([times.at_us, *suspected_us]) if times.exact else times.at_us
-        return replace(
-            times,
-            at_us=at_us,
-            detected_us=min(dead_us, default=times.detected_us),
-            reassigned_us=min(begun_us, default=times.reassigned_us),
-        )
+        line = json.dumps({"unix_s": unix_s or time.time(), "by": by, "order": order})
+        path = self.path / ORDERS_FILE
+        try:
+            with path.open("a") as file:
+                file.write(f"{line}\n")
+        except OSError as error:
+            reason = error.strerror or error
+            raise RunDirError(f"{path}: the order is not noted for reports: {reason}") from error
 
     def write_deaths(self, deaths: Sequence[MajorFault], now_us: int) -> None:
-        """Called by who has launched the robots: these are the times of their deaths."""
+        """Called by the launcher of the robots, whose times of their deaths count."""
         rows = [pack_death(fault, now_us) for fault in deaths if not fault.is_older]
         text = json.dumps({"written_unix_s": time.time(), "deaths": rows})
         with contextlib.suppress(OSError):

@@ -36,6 +36,7 @@ from mrbt_mesh.runtime.launcher import (
     wait_for_exit,
     with_newcomer,
 )
+from mrbt_mesh.runtime.logged_deaths import LoggedDeaths
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
@@ -319,7 +320,7 @@ class Team:
     async def note_exits(self, watcher: Watcher) -> None:
         """Note in the record exactly when processes end, and what blocks them.
 
-        Who has launched the team also collects the times of its deaths from the robots' logs, and
+        The launcher of the team also collects the times of its deaths from the robots' logs, and
         writes them into the run directory, where other observers on this machine find them. Never
         returns.
         """
@@ -333,6 +334,7 @@ class Team:
             watcher.changed.set()
 
         written: list[DeathTimes] = []
+        logged = LoggedDeaths(self.run_dir)
 
         def share_deaths() -> None:
             nonlocal written
@@ -342,9 +344,10 @@ class Team:
                     record.death_recorded(*death)
             elif times != written:
                 now_us = boottime_us()
+                logged.look()
                 for fault in record.major:
-                    logged = self.run_dir.logged_times(fault, now_us)
-                    record.death_recorded(fault.robot, fault.incarnation, logged)
+                    found = logged.times_of(fault, now_us)
+                    record.death_recorded(fault.robot, fault.incarnation, found)
                 written = [fault.times for fault in record.major]
                 self.run_dir.write_deaths(record.major, now_us)
                 watcher.changed.set()

@@ -14,7 +14,7 @@ from mrbt_mesh.recording.channels import ACTIONS, FAULTS, LIFE
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.reader import Recording, read_recording
 from mrbt_mesh.recording.recorded_state import RecordedState, state_text, team_state
-from mrbt_mesh.sim import Kill, SimulationResult
+from mrbt_mesh.sim import AgentOptions, Kill, SimulationResult
 from tests.support.recorded import record_example
 from tests.support.runs import example
 
@@ -32,9 +32,8 @@ def at_the_end(recording: Recording) -> RecordedState:
 def test_the_last_state_is_that_of_the_live_robot_to_the_byte(
     tmp_path: Path, plan_delay_us: int | None
 ) -> None:
-    result = record_example(
-        tmp_path, "vehicle_repair", 7, [(12_500_000, Kill("A1"))], plan_delay_us
-    )
+    options = AgentOptions(plan_delay_us=plan_delay_us)
+    result = record_example(tmp_path, "vehicle_repair", 7, [(12_500_000, Kill("A1"))], options)
     assert result.agents.keys() >= {"A1", "B1", "C2"}
     for robot, agent in result.agents.items():
         live, state = agent.view, at_the_end(read_recording(robot_file(tmp_path, robot)))

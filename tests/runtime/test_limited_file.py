@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.runtime import limited_file
-from mrbt_mesh.runtime.limited_file import LimitedLog, append
+from mrbt_mesh.runtime.limited_file import LimitedLog, NewLines, append
 
 
 def log(path: Path, limit_bytes: int = 1_000) -> LimitedLog:
@@ -88,3 +88,17 @@ def test_what_a_robot_prints_is_limited(tmp_path: Path) -> None:
     kept = [(path.with_name(name)).read_text().split() for name in ("A1.out.1", "A1.out")]
     assert kept[0] + kept[1] == [*(f"{n:09d}" for n in range(200, 300)), "error"]
     assert os.stat(path).st_size <= 1_000
+
+
+def test_new_lines_are_followed_also_into_the_next_file(tmp_path: Path) -> None:
+    path = tmp_path / "R1.log"
+    lines = NewLines(path)
+    assert [*lines.take()] == [], "there is no file yet"
+    path.write_text("a\nb")
+    assert [*lines.take()] == ["a"]
+    with path.open("a") as file:
+        file.write("c\nd\n")
+    path.rename(tmp_path / "R1.log.1")
+    path.write_text("e\n")
+    assert [*lines.take()] == ["bc", "d", "e"]
+    assert [*lines.take()] == []

@@ -15,17 +15,20 @@ from tests.support.runs import example
 
 
 def record_example(
-    folder: Path, name: str, seed: int, schedule: Schedule = (), plan_delay_us: int | None = None
+    folder: Path,
+    name: str,
+    seed: int,
+    schedule: Schedule = (),
+    options: AgentOptions | None = None,
 ) -> SimulationResult:
     """Simulate an example, and record it in a folder."""
     mission, program = example(name)
-    options = AgentOptions(plan_delay_us=plan_delay_us)
     return simulate(
         mission,
         program,
         seed=seed,
         schedule=list(schedule),
-        agents=options,
+        agents=options or AgentOptions(),
         record=folder,
         timeout_us=60 * SECOND_US,
     )
@@ -35,19 +38,10 @@ def record_keyed(
     folder: Path, name: str, seed: int, schedule: Schedule = ()
 ) -> tuple[SimulationResult, Manifest]:
     """Simulate an example whose robots have keys, and record it; its observer is `eye`."""
-    mission, program = example(name)
+    mission, _ = example(name)
     keys = keys_of(*mission.robots, observer="eye")
     options = AgentOptions(keys={**keys, OBSERVER: keys["eye"]})
-    result = simulate(
-        mission,
-        program,
-        seed=seed,
-        schedule=list(schedule),
-        agents=options,
-        record=folder,
-        timeout_us=60 * SECOND_US,
-    )
-    return result, keys["eye"].manifest
+    return record_example(folder, name, seed, schedule, options), keys["eye"].manifest
 
 
 def read_all(folder: Path) -> list[Recording]:

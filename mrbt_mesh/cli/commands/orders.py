@@ -15,8 +15,10 @@ from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fa
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.settings import WARNING
 
 if TYPE_CHECKING:
+    from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.watcher import Watcher
 
@@ -31,6 +33,14 @@ def report(as_json: bool, team: str, robots: Iterable[str], command: str, result
         click.echo(json.dumps(data, indent=2))
     else:
         click.echo(f"{team}: {result}")
+
+
+def note_order(run_dir: RunDir, command: str, what: str, unix_s: float | None = None) -> None:
+    """Note what was ordered, for reports; warn if that fails, since the order was carried out."""
+    try:
+        run_dir.note_order(f"mrbt {command}", what, unix_s)
+    except InputError as error:
+        click.echo(f"{WARNING} {error}", err=True)
 
 
 # -- signals ----------------------------------------------------------------------------------
@@ -58,7 +68,7 @@ def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Co
             process.send_signal(number)
         except psutil.Error as error:
             fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
-        found.note_order(f"mrbt {name}", f"{robot} (pid {process.pid}) {done}", begun_s)
+        note_order(found, name, f"{robot} (pid {process.pid}) {done}", begun_s)
         report(as_json, found.info().team, [robot], name, f"{robot} (pid {process.pid}) {done}")
 
     return send
@@ -193,7 +203,7 @@ def _order(
         robots = living if robot is None else [robot]
         word = click.get_current_context().info_name or ""
         if address.run_dir is not None:
-            address.run_dir.note_order(f"mrbt {word}", text)
+            note_order(address.run_dir, word, text)
         report(as_json, name, robots, word, text)
         return SUCCESS
 
@@ -287,6 +297,6 @@ def join(
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != SUCCESS:
         fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
-    found.note_order("mrbt join", f"{robot} joined")
+    note_order(found, "join", f"{robot} joined")
     report(as_json, team.info.team, [robot], "join", f"{robot} joined")
     end_process(SUCCESS)

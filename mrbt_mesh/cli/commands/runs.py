@@ -6,7 +6,6 @@ import contextlib
 import json
 import time
 from collections import deque
-from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mrbt_mesh.cli.command import FAILURE, PATH, MrbtCommand, fail
-from mrbt_mesh.cli.commands.orders import report
+from mrbt_mesh.cli.commands.orders import note_order, report
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
 from mrbt_mesh.errors import InputError
 
@@ -106,7 +105,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     if not is_running(found):
         raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
     robots = [*found.living()]
-    found.note_order("mrbt down", "the team is ended")
+    note_order(found, "down", "the team is ended")
     _end_launcher(found)
     anyio.run(Team(found, info, load_mission(found.mission_path)).end)
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
@@ -144,12 +143,13 @@ def logs(robot: str, follow: bool, lines: int, run_dir: Path | None) -> None:
     Example: mrbt logs A1 -f --lines 20
     """
     from mrbt_mesh.runtime.known_runs import find_run, is_running
+    from mrbt_mesh.runtime.limited_file import NewLines
 
     found = find_run(run_dir)
     found.check_robot(robot)
-    log, output = _Lines(found.log_path(robot)), _Lines(found.output_path(robot))
-    printed = [f"| {line}" for line in deque(output.new(), lines)]
-    printed += [_readable(line, robot) for line in deque(log.new(), lines)]
+    log, output = NewLines(found.log_path(robot)), NewLines(found.output_path(robot))
+    printed = [f"| {line}" for line in deque(output.take(), lines)]
+    printed += [_readable(line, robot) for line in deque(log.take(), lines)]
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             for line in printed:
@@ -158,37 +158,8 @@ def logs(robot: str, follow: bool, lines: int, run_dir: Path | None) -> None:
                 return
             follow = is_running(found)
             time.sleep(LOOK_S if follow else 0)
-            printed = [f"| {line}" for line in output.new()]
-            printed += [_readable(line, robot) for line in log.new()]
-
-
-class _Lines:
-    """The lines of a file that grows, and that is renamed to `<name>.1` when it is full."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file_number = 0
-        self._at = 0
-
-    def new(self) -> Iterator[str]:
-        """The lines since the last call, at first those of the file before it too."""
-        before = self._path.with_name(f"{self._path.name}.1")
-        with contextlib.suppress(OSError):
-            if self._path.stat().st_ino != self._file_number:
-                if not self._file_number or before.stat().st_ino == self._file_number:
-                    yield from self._rest(before)
-                self._file_number, self._at = self._path.stat().st_ino, 0
-            yield from self._rest(self._path)
-
-    def _rest(self, path: Path) -> Iterator[str]:
-        """The whole lines that are not read yet."""
-        with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
-            file.seek(self._at)
-            for line in file:
-                if not line.endswith(b"\n"):
-                    break
-                self._at += len(line)
-                yield line[:-1].decode(errors="replace")
+            printed = [f"| {line}" for line in output.take()]
+            printed += [_readable(line, robot) for line in log.take()]
 
 
 def _readable(line: str, robot: str) -> str:

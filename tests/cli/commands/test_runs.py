@@ -97,20 +97,6 @@ def test_a_log_is_printed_readably_with_what_the_program_printed(run_dir: RunDir
     assert (code, "has no robot 'R9'; known: R1, R2" in problems) == (2, True)
 
 
-def test_new_lines_are_followed_also_into_the_next_file(tmp_path: Path) -> None:
-    path = tmp_path / "R1.log"
-    lines = runs._Lines(path)
-    assert [*lines.new()] == [], "there is no file yet"
-    path.write_text("a\nb")
-    assert [*lines.new()] == ["a"]
-    with path.open("a") as file:
-        file.write("c\nd\n")
-    path.rename(tmp_path / "R1.log.1")
-    path.write_text("e\n")
-    assert [*lines.new()] == ["bc", "d", "e"]
-    assert [*lines.new()] == []
-
-
 def test_a_robot_that_runs_is_followed_until_it_ends(run_dir: RunDir, tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
         running = a_run(tmp_path / "running", {"R1": process.pid})

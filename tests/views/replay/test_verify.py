@@ -13,7 +13,7 @@ import pytest
 
 from mrbt_mesh.recording.channels import ACTIONS, ALIVE, DROPPED, FACTS, LIFE, PLANS, STATUSES
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError, parse_recording
-from mrbt_mesh.sim import Freeze, Kill, Leave, Lose, Schedule, Thaw
+from mrbt_mesh.sim import AgentOptions, Freeze, Kill, Leave, Lose, Schedule, Thaw
 from mrbt_mesh.sim.run import run_scenario
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.replay.verify import verify
@@ -64,7 +64,8 @@ def test_a_run_is_proved_with_its_takeovers(tmp_path: Path, fault: str) -> None:
 
 
 def test_plans_that_were_made_apart_are_proved(tmp_path: Path) -> None:
-    record_example(tmp_path, "vehicle_repair", 4, FAULTS["death"], plan_delay_us=20_000)
+    late = AgentOptions(plan_delay_us=20_000)
+    record_example(tmp_path, "vehicle_repair", 4, FAULTS["death"], late)
     proved(read_all(tmp_path))
 
 

@@ -3,7 +3,7 @@
 import { STATES, byId, contains, element, hasDifferedLong, lostText, setData, setText, textsByReason } from "./text.mjs";
 
 const GROUPS = { trouble: "in trouble", work: "at work", idle: "idle" };
-// From so many on each has a row in place of a card.
+// With this many robots, each has a row instead of a card.
 const ROWS_FROM = 10;
 const byName = new Intl.Collator("en", { numeric: true }).compare;
 
