@@ -160,7 +160,8 @@ def _fate(fault: MajorFault, is_wanted: bool) -> str:
         how = "not replaced yet" if is_wanted else "no longer needed"
         return f", {fault.held.local_task} is {how}"
     if fault.is_older:
-        return f", replaced by {fault.replacement}"
+        # Whether that robot began it before or after the death is not known.
+        return f", {fault.replacement} has {fault.held.local_task}"
     after = after_text(fault.reassigned_after_us, fault.exact)
     return f", replaced by {fault.replacement} after {after}"
 

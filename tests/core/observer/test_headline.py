@@ -38,6 +38,12 @@ def test_a_death_whose_work_goes_on_is_a_warning_with_the_time_that_it_took() ->
     assert headline(observer, ())[0].text.endswith(f"after {after}")
 
 
+def test_an_observer_that_came_later_does_not_claim_a_replacement() -> None:
+    _, observer = watched(COVER, "kill A", "pass 100")
+    observer.record.major[0].is_older = True
+    assert said(observer)[0] == "warn 1 dead: A, B has weld"
+
+
 def test_what_blocks_comes_first_with_the_robot_to_start() -> None:
     script, observer = watched(COVER, "succeed A", "pass 300", "kill B", "pass 1500")
     assert said(observer)[:2] == [
