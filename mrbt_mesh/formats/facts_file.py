@@ -137,7 +137,7 @@ class _Builder:
             here = (section, index)
             for activation in self._activations(task) if self._is_task(here, task) else ():
                 if section == "failed":
-                    self._write(self._first, f"{records.FAILURE}/{activation}", True)
+                    self._write(self._first, f"{records.LATCHED_FAILURE}/{activation}", True)
                     continue
                 for need in self.mission.global_tasks[task].needs:
                     able = self._able(need.local_task)[: need.min_robots]

@@ -23,7 +23,7 @@ import msgpack
 from mrbt_mesh.core.agent.effects import Forget, Persist
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 
-FORMAT = 3
+FORMAT = 4
 SUFFIX = ".journal"
 BUSY_TIMEOUT_S = 1.0
 PAGE_BYTES = 4096

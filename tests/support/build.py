@@ -301,7 +301,7 @@ class World:
         """Record what has become true; whether anything has."""
         latches = [(f"{records.ATTEMPT}/{s}", n) for s, n in evaluation.attempts]
         latches += [
-            (f"{records.FAILURE}/{activation}", True)
+            (f"{records.LATCHED_FAILURE}/{activation}", True)
             for activation in evaluation.failures
             if not self.facts.has_latched_failure(activation)
         ]

@@ -8,6 +8,7 @@ completed begins anew when it is ticked again, as Nav2's own actions do.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import Any, ClassVar
 
 from mrbt_mesh.btcpp.executor.decorators import Decorator
@@ -125,13 +126,13 @@ class _Gate(Decorator):
         super().__init__(*arguments)
         self.first = True
 
+    @abstractmethod
     def begin(self) -> None:
         """Called when a new round of this node begins."""
-        raise NotImplementedError
 
+    @abstractmethod
     def is_open(self) -> bool:
         """Whether the child is due again."""
-        raise NotImplementedError
 
     def succeeded(self) -> None:
         """The child has succeeded."""

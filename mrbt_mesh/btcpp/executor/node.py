@@ -7,6 +7,7 @@ randomness. The time is `TreeWorld.now_us`; actions are started and stopped by a
 from __future__ import annotations
 
 import enum
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
@@ -116,7 +117,7 @@ class TreeWorld:
             )
 
 
-class TreeNode:
+class TreeNode(ABC):
     """One node of a tree that runs.
 
     `status` is the one by which its parent goes on; `shown` the last one that it returned, in tick
@@ -169,9 +170,9 @@ class TreeNode:
     def prepare(self) -> None:
         """Called once, when ports and children are known. Raises TickError for wrong ports."""
 
+    @abstractmethod
     def tick(self) -> NodeStatus:
-        """The node's own rule; each subclass has one."""
-        raise NotImplementedError
+        """The node's own rule."""
 
     def clear(self) -> None:
         """Forget how far the node has come: before its first run, at its end, when it is halted."""

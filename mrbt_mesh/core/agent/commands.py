@@ -150,7 +150,7 @@ class Commands:
                 case Decision.DONE:
                     writes.append((f"{records.DONE}/{activation}", LATCH))
                 case Decision.FAILED:
-                    writes.append((f"{records.FAILURE}/{activation}", LATCH))
+                    writes.append((f"{records.LATCHED_FAILURE}/{activation}", LATCH))
                 case Decision.RETRY:
                     writes += [(f"{records.CLEARED}/{activation}/{t}", LATCH) for t in tokens]
         self._context.log("warning", "decision", global_task=subject, decision=word)

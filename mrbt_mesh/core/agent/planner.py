@@ -246,7 +246,7 @@ class Planner:
             for scope, position, success in evaluation.child_results
         ]
         latched += [
-            (f"{records.FAILURE}/{activation}", LATCH)
+            (f"{records.LATCHED_FAILURE}/{activation}", LATCH)
             for activation in evaluation.failures
             if not self._context.facts.has_latched_failure(activation)
         ]

@@ -83,7 +83,7 @@ class ActivationFacts:
             self.child_results[position] = record.success or self.child_results.get(position, False)
         elif kind == records.CLOSED:
             self.bids = self.bids.with_closed(parts[2])
-        elif kind == records.FAILURE:
+        elif kind == records.LATCHED_FAILURE:
             self.has_latched_failure = True
         elif kind == records.EXPIRED:
             self.has_expired = True

@@ -385,8 +385,8 @@ LATCH, NO_CLAIM = Latch(), NoClaim()
 
 MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
-# FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
-FAILURE, EXPIRED = "verdict", "expired"
+# LATCHED_FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
+LATCHED_FAILURE, EXPIRED = "latched_failure", "expired"
 # Of an expression of conditions that is a guard.
 EXPRESSION = "expression"
 # Of one coalition of one activation, named by its id. BROKEN: too few members are left.
@@ -420,7 +420,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     COALITION: (Coalition.parse, (3,)),
     BID: (Bid.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
-    **dict.fromkeys((FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
+    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }
 

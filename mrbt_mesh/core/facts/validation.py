@@ -22,7 +22,7 @@ from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 # Kinds of entry that belong to an activation -> the kinds of node whose activations have them.
 ACTIVATION_KINDS = {
     records.OUTCOME: frozenset({Kind.ACTION}),
-    records.FAILURE: frozenset({Kind.ACTION}),
+    records.LATCHED_FAILURE: frozenset({Kind.ACTION}),
     records.ATTEMPT: ATTEMPT_KINDS,
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
     records.CHILD_RESULT: CONTROLS,

@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 10
+SCHEMA = 11
 MAX_MESSAGE_BYTES = 4 << 20
 # Items of one list, and of all lists of a message together: an empty list takes a byte in a
 # message, and 64 in memory.

@@ -63,7 +63,7 @@ class Deadlines:
         for waiting in plan.waiting:
             limit_us = facts.mission.global_tasks[waiting.global_task].blocked_fail_after_us
             if waiting.shortages and limit_us is not None:
-                running[f"{records.FAILURE}/{waiting.activation}", False] = limit_us
+                running[f"{records.LATCHED_FAILURE}/{waiting.activation}", False] = limit_us
         for failure in plan.pending_failures:
             after_us = failure.after_us
             limit_us = self._failure_latch_us if after_us is None else after_us

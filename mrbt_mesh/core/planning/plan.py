@@ -120,7 +120,7 @@ class PendingFailure:
     @property
     def fact_name(self) -> str:
         """The fact that it has failed."""
-        return f"{records.FAILURE}/{self.activation}"
+        return f"{records.LATCHED_FAILURE}/{self.activation}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +305,7 @@ class Plan:
                 for w in self.waiting
             ],
             "bids": [bidding.to_json() for bidding in self.biddings],
-            "pending_verdicts": [failure.activation for failure in self.pending_failures],
+            "pending_failures": [failure.activation for failure in self.pending_failures],
             "pending_losses": [loss.condition for loss in self.pending_losses],
         }
 

@@ -41,7 +41,7 @@ VALUES: dict[str, st.SearchStrategy[Any]] = {
     ),
     "condition/c": st.sampled_from(([True, 1, 0], [False, 2, 0], [True, 3, 1])),
     f"attempt/{SCOPE}": st.integers(0, 4),
-    f"verdict/{SCOPE}": st.just(True),
+    f"latched_failure/{SCOPE}": st.just(True),
 }
 names = st.sampled_from(sorted(VALUES))
 
@@ -144,7 +144,7 @@ def test_attempts_join_by_their_maximum() -> None:
     assert joined(entry(3, name, 1), entry(2, name, 5)) == 3
 
 
-@pytest.mark.parametrize("kind", ["verdict", "expired"])
+@pytest.mark.parametrize("kind", ["latched_failure", "expired"])
 def test_a_latch_stays(kind: str) -> None:
     assert joined(entry(True, f"{kind}/{SCOPE}", 1), entry(True, f"{kind}/{SCOPE}", 2)) is True
 
@@ -171,7 +171,7 @@ def test_the_digest_does_not_depend_on_the_order_of_arrival(batch: list[Entry], 
 
 @given(batches, batches)
 @example([entry(["pause", 1], "order")], [entry(["pause", 1], "order", author="B1")])
-@example([entry(True, f"verdict/{SCOPE}")], [entry(True, f"expired/{SCOPE}")])
+@example([entry(True, f"latched_failure/{SCOPE}")], [entry(True, f"expired/{SCOPE}")])
 @example([entry(1, f"attempt/{SCOPE}", 1)], [entry(1, f"attempt/{SCOPE}", 2)])
 def test_digests_are_equal_exactly_where_the_maps_are(
     left: list[Entry], right: list[Entry]

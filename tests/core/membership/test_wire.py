@@ -87,7 +87,7 @@ GOOD_VALUES: list[tuple[str, Any]] = [
     (f"outcome/{SCOPE}/drill", [True, {"depth": [1.5, None]}]),
     ("condition/open(2)", [True, 1, 0]),
     (f"attempt/{SCOPE}", 3),
-    (f"verdict/{SCOPE}", True),
+    (f"latched_failure/{SCOPE}", True),
     (f"expired/{SCOPE}", True),
 ]
 NAMES = [name for name, _ in GOOD_VALUES]
@@ -272,7 +272,7 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         ("condition/c", [True, 0, 0]),
         ("condition/c", [True, 1 << 53, 0]),
         (f"attempt/{SCOPE}", -1),
-        (f"verdict/{SCOPE}", False),
+        (f"latched_failure/{SCOPE}", False),
         (f"expired/{SCOPE}", 1),
         ("outcome/" + "x" * records.MAX_NAME + "/a", [True, None]),
         ("condition", [True, 1, 0]),

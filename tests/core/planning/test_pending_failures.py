@@ -229,7 +229,7 @@ class Clock:
 def failing(**policies: Any) -> tuple[Clock, str]:
     """R1 has failed, R2 is dead; the name of its failure."""
     world = world_of("R1 R2", **policies)
-    name = f"{records.FAILURE}/{world.activation('a')}"
+    name = f"{records.LATCHED_FAILURE}/{world.activation('a')}"
     world.outcome(world.activation("a"), False, "R1")
     world.die("R2")
     return Clock(world), name

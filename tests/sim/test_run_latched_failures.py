@@ -22,11 +22,11 @@ from tests.support import behaviour
 from tests.support.behaviour import ends, mission_of, starts
 
 S = 1_000_000
-# From a kill until the others know (at most), and from then until the verdict.
+# From a kill until the others know (at most), and from then until the failure is latched.
 DETECTED_S, AGREED_S = 1.0, 1.0
 
 HEAD = """
-mission: verdicts
+mission: latched_failures
 local_tasks: {a: {}, b: {}, c: {}}
 robot_types: {T: {capabilities: {}}}
 """
@@ -129,7 +129,7 @@ def test_time_begins_anew_when_a_robot_was_back_meanwhile() -> None:
 @pytest.mark.parametrize(
     ("gone", "back"), [(Kill("R2"), Restart("R2")), (Lose("R2", "a"), Restore("R2", "a"))]
 )
-def test_a_verdict_holds_when_a_robot_returns(gone: Kill | Lose, back: Restart | Restore) -> None:
+def test_a_latched_failure_holds_when_a_robot_returns(gone: Kill | Lose, back: Restart | Restore) -> None:
     result = run(THREE + fallback(behave=SLOW), [(1 * S, gone), (5 * S, back)])
     assert starts(result) == [("R1", "a"), ("R1", "b")]
     assert [end for _, end in ends(result, "b")] == ["success"], "nor is the alternative cancelled"
@@ -231,7 +231,7 @@ tree: {Sequence: [{Fallback: [A, B]}, C]}
 """
 
 
-def test_a_success_from_a_healed_partition_beats_the_verdict() -> None:
+def test_a_success_from_a_healed_partition_beats_the_latched_failure() -> None:
     """R1 has failed, and R2 is at it, out of reach: R1's side decides that it has failed and begins
     the alternative. Then R2's success comes in."""
     cut = partition(["R2"], ["R1", "R3"])
@@ -245,8 +245,8 @@ def test_a_success_from_a_healed_partition_beats_the_verdict() -> None:
     assert facts.task_status("A", activation) is Status.SUCCESS
 
 
-def test_a_verdict_that_comes_in_from_a_healed_partition_ends_the_try() -> None:
-    """The same, healed while R2 is still at it: the verdict holds for R2 too."""
+def test_a_latched_failure_that_comes_in_from_a_healed_partition_ends_the_try() -> None:
+    """The same, healed while R2 is still at it: the latched failure holds for R2 too."""
     cut = partition(["R2"], ["R1", "R3"])
     schedule = [(2 * S, cut), (8 * S, Unblock(cut.links))]
     result = run(robots(R1="a b", R2="a", R3="c") + APART, schedule, seconds=60)
