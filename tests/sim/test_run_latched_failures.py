@@ -129,7 +129,9 @@ def test_time_begins_anew_when_a_robot_was_back_meanwhile() -> None:
 @pytest.mark.parametrize(
     ("gone", "back"), [(Kill("R2"), Restart("R2")), (Lose("R2", "a"), Restore("R2", "a"))]
 )
-def test_a_latched_failure_holds_when_a_robot_returns(gone: Kill | Lose, back: Restart | Restore) -> None:
+def test_a_latched_failure_holds_when_a_robot_returns(
+    gone: Kill | Lose, back: Restart | Restore
+) -> None:
     result = run(THREE + fallback(behave=SLOW), [(1 * S, gone), (5 * S, back)])
     assert starts(result) == [("R1", "a"), ("R1", "b")]
     assert [end for _, end in ends(result, "b")] == ["success"], "nor is the alternative cancelled"
