@@ -43,7 +43,7 @@ from mrbt_mesh.runtime.blocked_loop import loop_watchdog
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
 from mrbt_mesh.runtime.flood_gate import FloodGate
-from mrbt_mesh.runtime.inbox import QUIET_S, Inbox
+from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import Journal
 from mrbt_mesh.runtime.journal_writer import JournalWriter
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
@@ -192,7 +192,7 @@ class Driver:
                 identity = RobotIdentity(config.robot, config.type, os.getpid(), speed, own)
                 self._runner = ActionRunner(group, setup.program, setup.mission, identity, self)
                 self._runner.start_background()
-                for task in (self._watch_links, self._look_regularly, self._look_for_quiet_beats):
+                for task in (self._watch_links, self._look_regularly):
                     group.start_soon(task)
                 if not setup.is_guest:
                     group.start_soon(self._watch_signals)
@@ -237,15 +237,10 @@ class Driver:
         self._set_timer()
 
     def _take_quiet_beats(self) -> None:
-        """Take in heartbeats without news, each at the time at which it came."""
-        for at_us, event in self._inbox.take_quiet() if self._is_ready else ():
-            self._step(event, max(at_us, self._last_us))
-
-    async def _look_for_quiet_beats(self) -> None:
-        while True:
-            await anyio.sleep(QUIET_S)
-            self._take_quiet_beats()
-            self._set_timer()
+        """Take in heartbeats without news."""
+        if self._is_ready:
+            for events in together(self._inbox.take_quiet(self._last_us)):
+                self._step(events, boottime_us())
 
     def _step(self, event: Input, now_us: int) -> None:
         if self._stop is not None or not self._is_ready:
@@ -333,14 +328,18 @@ class Driver:
         self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
     async def _look_regularly(self) -> None:
-        """Show a sign of life, measure how late the loop is, take over changes of the members."""
+        """Show a sign of life, measure how late the loop is, take in heartbeats without news, take
+        over changes of the members.
+        """
         while True:
             if self._run_dir is not None:
                 self._run_dir.mark_alive(self._config.robot)
             due_s = self._loop.time() + WATCH_S
-            await anyio.sleep_until(due_s)
+            await asyncio.sleep(WATCH_S)
             if self._meter is not None:
                 self._meter.look(self._loop.time() - due_s, self._agent.view.agrees())
+            self._take_quiet_beats()
+            self._set_timer()
             manifest = self._setup.manifest
             if manifest is None or not manifest.look():
                 continue

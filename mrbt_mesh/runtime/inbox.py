@@ -2,7 +2,7 @@
 
 Zenoh calls back on its own threads. Posting every message to the loop would grow without
 bound while the loop is busy, so messages wait here, and at most one wake-up is pending. Most
-heartbeats bring no news: they do not wake the loop, which looks for them every `QUIET_S`.
+heartbeats bring no news: they do not wake the loop, which looks for them now and then.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import contextlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
@@ -20,8 +21,8 @@ from mrbt_mesh.core.membership.wire import MessageKind, urgent_part
 from mrbt_mesh.runtime.fencing import boottime_us
 
 MAX_WAITING, MAX_WAITING_BYTES = 10_000, 16 << 20
-# How long heartbeats without news may wait, and how many.
-QUIET_S, MAX_QUIET = 0.1, 1_000
+# How many heartbeats without news may wait.
+MAX_QUIET = 1_000
 
 
 class Inbox:
@@ -49,7 +50,7 @@ class Inbox:
         self.are_beats_quiet = are_beats_quiet
         # By key: heartbeats that do not wake the loop, and when they came; the urgent part of the
         # newest heartbeat.
-        self._quiet: dict[str, tuple[int, Input]] = {}
+        self._quiet: dict[str, tuple[int, MessageReceived]] = {}
         self._urgent: dict[str, tuple[Any, ...] | None] = {}
         self.dropped = 0
 
@@ -60,7 +61,7 @@ class Inbox:
         """
         with self._lock:
             if key is not None and self.are_beats_quiet:
-                if self._is_quiet(event, key):
+                if isinstance(event, MessageReceived) and self._is_quiet(event, key):
                     self._quiet[key] = boottime_us(), event
                     return True
                 self._quiet.pop(key, None)
@@ -79,22 +80,24 @@ class Inbox:
             self._loop.call_soon_threadsafe(self._wake)
         return True
 
-    def _is_quiet(self, event: Input, key: str) -> bool:
+    def _is_quiet(self, event: MessageReceived, key: str) -> bool:
         """Whether it is a heartbeat without news, and none with news waits under its key."""
-        if not isinstance(event, MessageReceived) or event.kind is not MessageKind.HEARTBEAT:
+        if event.kind is not MessageKind.HEARTBEAT:
             return False
         part = urgent_part(event.data if event.envelope is None else event.envelope.data)
         before, self._urgent[key] = self._urgent.get(key), part
         has_room = key in self._quiet or len(self._quiet) < MAX_QUIET
         return part is not None and part == before and key not in self._waiting and has_room
 
-    def take_quiet(self) -> list[tuple[int, Input]]:
-        """The heartbeats without news, and when each of them came; call it from the loop."""
+    def take_quiet(self, since_us: int) -> list[MessageReceived]:
+        """The heartbeats without news, with the times at which they arrived, none before
+        `since_us`; call it from the loop.
+        """
         if not self._quiet:
             return []
         with self._lock:
-            events, self._quiet = sorted(self._quiet.values(), key=itemgetter(0)), {}
-        return events
+            waiting, self._quiet = sorted(self._quiet.values(), key=itemgetter(0)), {}
+        return [replace(event, arrived_us=max(at_us, since_us)) for at_us, event in waiting]
 
     def take(self) -> list[Input]:
         """All inputs that wait, oldest first; call it from the loop."""

@@ -108,8 +108,8 @@ class Watcher:
 
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
-        for at_us, event in self._inbox.take_quiet():
-            self._take(event, max(at_us, self._taken_us))
+        for event in self._inbox.take_quiet(self._taken_us):
+            self._take(event, event.arrived_us or self._taken_us)
         now_us = boottime_us()
         self._look_at_manifest(now_us)
         replica = self.observer.replica

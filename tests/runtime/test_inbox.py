@@ -19,6 +19,7 @@ from mrbt_mesh.core.membership.wire import (
     Suspicion,
     write_heartbeat,
 )
+from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.inbox import MAX_WAITING, MAX_WAITING_BYTES, Inbox
 
 BEAT, PULL = MessageKind.HEARTBEAT, MessageKind.PULL
@@ -98,10 +99,10 @@ def test_a_heartbeat_without_news_waits_with_its_time(quiet: Inbox, beat: Heartb
     quiet.put(received(BEAT_8), "beat/A")
     quiet.put(received(beat), "beat/A")
     assert quiet.take() == []
-    ((at_us, event),) = quiet.take_quiet()
+    (event,) = quiet.take_quiet(0)
     assert event == received(beat)
-    assert at_us > 0
-    assert quiet.take_quiet() == []
+    assert event.arrived_us
+    assert quiet.take_quiet(0) == []
 
 
 @pytest.mark.parametrize(
@@ -123,7 +124,7 @@ def test_news_do_not_wait_and_take_the_place_of_what_does(quiet: Inbox, beat: He
     quiet.put(received(BEAT_8), "beat/A")
     quiet.put(received(beat), "beat/A")
     assert quiet.take() == [received(beat)]
-    assert quiet.take_quiet() == []
+    assert quiet.take_quiet(0) == []
 
 
 def test_the_same_suspicions_are_no_news_unless_they_ask_for_some(quiet: Inbox) -> None:
@@ -131,7 +132,9 @@ def test_the_same_suspicions_are_no_news_unless_they_ask_for_some(quiet: Inbox) 
     quiet.put(suspecting, "beat/A")
     assert quiet.take() == [suspecting]
     quiet.put(suspecting, "beat/A")
-    assert [event for _, event in quiet.take_quiet()] == [suspecting]
+    late_us = boottime_us() + 1
+    (event,) = quiet.take_quiet(late_us)
+    assert (event, event.arrived_us) == (suspecting, late_us)
     asking = received(replace(BEAT_8, suspicions=(replace(SUSPECT, is_probe=True),)))
     for _ in range(2):
         quiet.put(asking, "beat/A")

@@ -70,7 +70,9 @@ class Inbound:
             case MessageReceived(kind, source, data):
                 try:
                     if kind is _BEAT:
-                        self._read_beat(source, data, now_us)
+                        arrived_us = event.arrived_us
+                        at_us = now_us if arrived_us is None else arrived_us
+                        self._read_beat(source, data, at_us)
                     elif source != self._context.me:
                         self._read_facts(source, data, now_us)
                 except WireError as error:

@@ -17,13 +17,15 @@ from mrbt_mesh.core.planning.plan import Plan
 class MessageReceived:
     """A heartbeat or a batch of facts, published under the key of `source`.
 
-    `envelope`: that of `data`, if its tag has been checked already.
+    `envelope`: that of `data`, if its tag has been checked already. `arrived_us`: when it arrived,
+    if it waited since; not before the last input that was handled.
     """
 
     kind: MessageKind
     source: str
     data: bytes
     envelope: Envelope | None = field(default=None, compare=False, repr=False)
+    arrived_us: int | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
