@@ -7,10 +7,8 @@ and T_Li are not sent, and follow from the facts of the team.
 from __future__ import annotations
 
 from mrbt_mesh.core.bt.evaluator import parallel_status
-from mrbt_mesh.core.bt.robot_tree import local_tree
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.views.model.own_trees import OwnTrees
@@ -29,8 +27,7 @@ class ObservedTree:
             known = ", ".join(mission.robots)
             raise InputError(f"mission {mission.name} has no robot {robot!r} (it has {known})")
         self.title = f"T_i of {robot} ({mission.name})"
-        names = frozenset(type_name(name) for name in mission.robots[robot].capabilities)
-        self._own = OwnTrees(robot, local_tree(names))
+        self._own = OwnTrees(robot, mission.robots[robot].capabilities)
         parts = {"T_A": self._own.assignment, "T_G": mission.tree, "T_Li": self._own.local}
         children = tuple(
             NodeSpec(Kind.SUBTREE, (tree.spec(),), name) for name, tree in parts.items()

@@ -48,7 +48,6 @@ _RANGES = {
 }
 INTEGERS = frozenset(_RANGES)
 _REALS = ("double", "float")
-_TEXTS = ("std::string", "string", "str")
 _LISTS = re.compile(r"std::(?:vector|deque)<(.+?)(?:,.*)?>|list<(.+)>", re.ASCII)
 
 

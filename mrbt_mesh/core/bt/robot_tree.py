@@ -7,7 +7,7 @@ and T_Li over values that the robot computes itself: those of T_A are the steps 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -40,20 +40,18 @@ def assignment_tree() -> Tree:
     )
 
 
-def local_tree(local_tasks: Iterable[str], trees: Mapping[str, NodeSpec] | None = None) -> Tree:
+def local_tree(local_tasks: Iterable[str]) -> Tree:
     """T_Li (paper, section V): rest while nothing is assigned, else perform the local task.
 
-    `trees`: those of the local tasks that are trees of their own. While a robot works, the status
-    of such a branch is that of its tree, which is ticked beside it (`local_run`).
+    Here a local task is one leaf. Where it is a tree itself, that is ticked beside (`local_run`).
     """
-    inner = trees or {}
     rest = NodeSpec(Kind.INVERTER, (NodeSpec(Kind.CONDITION, subject=ASSIGNED),))
     branches = (
         NodeSpec(
             Kind.SEQUENCE,
             (
                 NodeSpec(Kind.CONDITION, subject=f"{ASSIGNED}({name})"),
-                inner.get(name) or NodeSpec(Kind.ACTION, subject=name),
+                NodeSpec(Kind.ACTION, subject=name),
             ),
         )
         for name in sorted(local_tasks)

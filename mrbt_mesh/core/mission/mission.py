@@ -324,11 +324,6 @@ class Mission:
         tasks = self.global_tasks.values()
         return any(task.failure is FailurePolicy.PAPER for task in tasks)
 
-    @cached_property
-    def has_preemptive(self) -> bool:
-        """Whether any task may take running robots from tasks further right."""
-        return any(task.preemptive for task in self.global_tasks.values())
-
     def condition_default(self, ground: str) -> bool:
         """The value of `ground` while nobody has set it; False if it is not declared."""
         return _default_of(ground, self.conditions)

@@ -6,7 +6,7 @@ is one; the rest follows from the facts of the team.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.evaluation import OwnFacts
@@ -21,21 +21,20 @@ from mrbt_mesh.core.bt.robot_tree import (
 )
 from mrbt_mesh.core.bt.tree import Status, Tree
 from mrbt_mesh.core.facts.records import Phase
-from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.views.model.inner_trees import with_inner_trees
 from mrbt_mesh.views.model.mission_view import tree_view
-from mrbt_mesh.views.model.program_trees import with_programs
 
 
 class OwnTrees:
-    """T_A and T_Li of one robot."""
+    """T_A and T_Li of one robot with these capabilities; in T_Li a local task is one leaf."""
 
-    def __init__(self, robot: str, local: Tree) -> None:
+    def __init__(self, robot: str, capabilities: Iterable[str]) -> None:
         self._robot = robot
         self._assignment = Evaluator(assignment_tree())
-        self._local = Evaluator(local)
+        self._local = Evaluator(local_tree(set(map(type_name, capabilities))))
 
     @property
     def assignment(self) -> Tree:
@@ -44,31 +43,17 @@ class OwnTrees:
 
     @property
     def local(self) -> Tree:
-        """T_Li, as it was given."""
+        """T_Li."""
         return self._local.tree
 
     def statuses(self, observer: Observer) -> tuple[bytes, bytes]:
-        """(T_A's by the last plan, T_Li's by the robot's claim and its reports on the tree that it
-        runs); all idle unless the robot is a member.
-        """
+        """(T_A's by the last plan, T_Li's by the robot's claim); all idle unless it is a member."""
         plan = observer.plan
         if plan is None or not observer.robot_state(self._robot).is_member:
             return bytes(len(self.assignment.nodes)), bytes(len(self.local.nodes))
         assignment = self._assignment.evaluate(_assignment_facts(plan))
-        local = self._local.evaluate(_local_facts(observer, self._robot)).statuses
-        return assignment.statuses, self._with_inner(local, running_tree(observer, self._robot))
-
-    def _with_inner(self, statuses: bytes, running: RunningTree) -> bytes:
-        """With the nodes of the local task that runs, where it is a tree of the mission file."""
-        nodes, names = self.local.nodes, _assigned_names(running.local_task)
-        for node in nodes:
-            if running.statuses and node.subject in names:
-                first = node.index + 1  # the part that runs once it is assigned
-                after = (n.index for n in nodes[first + 1 :] if n.parent < first)
-                last = next(after, len(nodes))
-                if last - first == len(running.statuses):
-                    return statuses[:first] + running.statuses + statuses[last:]
-        return statuses
+        local = self._local.evaluate(_local_facts(observer, self._robot))
+        return assignment.statuses, local.statuses
 
 
 class RunningTree(NamedTuple):
@@ -100,30 +85,16 @@ def _local_facts(observer: Observer, robot: str) -> OwnFacts:
     claim = observer.claim(robot)
     if claim is None:
         return OwnFacts(frozenset())
-    return OwnFacts(frozenset({ASSIGNED, *_assigned_names(claim.local_task)}))
-
-
-def _assigned_names(local_task: str) -> set[str]:
-    """The conditions of T_Li for this local task being assigned."""
-    return {f"{ASSIGNED}({name})" for name in (local_task, type_name(local_task))}
-
-
-def local_tree_of(mission: Mission, capabilities: Mapping[str, int]) -> Tree:
-    """T_Li of a robot that can do this; local tasks that are trees of their own are spelt out."""
-    trees = {name: tree.spec() for name, tree in mission.local_trees.items()}
-    trees = {name: spec for name, spec in trees.items() if performance(capabilities, name)}
-    able = {type_name(name) for name in capabilities}
-    names = able - {type_name(name) for name in mission.local_trees} | trees.keys()
-    return local_tree(names, trees)
+    return OwnFacts(frozenset({ASSIGNED, f"{ASSIGNED}({type_name(claim.local_task)})"}))
 
 
 def own_trees(observer: Observer, robot: str) -> dict[str, Any]:
     """`T_A` and `T_Li`: nodes and statuses. Raises KeyError for a robot without a description."""
     member = observer.facts.members[robot].member
-    trees = OwnTrees(robot, local_tree_of(observer.mission, member.capabilities))
+    trees = OwnTrees(robot, member.capabilities)
     assignment, local = trees.statuses(observer)
     running = running_tree(observer, robot)
-    rows, statuses = with_programs(tree_view(trees.local), local, observer.mission, running)
+    rows, statuses = with_inner_trees(tree_view(trees.local), local, observer.mission, running)
     return {
         "robot": robot,
         "T_A": {"tree": tree_view(trees.assignment), "statuses": list(assignment)},

@@ -10,9 +10,9 @@ from rich.text import Text
 from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.views.model.inner_trees import with_inner_trees
 from mrbt_mesh.views.model.mission_view import tree_view
-from mrbt_mesh.views.model.own_trees import OwnTrees, local_tree_of, running_tree
-from mrbt_mesh.views.model.program_trees import with_programs
+from mrbt_mesh.views.model.own_trees import OwnTrees, running_tree
 
 # Larger trees begin with what does not run folded.
 LARGE = 30
@@ -129,12 +129,12 @@ class RobotRows:
         self.robot = robot
         self._observer = observer
         self._capabilities = observer.facts.members[robot].member.capabilities
-        self._trees = OwnTrees(robot, local_tree_of(observer.mission, self._capabilities))
+        self._trees = OwnTrees(robot, self._capabilities)
         self.rows = [_row(f"T_i: {Kind.PARALLEL} 3/3", Kind.PARALLEL, -1)]
         self._add("T_A", tree_view(self._trees.assignment))
         self.rows.append(_row(f"T_G, {MEANINGS['T_G']}", Kind.SUBTREE, 0))
         self._local = tree_view(self._trees.local)
-        self._add("T_Li", self._with_programs(bytes(len(self._local)))[0])
+        self._add("T_Li", self._with_inner_trees(bytes(len(self._local)))[0])
 
     def is_of(self, observer: Observer) -> bool:
         """Whether these are its trees as this observer knows it: a restarted robot may have other
@@ -150,12 +150,12 @@ class RobotRows:
         """
         whole, _, team, _ = [int(Status[word.upper()]) for word in reported or ["idle"] * 4]
         assignment, local = self._trees.statuses(self._observer)
-        statuses = [whole, *assignment, team, *self._with_programs(local)[1]]
+        statuses = [whole, *assignment, team, *self._with_inner_trees(local)[1]]
         return {index: [status, [], "", 0] for index, status in enumerate(statuses)}
 
-    def _with_programs(self, statuses: bytes) -> tuple[list[dict[str, Any]], list[int]]:
+    def _with_inner_trees(self, statuses: bytes) -> tuple[list[dict[str, Any]], list[int]]:
         running = running_tree(self._observer, self.robot)
-        return with_programs(self._local, statuses, self._observer.mission, running)
+        return with_inner_trees(self._local, statuses, self._observer.mission, running)
 
     def _add(self, part: str, rows: Sequence[Mapping[str, Any]]) -> None:
         first = len(self.rows)

@@ -28,8 +28,8 @@ from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.views.model.own_trees import local_tree_of
-from mrbt_mesh.views.model.program_trees import node_label, program_tree, programs_by_type
+from mrbt_mesh.views.model.inner_trees import node_label, program_tree, trees_by_type
+from mrbt_mesh.views.model.own_trees import OwnTrees
 
 MAX_NOTE = 60
 # How nodes are drawn, with a sign for kinds that have none of their own. A node of a team that is
@@ -165,21 +165,24 @@ def robot_shape(mission: Mission, robot: str) -> Shape:
         for name, tree, note in (
             ("T_A", assignment_tree(), "task assignment"),
             ("T_G", mission.tree, "global tasks, the same for all robots"),
-            ("T_Li", local_tree_of(mission, capabilities), f"what {robot} can do"),
+            ("T_Li", OwnTrees(robot, capabilities).local, f"what {robot} can do"),
         )
     ]
-    programs = programs_by_type(mission)
+    trees = trees_by_type(mission)
     for leaf in [each for each in parts[2].walk() if each.look == "action"]:
         leaf.notes += [
             f"p = {value / MICRO:g}" if name == leaf.label else f"{name}: p = {value / MICRO:g}"
             for name, value in sorted(capabilities.items())
             if type_name(name) == leaf.label
         ]
-        if leaf.label in programs:
-            program = programs[leaf.label]
+        if leaf.label in trees:
+            tree = trees[leaf.label]
             leaf.look, leaf.symbol = "subtree", LOOKS["subtree"]
-            leaf.notes.append(f"{program.source}#{program.tree}")
-            leaf.children = [_expanded_shape(program_tree(program))]
+            if isinstance(tree, Tree):
+                leaf.children = [_team_shape(tree)]
+            else:
+                leaf.notes.append(f"{tree.source}#{tree.tree}")
+                leaf.children = [_expanded_shape(program_tree(tree))]
     kind = Kind.PARALLEL
     whole = Shape("control", f"T_i ({kind} {len(parts)}/{len(parts)})", SYMBOLS[kind], [], parts)
     return Shape("tree", robot, notes=[mission.name], children=[whole])

@@ -1,20 +1,22 @@
-"""BehaviorTree.CPP trees of local tasks as views draw them."""
+"""Trees of local tasks as views draw them."""
 
 from __future__ import annotations
 
+from mrbt_mesh.core.bt.tree import Tree
+from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.views.model.inner_trees import program_tree, trees_by_type, with_inner_trees
 from mrbt_mesh.views.model.mission_view import tree_view
-from mrbt_mesh.views.model.own_trees import local_tree_of
-from mrbt_mesh.views.model.program_trees import program_tree, programs_by_type, with_programs
-from tests.support.paths import ROOT
+from mrbt_mesh.views.model.own_trees import OwnTrees
+from tests.support.paths import EXAMPLES
 
-MISSION = load_mission(ROOT / "examples" / "inspection" / "mission.yaml")
+MISSION = load_mission(EXAMPLES / "inspection" / "mission.yaml")
 
 
 def test_the_tree_stands_below_its_local_task() -> None:
-    local = local_tree_of(MISSION, MISSION.robots["R1"].capabilities)
+    local = OwnTrees("R1", MISSION.robots["R1"].capabilities).local
     before = tree_view(local)
-    rows, statuses = with_programs(before, range(len(before)), MISSION)
+    rows, statuses = with_inner_trees(before, range(len(before)), MISSION)
     assert len(rows) == len(statuses) == len(before) + 9
     assert [row["parent"] < index for index, row in enumerate(rows)] == [True] * len(rows)
     (inspect,) = (index for index, row in enumerate(rows) if row["label"] == "inspect")
@@ -38,13 +40,18 @@ def test_the_tree_stands_below_its_local_task() -> None:
     assert parents["Script(code=too_high := bar > limit_bar)"] == "Sequence"
 
 
-def test_one_tree_for_each_type_of_local_task() -> None:
-    programs = programs_by_type(MISSION)
+def test_one_tree_for_each_type_of_local_task_without_arguments() -> None:
+    programs = trees_by_type(MISSION)
     assert list(programs) == ["inspect"]
+    assert isinstance(programs["inspect"], ProgramTree)
     assert program_tree(programs["inspect"]).type == "Sequence"
+    assembly = trees_by_type(load_mission(EXAMPLES / "assembly" / "mission.yaml"))
+    assert list(assembly) == ["fasten"]
+    assert isinstance(assembly["fasten"], Tree)
+    assert [node.subject for node in assembly["fasten"].actions()] == ["grasp", "turn"]
 
 
 def test_without_such_trees_nothing_changes() -> None:
-    mission = load_mission(ROOT / "examples" / "assembly" / "mission.yaml")
-    rows = tree_view(local_tree_of(mission, mission.robots["R1"].capabilities))
-    assert with_programs(rows, [0] * len(rows), mission)[0] == rows
+    mission = load_mission(EXAMPLES / "explore" / "mission.yaml")
+    rows = tree_view(OwnTrees("R1", mission.robots["R1"].capabilities).local)
+    assert with_inner_trees(rows, [0] * len(rows), mission)[0] == rows

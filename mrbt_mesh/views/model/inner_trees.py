@@ -1,4 +1,4 @@
-"""BehaviorTree.CPP trees of local tasks, as views draw them below T_Li.
+"""The trees of local tasks, as views draw them below T_Li.
 
 A robot reports the statuses of the nodes of the tree that it runs.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,9 +15,11 @@ from mrbt_mesh.btcpp.files.document import LEAVES, Category, parse_document
 from mrbt_mesh.btcpp.files.expand import ExpandedNode, expand
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import library_of
+from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Tree, build_tree
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
+from mrbt_mesh.views.model.mission_view import tree_view
 
 MAX_PORT_CHARACTERS = 40
 _INNER = re.compile(r"\{(\w+_[0-9]+__)+")
@@ -29,12 +32,20 @@ def program_tree(program: ProgramTree) -> ExpandedNode:
     return expand(library, program.tree).root
 
 
-def programs_by_type(mission: Mission) -> dict[str, ProgramTree]:
-    """One tree for each type of local task that has one; the ports' values may differ."""
-    found: dict[str, ProgramTree] = {}
-    for ground, program in sorted(mission.program_trees.items()):
-        found.setdefault(type_name(ground), program)
+def trees_by_type(mission: Mission) -> dict[str, ProgramTree | Tree]:
+    """One tree for each type of local task that has one, without the arguments of its leaves."""
+    trees: dict[str, ProgramTree | Tree] = {**mission.local_trees, **mission.program_trees}
+    found: dict[str, ProgramTree | Tree] = {}
+    for ground, tree in sorted(trees.items()):
+        if type_name(ground) not in found:
+            without = build_tree(_typed(tree.spec())) if isinstance(tree, Tree) else tree
+            found[type_name(ground)] = without
     return found
+
+
+def _typed(spec: NodeSpec) -> NodeSpec:
+    children = tuple(map(_typed, spec.children))
+    return replace(spec, subject=type_name(spec.subject), children=children)
 
 
 def node_label(node: ExpandedNode) -> str:
@@ -52,17 +63,17 @@ def _short(value: str) -> str:
     return text if len(text) <= MAX_PORT_CHARACTERS else text[: MAX_PORT_CHARACTERS - 1] + "…"
 
 
-def with_programs(
+def with_inner_trees(
     rows: Sequence[Mapping[str, Any]],
     statuses: Sequence[int],
     mission: Mission,
     running: tuple[str, bytes] = ("", b""),
 ) -> tuple[list[dict[str, Any]], list[int]]:
-    """The rows of T_Li and their statuses, with the trees of programs below their local tasks.
+    """The rows of T_Li and their statuses, with the trees of local tasks below them.
 
     `running`: the local task that is carried out, and the statuses of the nodes of its tree.
     """
-    programs = programs_by_type(mission)
+    trees = trees_by_type(mission)
     found: list[dict[str, Any]] = []
     after: list[int] = []
     moved: dict[int, int] = {-1: -1}
@@ -70,17 +81,20 @@ def with_programs(
         moved[index] = here = len(found)
         found.append({**row, "parent": moved[int(row["parent"])]})
         after.append(statuses[index])
-        program = programs.get(type_name(str(row["subject"]))) if row["kind"] == "Action" else None
-        if program is not None:
-            inner = list(_rows(program_tree(program), here, len(found)))
+        if row["kind"] == Kind.ACTION and row["subject"] in trees:
+            inner = list(_rows(trees[row["subject"]], here, len(found)))
             found += inner
             is_reported = type_name(running[0]) == row["subject"] and len(running[1]) == len(inner)
             after += running[1] if is_reported else bytes(len(inner))
     return found, after
 
 
-def _rows(root: ExpandedNode, parent: int, first: int) -> Iterator[dict[str, Any]]:
-    waiting = [(root, parent)]
+def _rows(tree: ProgramTree | Tree, parent: int, first: int) -> Iterator[dict[str, Any]]:
+    if isinstance(tree, Tree):
+        for row in tree_view(tree):
+            yield {**row, "parent": parent if row["parent"] < 0 else first + row["parent"]}
+        return
+    waiting = [(program_tree(tree), parent)]
     number = first
     while waiting:
         node, above = waiting.pop()
