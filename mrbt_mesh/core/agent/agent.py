@@ -121,6 +121,8 @@ class Agent:
         # When the last plan was made, and before when none is made, None if one may be.
         self._planned_us = now_us
         self._plans_at_us: int | None = None
+        if config.resumed is not None:
+            self._lifecycle.resume(config.resumed, now_us)
 
     # -- the two calls ------------------------------------------------------------------------
 

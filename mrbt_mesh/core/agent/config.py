@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.engine import FASTEST, Engine
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.planning.deadlines import Due
+from mrbt_mesh.core.planning.plan import RobotAssignment
+
+
+@dataclass(frozen=True)
+class ResumedLife:
+    """A life that goes on where a recording has left it; the restored entries have the rest.
+
+    `version`: that of the batch that it writes next. `assignment` and `partners`: its own in the
+    newest plan. `deadlines_us`: when the running deadlines pass, from now on.
+    """
+
+    version: Version
+    assignment: RobotAssignment | None
+    partners: tuple[str, ...]
+    deadlines_us: Mapping[Due, int]
 
 
 @dataclass(frozen=True)
@@ -22,7 +39,8 @@ class AgentConfig:
     `journal_problem`: why that cannot be written, empty if it can. `plans_apart`: plans are made
     outside of `Agent.handle` (`deferred_inputs`). With `keys` only messages that a member has
     signed are accepted; `life` is then greater than that of every earlier process of this robot
-    (see `membership.envelope`).
+    (see `membership.envelope`). `resumed`: it goes on with a life that was recorded, without
+    joining anew (the simulator's what-if).
     """
 
     robot: str
@@ -45,3 +63,4 @@ class AgentConfig:
     plans_apart: bool = False
     keys: Keys | None = None
     life: int = 0
+    resumed: ResumedLife | None = None

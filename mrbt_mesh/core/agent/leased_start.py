@@ -28,6 +28,14 @@ class LeasedStart(CoalitionStart):
         # By which to know whether the claim of a robot that is ready is on disk.
         self._ready = 0
 
+    def resume(self, now_us: int) -> None:
+        """Go on with the work of before, and with the grants."""
+        self.leases.grantor.end_silence()
+        claim = self._context.work.claim
+        if claim is not None and claim.coalition and self._is_exclusive(claim):
+            token = CoalitionId.parse(claim.coalition)
+            self.leases.holder.resume(claim.activation, token, now_us)
+
     # -- the member ---------------------------------------------------------------------------
 
     @property

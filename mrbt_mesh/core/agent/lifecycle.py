@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from mrbt_mesh.core.agent.config import ResumedLife
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import DeclareToken
 from mrbt_mesh.core.agent.leased_start import LeasedStart
@@ -37,6 +38,21 @@ class Lifecycle:
         self._duplicates = duplicates
         self._schedule = schedule
         self.done_us: int | None = None
+
+    def resume(self, life: ResumedLife, now_us: int) -> None:
+        """Go on with a life that was recorded: hear the others first, as after a pause."""
+        context, me = self._context, self._context.me
+        context.replica.resume(life.version)
+        context.description.resume(context.facts.members[me].member)
+        context.emit(DeclareToken(life.version.incarnation))
+        expected = context.config.expected - {me}
+        context.joining = Joining(context.config.timing, expected, now_us, False, keeps_life=True)
+        self._planner.deadlines.resume(life.deadlines_us, now_us)
+        claim, incarnation = context.facts.valid_claim(me), life.version.incarnation
+        work = context.work.resume(claim, life.assignment, life.partners, incarnation, now_us)
+        context.emit(*work)
+        if self._leased is not None:
+            self._leased.resume(now_us)
 
     # -- pauses -------------------------------------------------------------------------------
 

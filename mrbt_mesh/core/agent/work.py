@@ -88,6 +88,24 @@ class Work:
         )
         return self.action
 
+    def resume(
+        self,
+        claim: Claim | None,
+        assignment: RobotAssignment | None,
+        partners: tuple[str, ...],
+        incarnation: Incarnation,
+        now_us: int,
+    ) -> list[Effect]:
+        """Go on with what was assigned and claimed before; an action that ran is started again."""
+        self.claim, self.assigned_us, value = claim, now_us, 0
+        if assignment is not None and claim is not None:
+            held = (claim.activation, claim.local_task)
+            if held == (assignment.activation, assignment.local_task):
+                self.assignment, value = assignment, assignment.performance
+        if claim is None or claim.phase is not Phase.RUNNING:
+            return []
+        return [self.start(claim, partners, value, incarnation, claim.coalition)]
+
     def progressed(self, number: int, percent: int) -> None:
         """How far the action is."""
         if self.action is not None and self.action.ticket == number:

@@ -52,6 +52,13 @@ class Description:
         # By local task and source.
         self._losses: dict[tuple[str, str], _Loss] = {}
 
+    def resume(self, known: Member) -> None:
+        """Take over what the robot has said of itself before."""
+        self._capabilities = dict(known.capabilities)
+        lost = {(name, PROGRAM): _Loss(reason, False) for name, reason in known.lost.items()}
+        pending = {(name, PROGRAM): _Loss(reason, True) for name, reason in known.pending.items()}
+        self._losses = pending | lost
+
     @property
     def lost(self) -> Mapping[str, str]:
         return self._reasons(is_pending=False)

@@ -62,6 +62,11 @@ class LeaseHolder:
             self.requested = wanted
             self._confirmed_us.clear()
 
+    def resume(self, activation: str, coalition: CoalitionId, now_us: int) -> None:
+        """Hold the leases of one coalition, as if all grantors had just renewed them."""
+        self.request(activation, coalition)
+        self._confirmed_us = dict.fromkeys(self._facts.grantors, now_us)
+
     def held_until_us(self) -> int:
         """Until when a majority's leases last, by this robot's own count; 0: there is none."""
         needed = majority(self._facts.grantors)

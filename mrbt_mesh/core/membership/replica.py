@@ -77,6 +77,10 @@ class Replica:
         """This robot's id; empty for an observer."""
         return self.header.sender
 
+    def resume(self, version: Version) -> None:
+        """Go on with a life whose next batch has this version."""
+        self.incarnation, self.next_version = version.incarnation, version
+
     # -- writing ------------------------------------------------------------------------------
 
     def next_incarnation(self, heard: int) -> Incarnation:

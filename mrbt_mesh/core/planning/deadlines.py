@@ -7,7 +7,7 @@ first robot that sees the deadline pass writes the fact, once, for all.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 from mrbt_mesh.core.facts import records
@@ -17,7 +17,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.plan import Plan
 
 # A fact, and whether it follows from the alive set: then the others have to agree.
-_Due: TypeAlias = tuple[str, bool]
+Due: TypeAlias = tuple[str, bool]
 
 
 class Deadlines:
@@ -30,9 +30,9 @@ class Deadlines:
     def __init__(self, bid_us: int, failure_latch_us: int) -> None:
         self._bid_us = bid_us
         self._failure_latch_us = failure_latch_us
-        self._due_us: dict[_Due, int] = {}
+        self._due_us: dict[Due, int] = {}
         # They have passed, but the others do not agree.
-        self._held: set[_Due] = set()
+        self._held: set[Due] = set()
 
     def expired(
         self, plan: Plan, facts: TeamFacts, now_us: int, is_agreed: Callable[[], bool]
@@ -54,9 +54,9 @@ class Deadlines:
         names = sorted({name for name, _ in passed - self._held})
         return [(name, losses.get(name, LATCH)) for name in names]
 
-    def _running(self, plan: Plan, facts: TeamFacts) -> dict[_Due, int]:
+    def _running(self, plan: Plan, facts: TeamFacts) -> dict[Due, int]:
         """What runs now, and for how long at most, in microseconds."""
-        running: dict[_Due, int] = {
+        running: dict[Due, int] = {
             (f"{records.EXPIRED}/{t.activation}", False): t.timeout_us
             for t in plan.evaluation.timeouts
         }
@@ -76,6 +76,14 @@ class Deadlines:
                 limit_us = self._bid_us if within_us is None else within_us
                 running[bidding.closed_name, False] = limit_us
         return running
+
+    def left_us(self, now_us: int) -> dict[Due, int]:
+        """How long each has yet to run."""
+        return {due: at_us - now_us for due, at_us in self._due_us.items()}
+
+    def resume(self, left_us: Mapping[Due, int], now_us: int) -> None:
+        """These have yet to run for so long."""
+        self._due_us = {due: now_us + each_us for due, each_us in left_us.items()}
 
     def restart_agreed(self) -> None:
         """This robot has not known the alive set for a while."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextvars
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -27,7 +28,16 @@ from mrbt_mesh.core.agent.effects import (
     StartAction,
     Stop,
 )
-from mrbt_mesh.core.agent.inputs import ActionFinished, Input, PlanMade, TimerFired
+from mrbt_mesh.core.agent.inputs import (
+    ActionFinished,
+    ActionStopped,
+    BidMade,
+    BidsMade,
+    ConditionSet,
+    Input,
+    PlanMade,
+    TimerFired,
+)
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
@@ -35,11 +45,13 @@ from mrbt_mesh.sim.world.faults import Fault
 from mrbt_mesh.sim.world.journal import Changes, SimJournal, SimJournalWriter
 from mrbt_mesh.sim.world.message_bus import MessageBus
 from mrbt_mesh.sim.world.pace import Pace
-from mrbt_mesh.sim.world.setup import Setup
+from mrbt_mesh.sim.world.setup import RecordedWork, Setup
 
 TIMER_FIRED = TimerFired()
 # How long a program's code may go on after its process has ended.
 END_LIMIT_S = 3.0
+# How long robots of a recorded run may have waited for agreement before they started.
+MOST_WAITED_US = 500_000
 
 
 class Surroundings(Protocol):
@@ -56,7 +68,8 @@ class Surroundings(Protocol):
     def completed(self, process: SimProcess) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
-    def begun_before_us(self, process: SimProcess, effect: StartAction) -> int: ...
+    def recorded_work(self, process: SimProcess, effect: StartAction) -> RecordedWork | None: ...
+    def recorded_bid(self, process: SimProcess, effect: RequestBid) -> BidMade | None: ...
 
 
 class Inspection:
@@ -148,6 +161,8 @@ class SimProcess:
         self._ran_us = 0
         self._timer_us: int | None = None
         self._recorder: RobotRecorder | None = None
+        # The action that goes as it went in a recording.
+        self._repeated: int | None = None
 
     @property
     def runs_by_itself(self) -> bool:
@@ -287,9 +302,46 @@ class SimProcess:
 
     def _work(self, effect: StartAction | CancelAction | RequestBid) -> None:
         assert self._runner is not None
-        if isinstance(effect, StartAction):
-            self.pace.gate.ahead_us = self._world.begun_before_us(self, effect)
+        now_us = self._clock.now_us
+        match effect:
+            case StartAction(ticket):
+                work = self._world.recorded_work(self, effect)
+                if work is not None:
+                    self._repeated = ticket
+                    # It has lost no time here between its plan and its start.
+                    waited_us = work.starts_us - now_us
+                    waited_us = waited_us if 0 < waited_us < MOST_WAITED_US else 0
+                    for after_us, event in work.events:
+                        ahead_us = work.begun_us + after_us
+                        step = partial(self._repeat, effect, ahead_us, event)
+                        self._clock.at(now_us + waited_us + after_us, step)
+                    return
+            case CancelAction(ticket) if ticket == self._repeated:
+                self._repeated = None
+                self.submit(ActionStopped(ticket))
+                return
+            case RequestBid():
+                bid = self._world.recorded_bid(self, effect)
+                if bid is not None:
+                    self.submit(BidsMade((bid,)))
+                    return
         self._context.run(self._runner.carry_out, effect)
+
+    def _repeat(
+        self, start: StartAction, ahead_us: int, event: ConditionSet | ActionFinished | None
+    ) -> None:
+        """A recorded run of a local task goes on, unless it was cancelled."""
+        if self._repeated != start.ticket or self.is_over:
+            return
+        if isinstance(event, ConditionSet):
+            self.deliver(event)
+            return
+        self._repeated = None
+        if event is not None:
+            self.deliver(replace(event, ticket=start.ticket))
+        elif self._runner is not None:
+            self.pace.gate.ahead_us = ahead_us
+            self._context.run(self._runner.carry_out, start)
 
     def _make_plan(self, effect: MakePlan) -> None:
         awaited = self.agent.view.awaited_plan if self.agent is not None else None

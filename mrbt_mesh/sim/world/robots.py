@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, Protocol
 
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.config import AgentConfig, ResumedLife
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.world.clock import LocalClock
 from mrbt_mesh.sim.world.journal import FULL, SimJournal
@@ -46,7 +46,7 @@ class Robots:
         self._clocks: dict[str, LocalClock] = {}
         self._start_program: Callable[[SimProcess], object] | None = None
         if setup.begin is not None:
-            for robot in setup.robots:
+            for robot in setup.mission.robots:
                 journal = self._journals[robot] = SimJournal()
                 journal.write({(e.author, e.name): e for e in setup.begin.facts})
 
@@ -72,15 +72,17 @@ class Robots:
         self._start_program = start_program
         for robot in self._setup.robots:
             offset = self._random_bytes("start", robot)
-            at_us = int.from_bytes(offset, "big") % (self._setup.start_spread_us + 1)
+            spread_us = 0 if self._setup.begin is not None else self._setup.start_spread_us
+            at_us = int.from_bytes(offset, "big") % (spread_us + 1)
             self._bus.clock.at(at_us, partial(self._launch_first, robot))
 
     def _launch_first(self, robot: str) -> None:
         self.to_launch -= 1
         if robot not in self._never:
-            self.launch(robot, keeps_journal=True)
+            life = begin.lives[robot] if (begin := self._setup.begin) is not None else None
+            self.launch(robot, keeps_journal=True, life=life)
 
-    def launch(self, robot: str, keeps_journal: bool) -> None:
+    def launch(self, robot: str, keeps_journal: bool, life: ResumedLife | None = None) -> None:
         """Start a process of this robot, with what its journal kept or without."""
         self._lives += 1
         if robot not in self._journals or not keeps_journal:
@@ -92,7 +94,7 @@ class Robots:
         pid = FIRST_PID + self._lives
         own = tuple(sorted(description.capabilities))
         identity = RobotIdentity(robot, description.type, pid, setup.speed, own, is_virtual=True)
-        config = self._config(identity, journal)
+        config = self._config(identity, journal, life)
 
         def make_agent(now_us: int) -> Agent:
             self._bus.tell_tokens(robot)
@@ -115,14 +117,17 @@ class Robots:
         journal = self._journals.setdefault(robot, SimJournal())
         journal.sync_us, journal.fails, journal.is_locked = sync_us, fails, is_locked
 
-    def _config(self, identity: RobotIdentity, journal: SimJournal) -> AgentConfig:
+    def _config(
+        self, identity: RobotIdentity, journal: SimJournal, life: ResumedLife | None
+    ) -> AgentConfig:
         setup, robot, options = self._setup, identity.robot, self._setup.agents
+        nonce = self._random_bytes("nonce", robot, self._lives).hex()
         return AgentConfig(
             robot=robot,
             type=identity.type,
             capabilities=dict(setup.mission.robots[robot].capabilities),
             run=setup.run,
-            nonce=self._random_bytes("nonce", robot, self._lives).hex(),
+            nonce=nonce if life is None else life.version.incarnation.nonce,
             solver=options.solvers.get(robot, options.solver),
             timing=setup.timing,
             expected=frozenset(setup.robots),
@@ -136,6 +141,7 @@ class Robots:
             plans_apart=options.plan_delay_us is not None,
             keys=options.keys.get(robot),
             life=self._lives,
+            resumed=life,
         )
 
     def _random_bytes(self, *purpose: Any) -> bytes:

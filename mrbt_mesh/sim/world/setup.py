@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeAlias
 
+from mrbt_mesh.core.agent.config import ResumedLife
+from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.engine import Engine
@@ -92,17 +95,37 @@ class AgentOptions:
     keys: Mapping[str, Keys] = field(default_factory=dict)
 
 
+# Robot, activation and local task.
+Place: TypeAlias = tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class RecordedWork:
+    """One run of a local task, as it was recorded; times in microseconds.
+
+    `starts_us`: when it started, after the begin of this run; `begun_us`: for how long it had run
+    by then already. `events`: what its robot said, and how long after its start here; the last one
+    is its end. None: more is not known, the program goes on in its place.
+    """
+
+    starts_us: int = 0
+    begun_us: int = 0
+    events: tuple[tuple[int, ConditionSet | ActionFinished | None], ...] = ()
+
+
 @dataclass(frozen=True)
 class Beginning:
-    """Where a run goes on that has begun elsewhere: its id, and what its robots know.
+    """Where a recorded run goes on: its id, what its robots know, and the lives that go on.
 
-    `under_way`: for how long, in microseconds, a robot has been at a local task of an activation;
-    if it is given the same again it goes on from there.
+    `works`: how a robot's runs of a local task of an activation went, in order, and `bids` what it
+    bid; where it is given the same again, it goes the same way. Else the program decides.
     """
 
     run: str
     facts: tuple[Entry, ...]
-    under_way: Mapping[tuple[str, str, str], int]
+    lives: Mapping[str, ResumedLife]
+    works: Mapping[Place, Sequence[RecordedWork]]
+    bids: Mapping[Place, int | None]
 
 
 @dataclass(frozen=True)

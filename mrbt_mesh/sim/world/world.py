@@ -7,8 +7,8 @@ from typing import Any, TypeAlias
 
 import anyio
 
-from mrbt_mesh.core.agent.effects import Publish, StartAction
-from mrbt_mesh.core.agent.inputs import ActionFinished
+from mrbt_mesh.core.agent.effects import Publish, RequestBid, StartAction
+from mrbt_mesh.core.agent.inputs import ActionFinished, BidMade
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import OrderKind
@@ -25,7 +25,7 @@ from mrbt_mesh.sim.world.network import Network, Routers
 from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.recordings import Recordings
 from mrbt_mesh.sim.world.robots import Robots
-from mrbt_mesh.sim.world.setup import Setup
+from mrbt_mesh.sim.world.setup import Place, RecordedWork, Setup
 
 # How long, in detection times, robots that were cut off may outlive the end of the mission.
 GIVE_UP_DETECTIONS = 5
@@ -59,9 +59,9 @@ class World:
             setup.mission, setup.run, self.timing, default_solver, setup.agents.engine, keys
         )
         self.events: list[dict[str, Any]] = []
-        self._under_way: dict[tuple[str, str, str], int] = {}
+        self._works: dict[Place, list[RecordedWork]] = {}
         if setup.begin is not None:
-            self._under_way.update(setup.begin.under_way)
+            self._works = {place: list(works) for place, works in setup.begin.works.items()}
             self.observer.read(setup.begin.facts, self.clock.now_us)
         self.recordings: Recordings | None = None
         if setup.record is not None:
@@ -148,9 +148,14 @@ class World:
             return None
         return self.recordings.begin(process.agent.view, self.clock.now_us)
 
-    def begun_before_us(self, process: SimProcess, effect: StartAction) -> int:
+    def recorded_work(self, process: SimProcess, effect: StartAction) -> RecordedWork | None:
+        works = self._works.get((process.robot, effect.activation, effect.local_task))
+        return works.pop(0) if works else None
+
+    def recorded_bid(self, process: SimProcess, effect: RequestBid) -> BidMade | None:
+        bids = self.setup.begin.bids if self.setup.begin is not None else {}
         place = (process.robot, effect.activation, effect.local_task)
-        return self._under_way.pop(place, 0)
+        return BidMade(*place[1:], bids[place]) if place in bids else None
 
     # -- the observer -------------------------------------------------------------------------
 

@@ -205,6 +205,11 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     help="The moment.",
 )
 @fault_options(*WHAT_IF)
+@click.option(
+    "--without-recorded-faults",
+    is_flag=True,
+    help="What failed after --at, died or joined, and operators' orders, do not happen again.",
+)
 @program_option
 @seed_option
 @virtual_timeout_option
@@ -212,6 +217,7 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
 def what_if(
     file: Path,
     at: float,
+    without_recorded_faults: bool,
     program: str | None,
     seed: int,
     timeout: float,
@@ -220,19 +226,22 @@ def what_if(
 ) -> None:
     """Continue a recorded run from a moment in the simulator, with faults that did not happen.
 
-    Faults without @SECONDS happen at --at. All times count from the begin of the recording.
+    Recorded faults and orders after --at happen again, and recorded work takes as long: with
+    nothing changed, the run goes on as it did. Faults without @SECONDS happen at --at. All times
+    count from the begin of the recording.
 
     Exit status: 0 the mission would have succeeded, 1 failed, 2 bad input, 3 not be finished.
 
     \b
     Example: mrbt recording what-if run.mcap --at 12 --kill B1
              mrbt recording what-if run.mcap --at 12 --fault B1:replace_hw --restore B1@20
+             mrbt recording what-if run.mcap --at 12 --without-recorded-faults
     """
     from mrbt_mesh.cli.terminal import console, print_json
     from mrbt_mesh.views.recordings.continuing import continued
     from mrbt_mesh.views.recordings.render import render_what_if
 
-    data = continued(file, at, faults, program, seed, timeout)
+    data = continued(file, at, faults, without_recorded_faults, program, seed, timeout)
     if as_json:
         print_json(data)
     else:

@@ -23,6 +23,7 @@ def continued(
     file: Path,
     at_s: float,
     faults: Mapping[str, Sequence[str]],
+    without_recorded: bool,
     program: str | None,
     seed: int,
     timeout_s: float,
@@ -44,6 +45,7 @@ def continued(
             at_us,
             load_program(checked_program(player.mission, sorted(player.mission.robots), program)),
             [(player.begin_us + each.at_us, each.fault) for each in named],
+            without_recorded=without_recorded,
             seed=seed,
             timeout_us=round(timeout_s * SECOND_US),
         )
@@ -59,6 +61,7 @@ def continued(
     return {
         "at_s": at_s,
         "faults": [each.said for each in named],
+        "without_recorded_faults": without_recorded,
         "assumed": list(ASSUMED),
         "under_way": found.under_way,
         "recorded": {

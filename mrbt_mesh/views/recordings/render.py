@@ -82,7 +82,9 @@ def render_what_if(data: Mapping[str, Any]) -> RenderableType:
         if any(counts):
             table.add_row(f"tasks: {state}", *map(str, counts))
     table.add_row("blocked", *("; ".join(_blocked(row)) or "nothing" for row in rows))
-    faults = ", ".join(data["faults"]) or "no fault"
+    faults = ", ".join(data["faults"]) or "no other fault"
+    if data["without_recorded_faults"]:
+        faults += ", without the recorded ones"
     under_way = ", ".join(f"{robot}: {task}" for robot, task in data["under_way"].items())
     return Group(
         Text(f"from {data['at_s']:g} s on: {faults}", "bold"),

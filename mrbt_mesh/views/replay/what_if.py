@@ -8,24 +8,23 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from mrbt_mesh.core.facts.records import Claim, NoClaim, Phase
-from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.core.facts.team_facts import TeamFacts, changed_performances
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.agent.config import ResumedLife
+from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.facts.store import Incarnation, Version
+from mrbt_mesh.core.planning.deadlines import Deadlines, Due
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.run import SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import ChangePerformance, Fault, Lose
+from mrbt_mesh.sim.world.faults import Fault, Restart
 from mrbt_mesh.sim.world.setup import Beginning
+from mrbt_mesh.views.replay.recorded_course import RecordedCourse
 
-# In the simulator the team joins first; that time is not counted.
-JOIN_US = 300_000
 ASSUMED = (
     "all robots know the same facts: those of this recording",
-    "robots that are alive join anew, within 0.3 s that are not counted, and plan anew",
-    "work under way continues if the same robot gets it again, else it starts anew",
-    "robots work as the program's simulation does; the network loses nothing",
+    "work that a robot did in the recording takes as long and ends as it did there",
+    "other work, and all that programs do beside work, is as their simulation has it",
+    "the network loses nothing",
 )
 
 
@@ -42,78 +41,90 @@ class Continuation:
 
     def recorded_us(self, simulated_us: int) -> int:
         """A time of the result as one of the recording."""
-        return self.at_us + max(0, simulated_us - JOIN_US)
+        return self.at_us + simulated_us
 
 
 def what_if(
     recording: Recording,
     at_us: int,
     program: RobotProgram,
-    faults: Iterable[tuple[int, Fault]],
+    faults: Iterable[tuple[int, Fault]] = (),
     *,
+    without_recorded: bool = False,
     seed: int = 0,
     timeout_us: int,
 ) -> Continuation:
     """Go on from a time of the recording; faults have times of the recording, not before `at_us`.
 
-    Raises RecordingError if no robot is alive then or the recording is damaged, ValueError for
-    faults of robots that the mission does not have, SimulationError.
+    Those of the recording happen too, unless `without_recorded`. Raises RecordingError if no robot
+    is alive then or the recording is damaged, ValueError for faults of robots that the mission does
+    not have, SimulationError.
     """
+    course = RecordedCourse(Player(recording))
     player = Player(recording)
-    player.seek(at_us)
-    facts, mission = player.state.facts, player.mission
-    robots = sorted(robot for robot in player.state.alive if robot in mission.robots)
-    if not robots:
+    deadlines_us = _deadlines(player, at_us)
+    state, mission = player.state, player.mission
+    lives = {
+        robot: _resumed(player, robot, life, deadlines_us)
+        for robot, life in sorted(state.alive.items())
+        if robot in mission.robots
+    }
+    if not lives:
         raise RecordingError(f"{recording.path}: no robot of the mission is alive at that time")
-    running = _running(player, at_us)
-    schedule = [(JOIN_US + each_us - at_us, fault) for each_us, fault in faults]
+    schedule = [*faults, *course.deaths_to_notice(at_us)]
+    if not without_recorded:
+        schedule += course.faults_from(at_us)
+        # Robots that were about to join.
+        schedule += [
+            (at_us, Restart(robot))
+            for robot, known in state.robots.items()
+            if robot not in state.alive and known["state"] == "alive" and not known["joined"]
+        ]
     result = simulate(
         mission,
         program,
         seed=seed,
-        robots=robots,
-        schedule=sorted([*_described(mission, facts, robots), *schedule], key=lambda each: each[0]),
-        timeout_us=JOIN_US + timeout_us,
+        robots=lives,
+        schedule=sorted(
+            ((each_us - at_us, fault) for each_us, fault in schedule), key=lambda each: each[0]
+        ),
+        timeout_us=timeout_us,
         speed=recording.metadata.speed,
         inspect=False,
         begin=Beginning(
             recording.metadata.run,
-            _kept(facts),
-            {
-                (robot, claim.activation, claim.local_task): elapsed_us
-                for robot, (claim, elapsed_us) in running.items()
-            },
+            tuple(state.facts.map),
+            lives,
+            course.works_from(at_us),
+            course.bids,
         ),
     )
-    under_way = {robot: claim.local_task for robot, (claim, _) in running.items()}
+    claims = {robot: state.facts.valid_claim(robot) for robot in lives}
+    running = {r: c for r, c in claims.items() if c is not None and c.phase is Phase.RUNNING}
+    under_way = {robot: claim.local_task for robot, claim in running.items()}
     return Continuation(at_us, under_way, result)
 
 
-def _running(player: Player, at_us: int) -> dict[str, tuple[Claim, int]]:
-    """Robot -> the claim that it runs, and for how long it has."""
-    claims = player.observer.record.claims
-    found: dict[str, tuple[Claim, int]] = {}
-    for since_us, robot, claim in claims:
-        now = player.state.facts.valid_claim(robot)
-        if claim == now and claim.phase is Phase.RUNNING and robot in player.state.alive:
-            found[robot] = (claim, at_us - since_us)
-    return found
+def _deadlines(player: Player, at_us: int) -> dict[Due, int]:
+    """Play to a time; returns how long the deadlines that run then have yet to run."""
+    timing, plan = player.recording.metadata.timing, None
+    deadlines = Deadlines(timing.bid_wait_us, timing.failure_latch_us)
+    for _ in player.play_to(at_us):
+        if player.observer.plan is not plan:
+            plan = player.observer.plan
+            if plan is not None:
+                deadlines.expired(plan, player.state.facts, player.now_us, lambda: False)
+    return deadlines.left_us(at_us)
 
 
-def _kept(facts: TeamFacts) -> tuple[Entry, ...]:
-    """The facts that robots know when they start: all but claims."""
-    return tuple(e for e in facts.map if not isinstance(e.record, Claim | NoClaim))
-
-
-def _described(
-    mission: Mission, facts: TeamFacts, robots: Iterable[str]
-) -> Iterable[tuple[int, Fault]]:
-    """The capabilities that robots had lost, and performances that had changed."""
-    for robot in robots:
-        known = facts.members.get(robot)
-        if known is None:
-            continue
-        for name, reason in known.member.lost.items():
-            yield 0, Lose(robot, name, reason)
-        for name, value in changed_performances(mission, robot, known.member).items():
-            yield 0, ChangePerformance(robot, name, value)
+def _resumed(
+    player: Player, robot: str, life: Incarnation, deadlines_us: dict[Due, int]
+) -> ResumedLife:
+    facts, plan = player.state.facts, player.observer.plan
+    written = [
+        e.version.sequence for e in facts.map.of_author(robot) if e.version.incarnation == life
+    ]
+    assignment = plan.assignments.get(robot) if plan is not None else None
+    partners = plan.partners(robot) if plan is not None and assignment is not None else ()
+    version = Version(life, max(written, default=0) + 1)
+    return ResumedLife(version, assignment, partners, deadlines_us)

@@ -1,0 +1,216 @@
+"""The course of a recorded run: how each robot's work went, what it bid, and which faults there
+were. A simulation that begins in its middle lets the same happen again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
+from mrbt_mesh.core.facts.records import (
+    Bid,
+    Claim,
+    ConditionValue,
+    Member,
+    NoClaim,
+    Order,
+    Outcome,
+    Phase,
+)
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
+from mrbt_mesh.core.facts.team_facts import changed_performances
+from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.messages import read_incarnation
+from mrbt_mesh.recording.player import Player
+from mrbt_mesh.sim.world import faults
+from mrbt_mesh.sim.world.faults import Fault
+from mrbt_mesh.sim.world.setup import Place, RecordedWork
+
+# A death is noticed about so long after the end of the process.
+NOTICE_US = 20_000
+
+
+@dataclass
+class _Work:
+    """One run of a local task: when it began, the conditions that its robot set from then on, and
+    the fact of its outcome; without one, until when it ran at least.
+    """
+
+    begun_us: int
+    said: list[tuple[int, Version, ConditionSet]] = field(default_factory=list)
+    end: tuple[int, Version, Outcome] | None = None
+    until_us: int = NEVER_US
+
+    def seen_from(self, at_us: int) -> RecordedWork | None:
+        """What is to come of it from a time on; None: nothing, it has ended by then."""
+        from_us = max(at_us, self.begun_us)
+        times = self.begun_us - at_us, from_us - self.begun_us
+        if self.end is None:
+            return RecordedWork(*times, ((max(0, self.until_us - from_us), None),))
+        ended_us, last, outcome = self.end
+        if ended_us <= at_us:
+            return None
+        with_end = tuple(
+            (each.name, each.value) for _, version, each in self.said if version == last
+        )
+        end = ActionFinished(0, outcome.success, with_end, reason=outcome.reason)
+        before = [
+            (said_us - from_us, each)
+            for said_us, version, each in self.said
+            if version < last and said_us > from_us
+        ]
+        return RecordedWork(*times, (*before, (ended_us - from_us, end)))
+
+
+@dataclass(frozen=True)
+class _Death:
+    """A robot died, or was frozen until `thawed_us`, and others noticed."""
+
+    robot: str
+    at_us: int
+    noticed_us: int
+    thawed_us: int | None
+
+    def is_unnoticed(self, at_us: int) -> bool:
+        """Whether it is dead at that time, and counted on still."""
+        return self.at_us <= at_us < self.noticed_us
+
+    def faults(self) -> list[tuple[int, Fault]]:
+        if self.thawed_us is None:
+            return [(self.at_us, faults.Kill(self.robot))]
+        return [
+            (self.at_us, faults.Freeze(self.robot)),
+            (self.thawed_us, faults.Thaw(self.robot)),
+        ]
+
+
+class RecordedCourse:
+    """Of the recording of a player, which is at its end afterwards.
+
+    `bids`: by robot, activation and local task, as the first ones count.
+    """
+
+    def __init__(self, player: Player) -> None:
+        self.bids: dict[Place, int | None] = {}
+        self._mission = player.mission
+        self._works: dict[Place, list[_Work]] = {}
+        self._running: dict[str, _Work] = {}
+        self._members: dict[str, tuple[str, Member]] = {}
+        self._lives: dict[str, list[tuple[int, Incarnation]]] = {}
+        self._faults: list[tuple[int, Fault]] = []
+        played = player.play_to(player.end_us)
+        for record, _ in zip(player.recording.records, played, strict=True):
+            if record.topic == channels.FACTS:
+                entry = player.state.facts.map.get(record.data["author"], record.data["name"])
+                if entry is not None:
+                    self._fact(entry, record.at_us)
+            elif record.topic == channels.ROBOTS:
+                self._seen(record.data["robot"], record.data["incarnation"], record.at_us)
+        self._deaths = [
+            self._death(each) for each in player.observer.record.major if not each.is_older
+        ]
+
+    def works_from(self, at_us: int) -> dict[Place, list[RecordedWork]]:
+        """How all work went that had not ended by then."""
+        return {
+            place: [seen for each in works if (seen := each.seen_from(at_us)) is not None]
+            for place, works in self._works.items()
+        }
+
+    def faults_from(self, at_us: int) -> list[tuple[int, Fault]]:
+        """The faults after a time, and what operators ordered."""
+        found = [each for each in self._faults if each[0] > at_us]
+        for death in self._deaths:
+            if death.at_us > at_us:
+                found += death.faults()
+            elif death.thawed_us is not None and death.thawed_us > at_us:
+                # Its process was not taken over.
+                found.append((death.thawed_us, faults.Restart(death.robot)))
+        return found
+
+    def deaths_to_notice(self, at_us: int) -> list[tuple[int, Fault]]:
+        """The ends of robots that were dead by then, and counted on still, when others notice."""
+        return [
+            (max(at_us, each.noticed_us - NOTICE_US), faults.Kill(each.robot))
+            for each in self._deaths
+            if each.is_unnoticed(at_us)
+        ]
+
+    # -- facts --------------------------------------------------------------------------------
+
+    def _fact(self, entry: Entry, at_us: int) -> None:
+        robot, running = entry.author, self._running.get(entry.author)
+        match entry.record:
+            case Claim() | NoClaim() if running is not None and running.until_us == NEVER_US:
+                running.until_us = at_us
+                if isinstance(entry.record, Claim):
+                    self._fact(entry, at_us)
+            case Claim(phase=Phase.RUNNING) as claim:
+                work = self._running[robot] = _Work(at_us)
+                place = (robot, claim.activation, claim.local_task)
+                self._works.setdefault(place, []).append(work)
+            case Outcome() as outcome:
+                _, activation, local_task, *_ = entry.parts
+                works = self._works.get((robot, activation, local_task))
+                if works and works[-1].end is None:
+                    works[-1].end = (at_us, entry.version, outcome)
+            case ConditionValue() as condition if running is not None:
+                said = ConditionSet(entry.parts[1], condition.value)
+                running.said.append((at_us, entry.version, said))
+            case Bid(performance):
+                _, activation, local_task = entry.parts
+                self.bids.setdefault((robot, activation, local_task), performance)
+            case Order(kind):
+                self._faults.append((at_us, faults.Command(robot, ORDER, str(kind))))
+            case Member() as member:
+                self._described(robot, entry.version.incarnation.nonce, member, at_us)
+
+    def _described(self, robot: str, process: str, member: Member, at_us: int) -> None:
+        """A robot has described itself: what it has lost or got back, and whether it leaves."""
+        known, before = self._members.get(robot, ("", None))
+        self._members[robot] = (process, member)
+        lost: dict[str, str] = {}
+        performances: dict[str, int] = {}
+        if before is not None and known == process:
+            lost, performances = (
+                dict(before.lost),
+                changed_performances(self._mission, robot, before),
+            )
+        found: list[Fault] = [
+            faults.Lose(robot, name, reason)
+            for name, reason in member.lost.items()
+            if lost.get(name) != reason
+        ]
+        found += [faults.Restore(robot, name) for name in lost if name not in member.lost]
+        after = changed_performances(self._mission, robot, member)
+        declared = self._mission.robots[robot].capabilities if robot in self._mission.robots else {}
+        for name in sorted({*performances, *after}):
+            value = after.get(name, declared.get(name, 0))
+            if performances.get(name, declared.get(name)) != value:
+                found.append(faults.ChangePerformance(robot, name, value))
+        if member.is_leaving:
+            found.append(faults.Leave(robot))
+        self._faults += [(at_us, fault) for fault in found]
+
+    # -- lives --------------------------------------------------------------------------------
+
+    def _seen(self, robot: str, incarnation: str, at_us: int) -> None:
+        life, lives = read_incarnation(incarnation), self._lives.setdefault(robot, [])
+        if all(life.nonce != known.nonce for _, known in lives):
+            self._faults.append((at_us, faults.Restart(robot)))
+        if not lives or life > lives[-1][1]:
+            lives.append((at_us, life))
+
+    def _death(self, fault: MajorFault) -> _Death:
+        """A process that goes on afterwards was frozen."""
+        lives = self._lives.get(fault.robot, ())
+        later = [(seen_us, each) for seen_us, each in lives if each > fault.incarnation]
+        thawed_us = fault.until_us
+        if later:
+            seen_us, life = later[0]
+            thawed_us = seen_us if life.nonce == fault.incarnation.nonce else None
+        noticed_us = fault.at_us if fault.detected_us is None else fault.detected_us
+        return _Death(fault.robot, fault.at_us, noticed_us, thawed_us)
