@@ -112,6 +112,11 @@ class RecordedCourse:
         self._deaths = [
             self._death(each) for each in player.observer.record.major if not each.is_older
         ]
+        for (robot, *_), works in self._works.items():
+            for work in works:
+                deaths_us = (d.noticed_us for d in self._deaths if d.robot == robot)
+                later_us = [at_us for at_us in deaths_us if at_us > work.begun_us]
+                work.until_us = min(work.until_us, player.end_us, *later_us)
 
     def works_from(self, at_us: int) -> dict[Place, list[RecordedWork]]:
         """How all work went that had not ended by then."""
