@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Kind, Tree
@@ -94,7 +94,7 @@ def _check(mission: Mission) -> None:
             _expect(fits, f"condition {condition.name}: failure reason")
         _expect(all(isinstance(flag, bool) for flag in flags), f"condition {condition.name}")
     _check_global_tasks(mission)
-    _check_tree(mission)
+    _check_nodes(mission.tree, "tree", mission.global_tasks.__contains__, mission.knows_condition)
     _check_local_trees(mission)
     _check_program_trees(mission)
 
@@ -132,31 +132,16 @@ def _check_global_tasks(mission: Mission) -> None:
             _expect(isinstance(need.by_bid, bool) and in_time, f"{here}: bids")
 
 
-def _check_tree(mission: Mission) -> None:
-    _check_nodes(mission.tree, "tree")
-    for node in mission.tree.nodes:
-        here = f"tree node {node.index}"
-        if node.kind is Kind.ACTION:
-            _expect(node.subject in mission.global_tasks, f"{here}: {node.subject!r}")
-        elif node.kind is Kind.CONDITION:
-            _expect(mission.knows_condition(node.subject), f"{here}: {node.subject!r}")
-
-
 def _check_local_trees(mission: Mission) -> None:
+    def is_local_task(ground: str) -> bool:
+        return split_call(ground)[0] in mission.local_tasks
+
     for condition in mission.local_conditions.values():
         _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
     for name, tree in mission.local_trees.items():
         split_call(name)
         _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
-        _check_nodes(tree, f"tree of {name}")
-        for node in tree.nodes:
-            here = f"tree of {name} node {node.index}"
-            if node.kind is Kind.ACTION:
-                split_call(node.subject)
-                known = type_name(node.subject) in mission.local_tasks
-                _expect(known, f"{here}: {node.subject!r}")
-            elif node.kind is Kind.CONDITION:
-                _expect(mission.knows_local_condition(node.subject), f"{here}: {node.subject!r}")
+        _check_nodes(tree, f"tree of {name}", is_local_task, mission.knows_local_condition)
 
 
 def _check_program_trees(mission: Mission) -> None:
@@ -167,9 +152,18 @@ def _check_program_trees(mission: Mission) -> None:
             _expect(mission.knows_condition(condition), f"tree of {name}: output {condition!r}")
 
 
-def _check_nodes(tree: Tree, name: str) -> None:
+def _check_nodes(
+    tree: Tree,
+    name: str,
+    knows_action: Callable[[str], bool],
+    knows_condition: Callable[[str], bool],
+) -> None:
     for node in tree.nodes:
         here = f"{name} node {node.index}"
         _expect(isinstance(node.name, str) and isinstance(node.subject, str), here)
         numbers = (node.limit, node.timeout_us, node.failures)
         _expect(all(type(number) is int for number in numbers), here)
+        if node.kind is Kind.ACTION:
+            _expect(knows_action(node.subject), f"{here}: {node.subject!r}")
+        elif node.kind is Kind.CONDITION:
+            _expect(knows_condition(node.subject), f"{here}: {node.subject!r}")
