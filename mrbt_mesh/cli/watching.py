@@ -24,6 +24,7 @@ from mrbt_mesh.cli.terminal import errors, print_json
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import known_runs
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
 LOOK_S = 0.2
+# A recording of this size takes seconds to read.
+LARGE_MB = 2.0
 TERMINAL_VIEW = "top"
 
 
@@ -64,7 +67,15 @@ def past_of(team: Team | None) -> Callable[[Observer], None] | None:
         return None
     path, started_unix_s = team.run_dir.path, team.info.started_unix_s
     living = team.living()
-    return lambda observer: tell_past(observer, path, started_unix_s, living)
+
+    def tell(observer: Observer) -> None:
+        files = [*observer_files(path), *robot_files(path)]
+        size_mb = max((file.stat().st_size / 1e6 for file in files), default=0.0)
+        if size_mb >= LARGE_MB:
+            click.echo(f"reading what is recorded of the run, {size_mb:.0f} MB ...", err=True)
+        tell_past(observer, path, started_unix_s, living)
+
+    return tell
 
 
 def print_refusals(refused: list[str]) -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
 
 from mrbt_mesh.cli import watching
@@ -16,3 +20,23 @@ def test_it_waits_for_the_first_run_of_a_machine(
     watching.wait_for_a_run()
     assert seen == []
     assert capsys.readouterr().err.count("no run is known here: waiting for the first one") == 1
+
+
+def test_it_says_that_it_reads_a_large_recording(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    told: list[Path] = []
+    monkeypatch.setattr(watching, "tell_past", lambda _, path, *__: told.append(path))
+    run = SimpleNamespace(path=tmp_path)
+    team: Any = SimpleNamespace(
+        run_dir=run, info=SimpleNamespace(started_unix_s=0.0), living=lambda: ()
+    )
+    tell = watching.past_of(team)
+    assert tell is not None
+    tell(cast(Any, None))
+    assert capsys.readouterr().err == ""
+    with (tmp_path / "run.mcap").open("wb") as file:
+        file.truncate(3_000_000)
+    tell(cast(Any, None))
+    assert "reading what is recorded of the run, 3 MB" in capsys.readouterr().err
+    assert told == [tmp_path, tmp_path]

@@ -25,7 +25,7 @@ STATE_MARKS = {
     "left": ("○", "dim"),
 }
 # By `WorkEnd`. A death has a mark of its own.
-END_MARKS = {"done": ("✔", "green"), "failed": ("✘", "red"), "dropped": ("↷", "yellow")}
+END_MARKS = {"done": ("✔", "green"), "failed": ("✘", "red"), "dropped": ("┤", "dim")}
 # Of a headline's statements, by `Level`.
 LEVEL_MARKS = {
     "bad": ("✘", "bold red"),

@@ -12,7 +12,7 @@ LEFT, WIDTH, LANE, BAR, TOP = 74, 1000, 30, 20, 26
 # Text is 11 px high; a letter takes about so much.
 LETTER = 6.7
 HUES = 8
-ENDS = {"failed": "✘ failed", "died": "✝ died with its robot", "dropped": "↷ given up"}
+ENDS = {"failed": "✘ failed", "died": "✝ died with its robot", "dropped": "┤ not needed any more"}
 _STEPS = (1, 2, 5)
 
 

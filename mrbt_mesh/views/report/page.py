@@ -205,7 +205,7 @@ def _chart(run: RunReport) -> str:
         f'<span><span class="key {name}"></span>{escape(text)}</span>' for name, text in keys
     )
     lost = " ▲ lost a capability" if any(fault.lost for fault in run.faults) else ""
-    signs = f"<span>✝ died ✘ failed ↷ given up{lost}</span>"
+    signs = f"<span>✝ died ✘ failed ┤ not needed any more{lost}</span>"
     return f'{_wide(chart, "Gantt chart")}<div class="legend">{legend}{signs}</div>'
 
 

@@ -22,7 +22,9 @@ LEAST_S = 10.0
 # Columns between labels on the axis, at least.
 LABEL_COLUMNS = 10
 LEAST_LABEL = 3
-LEGEND = "┣┄ claimed  ━ at work  ✔ done  ✘ failed  ↷ dropped  ✖ died  ↳ took over  ▾ lost"
+LEGEND = (
+    "┣┄ claimed  ━ at work  ✔ done  ✘ failed  ┤ not needed any more  ✖ died  ↳ took over  ▾ lost"
+)
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,8 @@ def head_text(shown: ShownTeam) -> Text:
         text.append_text(statement_text(statement)).append("  ")
     if team["rounds"] > 1:
         text.append(f"round {team['rounds']}  ")
-    return text.append(f"{len(shown.observer.facts.map)} facts", "dim")
+    text.right_crop(2)
+    return text
 
 
 class TreePane(Rows):

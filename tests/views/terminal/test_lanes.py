@@ -54,7 +54,7 @@ def test_a_block_tells_what_was_claimed_done_and_how_it_ended() -> None:
         work_1=work("A", "carry", 4.0, None, 6.0, end="dropped"),
         work_2=work("A", "paint", 6.0, 6.0, None),
     )
-    assert drawn(found, "A") == "    ┣weld━━━━━━✔┣carry┄↷┣paint━━━━━━━━━▶"
+    assert drawn(found, "A") == "    ┣weld━━━━━━✔┣carry┄┤┣paint━━━━━━━━━▶"
     assert drawn(found, "B") == " " * 40
 
 
