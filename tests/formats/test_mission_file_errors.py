@@ -77,6 +77,7 @@ def test_the_good_one_is_good() -> None:
         ("{work: 1}", "{work: .inf}", 5, "a finite number below 2^63 is expected"),
         ("{work: 1}", "{work: .nan}", 5, "a finite number"),
         ("{work: 1}", "{work: 1e400}", 5, "a finite number"),
+        ("{work: 1}", "{work: 1e300}", 5, "a number of at most 1e+09 is expected"),
         ("{work: 1}", "{work: 0.1234567}", 5, "at most 6 decimals is expected"),
         ("{work: 1}", "{parameters: part}", 5, "a list is expected, found the text 'part'"),
         ("{work: 1}", "{parameters: [a, a]}", 5, "parameter 'a' is named twice"),
@@ -90,6 +91,7 @@ def test_the_good_one_is_good() -> None:
         ("- fix(1)", "- Sequence: []", 22, "at least 1 expected, found 0"),
         ("- fix(1)", "- Sequence: {name: x}", 22, "children, or for_each and do, are missing"),
         ("- fix(1)", "- Sequence: {do: fix(1)}", 22, "for_each is missing, e.g. {item: $items}"),
+        ("- fix(1)", "- Sequence: {for_each: {x: $parts}}", 22, "do is missing: the node"),
         ("- fix(1)", "- Sequence: {name: a/b, children: [fix(1)]}", 22, "characters without /"),
         (
             "- fix(1)",
@@ -206,6 +208,12 @@ def test_a_duplicate_robot_id_is_named_with_both_lines() -> None:
     assert problem.line == 13
     assert problem.path == "robots/A2"
     assert "'A2' is given twice, first on line 12" in problem.message
+
+
+def test_a_team_has_robots() -> None:
+    robots = GOOD[GOOD.index("robots:") : GOOD.index("global_tasks:")]
+    (problem,) = problems_of(GOOD.replace(robots, "robots: {}\n"))
+    assert problem.message == "at least 1 expected, found 0"
 
 
 def test_a_duplicate_section_is_named_with_both_lines() -> None:

@@ -18,3 +18,18 @@ def mrbt(*arguments: str, **variables: str) -> tuple[int, str, str]:
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return result.exit_code, result.stdout, result.stderr
+
+
+def done(ended: tuple[int, str, str]) -> str:
+    """The output of a command that has to succeed."""
+    code, output, problems = ended
+    assert code == 0, problems or output
+    return output
+
+
+def refused(ended: tuple[int, str, str]) -> str:
+    """What is said of a mistake: with exit status 2, and without a traceback."""
+    code, output, problems = ended
+    assert code == 2, output + problems
+    assert "Traceback" not in problems
+    return problems

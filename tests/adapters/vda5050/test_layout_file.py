@@ -10,7 +10,7 @@ import pytest
 from mrbt_mesh.adapters.vda5050.layout_file import BROKER_VARIABLE, load_layout
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt
 from tests.support.paths import EXAMPLES, mission_file
 from tests.support.vda5050.plant import VEHICLES
 
@@ -40,8 +40,7 @@ def test_the_examples_mission_is_its_single_tree_lifted(tmp_path: Path) -> None:
     written = tmp_path / "mission.yaml"
     folder = EXAMPLES / "warehouse"
     words = ["tree", "lift", str(folder / "shift.xml"), "--robots", str(folder / "team.yaml")]
-    code, _, problems = mrbt(*words, "-o", str(written))
-    assert code == 0, problems
+    done(mrbt(*words, "-o", str(written)))
     lifted, shipped = load_mission(written), load_mission(folder / "mission.yaml")
     assert lifted.tree == shipped.tree
     assert lifted.robots == shipped.robots

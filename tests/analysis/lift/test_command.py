@@ -15,7 +15,7 @@ from mrbt_mesh.core.mission.mission import SameRobotAs
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import simulate
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt, refused
 from tests.support.effort import seeds
 from tests.support.paths import ROOT
 
@@ -28,9 +28,7 @@ def run(*arguments: object) -> tuple[int, str, str]:
 
 
 def told(*arguments: object) -> dict[str, Any]:
-    code, out, err = run(*arguments, "--json")
-    assert code == 0, err
-    data: dict[str, Any] = json.loads(out)
+    data: dict[str, Any] = json.loads(done(run(*arguments, "--json")))
     return data
 
 
@@ -110,8 +108,7 @@ def test_what_a_team_cannot_carry_out_is_refused(
 ) -> None:
     tree = tmp_path / "repair.xml"
     tree.write_text(TREE.read_text().replace(old, new))
-    code, _, err = run(tree, "--robots", TEAM)
-    assert code == 2
+    err = refused(run(tree, "--robots", TEAM))
     assert message in err.replace("\n", " ") or message in err
     assert "Traceback" not in err
 
@@ -136,14 +133,11 @@ def test_a_team_file_with_problems_is_refused(
     text = TEAM.read_text()
     assert old in text
     team.write_text(text.replace(old, new, 1))
-    code, _, err = run(TREE, "--robots", team)
-    assert code == 2
-    assert message in err
+    assert message in refused(run(TREE, "--robots", team))
 
 
 def test_an_unknown_node_is_not_assumed_independent() -> None:
-    code, _, err = run(TREE, "--robots", TEAM, "--assume-independent", "prats")
-    assert code == 2
+    err = refused(run(TREE, "--robots", TEAM, "--assume-independent", "prats"))
     assert "no node has the path or name 'prats'" in err
 
 
@@ -227,9 +221,7 @@ def test_robots_use_their_own_grippers_at_once(
     tmp_path: Path, resources: str, arrangement: str
 ) -> None:
     team = CARRY.replace("resources: {gripper: {per: robot}}", resources)
-    code, text, _ = written(tmp_path, team, TWO_ITEMS)
-    assert code == 0, text
-    assert arrangement in text
+    assert arrangement in done(written(tmp_path, team, TWO_ITEMS))
 
 
 @pytest.mark.parametrize(
@@ -289,12 +281,8 @@ def test_subtrees_and_models_in_other_files(tmp_path: Path) -> None:
     arguments = (tmp_path / "repair.xml", "--robots", TEAM)
     others = ("--models", tmp_path / "models.xml", "--trees", tmp_path / "trees")
     assert told(*arguments, *others)["decisions"] == told(TREE, "--robots", TEAM)["decisions"]
-    code, _, err = run(*arguments)
-    assert code == 2
-    assert "there is no tree 'FixPart'" in err
-    code, _, err = run(*arguments, "--trees", tmp_path / "nowhere")
-    assert code == 2
-    assert "there is no such folder" in err
+    assert "there is no tree 'FixPart'" in refused(run(*arguments))
+    assert "there is no such folder" in refused(run(*arguments, "--trees", tmp_path / "nowhere"))
     assert run(*arguments, "--models", tmp_path / "nothing.xml")[0] == 2
 
 

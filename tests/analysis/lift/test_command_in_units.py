@@ -12,7 +12,7 @@ import pytest
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, simulate
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt, refused
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
   <BehaviorTree ID="Round">
@@ -87,9 +87,7 @@ def run(folder: Path, *arguments: str, units: str = "auto") -> tuple[int, str, s
 
 
 def told(folder: Path, units: str = "auto") -> dict[str, Any]:
-    code, out, err = run(folder, "--json", units=units)
-    assert code == 0, err
-    data: dict[str, Any] = json.loads(out)
+    data: dict[str, Any] = json.loads(done(run(folder, "--json", units=units)))
     return data
 
 
@@ -125,8 +123,7 @@ def test_units_and_cuts_are_told_with_their_reasons(folder: Path) -> None:
         "second": "Look",
         "reason": "as declared, they share nothing of one robot; they share no entry",
     }
-    code, out, _ = run(folder)
-    assert code == 0
+    out = done(run(folder))
     assert "together: the entry 'path': Plan writes it, Follow reads it" in out
     assert "Quiet is known to the whole team" in out
 
@@ -143,8 +140,7 @@ def test_a_split_by_hand(folder: Path) -> None:
     calls = [unit["call"] for unit in told(folder, units)["units"]]
     assert calls == ["first(dock)", "Look", "Report", "Hoot"]
     units = by_hand(folder, "units: {all: [Report, Look]}")
-    code, _, err = run(folder, units=units)
-    assert code == 2
+    err = refused(run(folder, units=units))
     assert "no robot can do all of the unit all: C1 lacks Report" in err
 
 
@@ -164,8 +160,7 @@ def test_a_split_by_hand(folder: Path) -> None:
     ],
 )
 def test_a_split_that_cannot_be(folder: Path, text: str, message: str) -> None:
-    code, _, err = run(folder, units=by_hand(folder, text))
-    assert code == 2
+    err = refused(run(folder, units=by_hand(folder, text)))
     assert message in err.replace("\n", " ")
     assert "Traceback" not in err
 
@@ -175,26 +170,21 @@ def test_a_split_that_cannot_be(folder: Path, text: str, message: str) -> None:
     [("yes", "is neither auto nor a file"), ("none.yaml", "none.yaml")],
 )
 def test_units_are_auto_or_a_file(folder: Path, units: str, message: str) -> None:
-    code, _, err = run(folder, units=units)
-    assert code == 2
-    assert message in err
+    assert message in refused(run(folder, units=units))
 
 
 def test_names_of_nodes_become_names_that_a_mission_may_have(folder: Path) -> None:
     tree = folder / "tree.xml"
     name = "one/two " * 20
     tree.write_text(TREE.replace("<Sequence>", f'<Sequence name="{name}">', 1))
-    code, _, err = run(folder, "-o", str(folder / "mission.yaml"))
-    assert code == 0, err
+    done(run(folder, "-o", str(folder / "mission.yaml")))
     assert load_mission(folder / "mission.yaml").tree.nodes[0].name == ("one-two " * 20)[:64]
 
 
 def test_a_subtree_that_is_nowhere(folder: Path) -> None:
     tree = folder / "tree.xml"
     tree.write_text(TREE.replace('<BehaviorTree ID="Look">', '<BehaviorTree ID="Watch">'))
-    code, _, err = run(folder)
-    assert code == 2
-    assert "tree.xml:4: Round/Sequence/Look: there is no tree 'Look'" in err
+    assert "tree.xml:4: Round/Sequence/Look: there is no tree 'Look'" in refused(run(folder))
     other = folder / "look.xml"
     other.write_text(TREE.replace(' main_tree_to_execute="Round"', ""))
     assert run(folder, "--models", str(other))[0] == 0
@@ -214,8 +204,7 @@ def test_what_a_team_lacks_is_told(folder: Path) -> None:
     team.write_text(
         TEAM.replace("Follow: 1", "Follow: 0.5").replace("C2: Cart, H1: Horn", "C2: Cart")
     )
-    code, _, err = run(folder)
-    assert code == 2
+    err = refused(run(folder))
     assert "no robot can do all of the unit Report: C1 lacks Report; C2 lacks Report" in err
 
 
@@ -323,9 +312,7 @@ def test_only_what_is_declared_is_cut(
 ) -> None:
     (folder / "tree.xml").write_text(FETCH.replace("{0}", attribute))
     (folder / "team.yaml").write_text(FETCH_TEAM % declared)
-    code, out, err = run(folder, "--json", *options)
-    assert code == 0, err
-    data = json.loads(out)
+    data = json.loads(done(run(folder, "--json", *options)))
     assert [unit["call"] for unit in data["units"]] == units
     assert len(data["cuts"]) == len(units) - 1
     assert all("declared" in cut["reason"] for cut in data["cuts"])

@@ -13,7 +13,7 @@ import pytest
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import check_program, load_program
 from mrbt_mesh.sim import simulate
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt, refused
 from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*is not filled in")
@@ -30,9 +30,7 @@ def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
 ) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "mine"
-    code, output, problems = new(folder, str(tree))
-    assert code == 0, problems
-    assert f"now: mrbt up {folder / 'mission.yaml'}" in output
+    assert f"now: mrbt up {folder / 'mission.yaml'}" in done(new(folder, str(tree)))
     written = {path.name for path in folder.iterdir()}
     assert written >= {tree.name, "team.yaml", "mission.yaml", "mission_units.xml", "robot.py"}
     ast.parse((folder / "test_mission.py").read_text())
@@ -68,8 +66,7 @@ def test_functions_write_the_ports_that_models_describe(
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "mission.xml").write_text(MODELS)
     folder = tmp_path / "mine"
-    code, _, problems = new(folder, str(tmp_path / "mission.xml"))
-    assert code == 0, problems
+    done(new(folder, str(tmp_path / "mission.xml")))
     text = (folder / "robot.py").read_text()
     assert '@robot.condition("Ready")\ndef ready() -> bool:' in text
     assert "async def look_at(at: Out[str], n: Out[int]) -> None:" in text
@@ -112,8 +109,7 @@ def test_ports_have_the_types_of_models_and_nav2s_nodes_need_none(
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "typed.xml").write_text(TYPED)
     folder = tmp_path / "mine"
-    code, _, problems = new(folder, str(tmp_path / "typed.xml"))
-    assert code == 0, problems
+    done(new(folder, str(tmp_path / "typed.xml")))
     text = (folder / "robot.py").read_text()
     for line in (
         "a: Out[int], b: Out[float], c: Out[bool], d: Out[str], e: Out[int], f: Out[str]",
@@ -152,8 +148,7 @@ def test_what_is_written_runs_at_once_whatever_the_tree_repeats_or_leaves_out(
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "guarded.xml").write_text(GUARDED)
     folder = tmp_path / "mine"
-    code, _, problems = new(folder, str(tmp_path / "guarded.xml"))
-    assert code == 0, problems
+    done(new(folder, str(tmp_path / "guarded.xml")))
     text = (folder / "robot.py").read_text()
     look = "def look(at: Out[str], zoom: str, far: Out[str] | None = None) -> None:"
     assert f"\n{look}" in text
@@ -183,8 +178,7 @@ def test_what_a_tree_only_reads_is_asked_of_the_program(
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "asks.xml").write_text(ASKS)
     folder = tmp_path / "mine"
-    code, _, problems = new(folder, str(tmp_path / "asks.xml"))
-    assert code == 0, problems
+    done(new(folder, str(tmp_path / "asks.xml")))
     text = (folder / "robot.py").read_text()
     for line in (
         'robot.enum("LOW", 0)\nrobot.enum("STATE_OK", 1)\n',
@@ -227,11 +221,9 @@ def test_nodes_of_ones_own_and_trees_of_other_files(
     folder, file = tmp_path / "mine", str(tmp_path / "task.xml")
     others = ("--trees", str(tmp_path / "trees"), "--models", str(tmp_path / "home.xml"))
     words = (file, "--tree", "Main Tree")
-    code, _, problems = new(folder, *words)
-    assert code == 2
+    problems = refused(new(folder, *words))
     assert f"{file}:5: Main Tree/Sequence/Fetch It: there is no tree" in problems.replace("\n", "")
-    code, _, problems = new(folder, *words, *others)
-    assert code == 0, problems
+    done(new(folder, *words, *others))
     text = (folder / "robot.py").read_text()
     assert '@robot.node("WhenCalm")\nclass WhenCalm(TreeNode):' in text
     assert 'self.input("limit"), self.input("wind")' in text
@@ -263,8 +255,7 @@ def test_names_and_ports_as_odd_as_files_have_them(
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "odd.xml").write_text(ODD)
     folder = tmp_path / "mine"
-    code, _, problems = new(folder, str(tmp_path / "odd.xml"))
-    assert code == 0, problems
+    done(new(folder, str(tmp_path / "odd.xml")))
     text = (folder / "robot.py").read_text()
     functions = [n.name for n in ast.parse(text).body if isinstance(n, ast.AsyncFunctionDef)]
     assert functions[:4] == ["do_robot", "do_anyio", "do_str", "do_warnings"]
@@ -277,8 +268,7 @@ def test_names_and_ports_as_odd_as_files_have_them(
 def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> None:
     tree = tmp_path / "task.xml"
     tree.write_text(OF_ONES_OWN)
-    code, output, problems = new(tmp_path / "mine", str(tree), "--tree", "Other")
-    assert code == 0, problems
+    output = done(new(tmp_path / "mine", str(tree), "--tree", "Other"))
     assert "1 unit, carried out by one robot" in output
     long = "x" * 60
     ports = " ".join(f'{long[: 4 + n]}="{n}"' for n in range(3))
@@ -286,8 +276,7 @@ def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> No
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence _skipIf="a := ">'
         f"<Go {ports}/></Sequence></BehaviorTree></root>"
     )
-    code, _, problems = new(tmp_path / "other", str(tree))
-    assert code == 2
+    problems = refused(new(tmp_path / "other", str(tree)))
     assert "task.xml:1:" in problems
     assert tempfile.gettempdir() not in problems.replace(str(tmp_path), "")
 
@@ -305,8 +294,7 @@ def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> No
 def test_a_tree_that_cannot_be_used_is_told(tmp_path: Path, text: str, message: str) -> None:
     tree = tmp_path / "tree.xml"
     tree.write_text(text)
-    code, _, problems = new(tmp_path / "mine", str(tree))
-    assert code == 2
+    problems = refused(new(tmp_path / "mine", str(tree)))
     assert message in problems.replace("\n", " ")
     assert "Traceback" not in problems
     assert not (tmp_path / "mine").exists()
@@ -343,15 +331,10 @@ def test_a_subtree_that_is_in_no_file_may_be_an_action(
             "-o",
             folder / "mission.yaml",
         ]
-    code, _, problems = mrbt(*map(str, words))
-    assert code == 2
-    assert "(--as-action 'Move to Waypoint')" in problems.replace("\n", " ")
+    assert "(--as-action 'Move to Waypoint')" in refused(mrbt(*map(str, words))).replace("\n", " ")
     for name, said in (("Open Griper", "did you mean 'Open Gripper'"), ("Main", "there is a tree")):
-        code, _, problems = mrbt(*map(str, words), "--as-action", name)
-        assert code == 2
-        assert said in problems
-    code, _, problems = mrbt(*map(str, words), "--as-action", each, "--as-action", "Open Gripper")
-    assert code == 0, problems
+        assert said in refused(mrbt(*map(str, words), "--as-action", name))
+    done(mrbt(*map(str, words), "--as-action", each, "--as-action", "Open Gripper"))
     mission = load_mission(folder / "mission.yaml")
     assert list(mission.global_tasks) == ["Move_to_Waypoint_to_Open_Gripper"]
     if command == "new":
@@ -372,8 +355,7 @@ def test_a_file_of_nav2_with_a_long_name(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(sys, "path", list(sys.path))
     tree, folder = tmp_path / f"follow_{'point_' * 12}größer.xml", tmp_path / "mine"
     tree.write_text(FOLLOW)
-    code, _, problems = new(folder, str(tree))
-    assert code == 0, problems
+    done(new(folder, str(tree)))
     assert '@robot.entry("goal")\ndef goal() -> str:' in (folder / "robot.py").read_text()
     mission = load_mission(folder / "mission.yaml")
     assert mission.name == "mine"

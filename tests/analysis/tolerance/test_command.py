@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from tests.support.command import EXPLORE, REPAIR, mrbt
+from tests.support.command import EXPLORE, REPAIR, done, mrbt
 
 
 def test_json_holds_the_documented_keys() -> None:
@@ -23,8 +23,7 @@ def test_json_holds_the_documented_keys() -> None:
 
 
 def test_the_report_names_what_matters() -> None:
-    code, output, _ = mrbt("analyze", REPAIR)
-    assert code == 0
+    output = done(mrbt("analyze", REPAIR))
     for part in ("move_frame on C1, C2", "survives", "fatal from", "1 x C", "Assumed"):
         assert part in output
     assert max(map(len, output.splitlines())) <= 200
@@ -60,8 +59,7 @@ def test_costs_come_from_the_mission_and_from_a_file_of_their_own(tmp_path: Path
     assert "cost of C: -1" in mrbt("analyze", str(compiled))[2]
 
     def advice(*arguments: str) -> tuple[int, int]:
-        code, output, _ = mrbt("analyze", *arguments, "--json")
-        assert code == 0
+        output = done(mrbt("analyze", *arguments, "--json"))
         found = json.loads(output)["advice"]["strongly_fault_tolerant"]
         return found["robots_only"]["cost"], found["capabilities_only"]["cost"]
 

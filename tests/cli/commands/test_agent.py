@@ -12,7 +12,7 @@ from mrbt_mesh.runtime import robot_process
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.team_address import TeamAddress, on_network
-from tests.support.command import EXPLORE, mrbt
+from tests.support.command import EXPLORE, mrbt, refused
 
 Started = tuple[RobotOptions, TeamAddress]
 
@@ -89,8 +89,7 @@ def test_a_robot_has_keys_or_is_told_that_it_needs_none(
     started: list[Started], tmp_path: Path
 ) -> None:
     words = ("agent", "--mission", EXPLORE, "--robot", "R1")
-    code, _, problems = mrbt(*words)
-    assert code == 2
+    problems = refused(mrbt(*words))
     assert "`mrbt keys init DIR --robots R1,...`" in problems
     assert "or --insecure" in problems
     code, _, problems = mrbt(*words, "--insecure", "--keys", "keys")
@@ -153,9 +152,7 @@ def test_what_cannot_be_is_refused(started: list[Started], words: list[str], mes
 
 def test_heartbeats_are_a_part_of_a_recording(started: list[Started]) -> None:
     words = ("agent", "--mission", EXPLORE, "--robot", "R1", "--insecure", "--record-beats")
-    code, _, problems = mrbt(*words)
-    assert code == 2
-    assert "--record-beats: of a recording: give --record as well" in problems
+    assert "--record-beats: of a recording: give --record as well" in refused(mrbt(*words))
     assert not started
 
 

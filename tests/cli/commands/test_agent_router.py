@@ -9,7 +9,7 @@ import zenoh
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.runtime.key_folder import KeyFolder
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt
 
 
 @pytest.mark.parametrize(
@@ -31,9 +31,7 @@ def test_what_cannot_be_is_explained(words: list[str], message: str) -> None:
 def test_a_configuration_for_zenohd_is_written_and_not_twice(tmp_path: Path) -> None:
     path = tmp_path / "zenohd.json5"
     words = ["--listen", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2"]
-    code, output, _ = mrbt("router", *words, "--write-config", str(path))
-    assert code == 0
-    assert f"zenohd -c {path}" in output
+    assert f"zenohd -c {path}" in done(mrbt("router", *words, "--write-config", str(path)))
     config = zenoh.Config.from_file(str(path))
     assert config.get_json("mode") == '"router"'
     assert config.get_json("listen/endpoints") == '["tcp/127.0.0.1:1"]'

@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.cli.commands.chaos import parse_seeds
 from mrbt_mesh.errors import InputError
-from tests.support.command import EXPLORE, mrbt
+from tests.support.command import EXPLORE, done, mrbt
 from tests.support.mutations import MUTATIONS
 
 # In this process: other ones would not know of mutations, and take a second to start.
@@ -22,9 +22,7 @@ def chaos(*arguments: str) -> tuple[int, str, str]:
 
 def test_a_campaign_that_breaks_nothing(tmp_path: Path) -> None:
     keep = tmp_path / "kept"
-    code, output, problems = chaos(EXPLORE, "--seeds", "0:5", "--keep", str(keep), *ONE)
-    assert code == 0, problems
-    text = " ".join(output.split())
+    text = " ".join(done(chaos(EXPLORE, "--seeds", "0:5", "--keep", str(keep), *ONE)).split())
     assert "no invariant broken" in text
     assert "5 seeds in" in text
     assert "I3 nothing done is undone" in text
@@ -35,8 +33,7 @@ def test_the_same_in_two_processes_as_json(tmp_path: Path) -> None:
     arguments = ("--generated", "--seeds", "6,9,11", "--json", "--keep", str(tmp_path))
     found = []
     for jobs in ("1", "2"):
-        code, output, problems = chaos(*arguments, "--jobs", jobs)
-        assert code == 0, problems
+        output = done(chaos(*arguments, "--jobs", jobs))
         found.append(json.loads(output))
     first, second = found
     assert first["seeds"] == 3
@@ -75,9 +72,7 @@ def test_a_failure_is_cut_down_written_and_replayed(tmp_path: Path) -> None:
 
 def test_for_some_time_from_a_seed_on(tmp_path: Path) -> None:
     arguments = ("--seeds", "7", "--minutes", "0.01", "--keep", str(tmp_path), *ONE, "--json")
-    code, output, _ = chaos(EXPLORE, *arguments)
-    assert code == 0
-    assert json.loads(output)["seeds"] >= 1
+    assert json.loads(done(chaos(EXPLORE, *arguments)))["seeds"] >= 1
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.command import REPAIR, mrbt
+from tests.support.command import REPAIR, done, mrbt, refused
 
 
 def drill(folder: Path, name: str = "d", more: str = "") -> Path:
@@ -19,8 +19,7 @@ def test_list_counts_the_runs_of_each_drill(tmp_path: Path) -> None:
     drill(tmp_path, "one")
     drill(tmp_path, "many", "for_each: {r: [A1, B1]}\ntransport: [wired, wireless]\nquick: true\n")
     drill(tmp_path, "cut", "network: namespaces\n")
-    code, output, _ = mrbt("drill", "--list", str(tmp_path))
-    assert code == 0
+    output = done(mrbt("drill", "--list", str(tmp_path)))
     rows = [line.split() for line in output.splitlines()[1:]]
     assert rows == [
         ["cut", "1", "namespaces", "One"],
@@ -35,16 +34,14 @@ def test_the_shipped_drills_are_listed_wherever_one_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, output, _ = mrbt("drill", "--list")
-    assert code == 0
+    output = done(mrbt("drill", "--list"))
     assert "freeze_then_thaw" in output
     assert "partition_and_heal" in output
 
 
 def test_bad_input_is_told_with_file_and_line(tmp_path: Path) -> None:
     path = drill(tmp_path, more="steps: [{at: 1, kil: R1}]\n")
-    code, _, problems = mrbt("drill", str(path))
-    assert code == 2
+    problems = refused(mrbt("drill", str(path)))
     assert f"{path}:4: steps[1]/kil: unknown key 'kil'; did you mean 'kill'?" in problems
 
 

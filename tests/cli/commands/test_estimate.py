@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from tests.support.command import EXPLORE, REPAIR, mrbt
+from tests.support.command import EXPLORE, REPAIR, done, mrbt
 
 ONE = ("--jobs", "1")
 
@@ -16,8 +16,7 @@ def estimate(*arguments: str) -> tuple[int, str, str]:
 
 
 def test_figures_as_json() -> None:
-    code, output, problems = estimate(EXPLORE, "--runs", "6", "--fault-rate", "0.3", *ONE, "--json")
-    assert code == 0, problems
+    output = done(estimate(EXPLORE, "--runs", "6", "--fault-rate", "0.3", *ONE, "--json"))
     data = json.loads(output)
     assert (data["mission"], data["runs"], data["interrupted"]) == ("explore", 6, False)
     assert sum(data["results"].values()) == 6
@@ -28,8 +27,7 @@ def test_figures_as_json() -> None:
 
 
 def test_figures_for_people() -> None:
-    code, output, problems = estimate(EXPLORE, "--runs", "8", "--fault-rate", "0.4/action", *ONE)
-    assert code == 0, problems
+    output = done(estimate(EXPLORE, "--runs", "8", "--fault-rate", "0.4/action", *ONE))
     for text in ("8 runs", "95 % confidence", "major", "mean", "p50", "by the faults"):
         assert text in output
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt
 
 
 def members(folder: Path) -> dict[str, str]:
-    code, output, problems = mrbt("keys", "show", "--keys", str(folder), "--json")
-    assert code == 0, problems
-    found = json.loads(output)["members"]
+    found = json.loads(done(mrbt("keys", "show", "--keys", str(folder), "--json")))["members"]
     return {n: "revoked" if m["revoked"] else m["role"] for n, m in found.items()}
 
 
 def test_keys_are_made_shown_added_replaced_and_revoked(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
-    code, output, _ = mrbt("keys", "init", str(folder), "--robots", "A,B", "--observers", "eye")
-    assert code == 0
+    output = done(mrbt("keys", "init", str(folder), "--robots", "A,B", "--observers", "eye"))
     assert output.startswith(f"made keys for A, B, operator, eye in {folder}\n")
     roles = {"A": "robot", "B": "robot", "eye": "observer", "operator": "operator"}
     assert members(folder) == roles
@@ -29,9 +26,7 @@ def test_keys_are_made_shown_added_replaced_and_revoked(tmp_path: Path) -> None:
     assert members(folder) == {**roles, "C": "revoked", "D": "robot"}
     assert mrbt("keys", "add", "C", "--replace", "--keys", str(folder))[0] == 0
     assert members(folder)["C"] == "robot"
-    code, output, _ = mrbt("keys", "show", "--keys", str(folder))
-    assert code == 0
-    assert "eye: observer, key " in output
+    assert "eye: observer, key " in done(mrbt("keys", "show", "--keys", str(folder)))
 
 
 def test_what_cannot_be_is_said(tmp_path: Path) -> None:

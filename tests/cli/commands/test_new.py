@@ -10,43 +10,36 @@ import pytest
 from mrbt_mesh.adapters.vda5050.layout_file import load_layout
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import check_program, load_program
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt, refused
 
 
 def test_new_writes_a_valid_mission_and_spares_what_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "my_team"
-    code, output, _ = mrbt("new", str(folder))
-    assert code == 0
-    assert "mrbt up" in output
+    assert "mrbt up" in done(mrbt("new", str(folder)))
     monkeypatch.chdir(folder)
     code, output, problems = mrbt("validate")
     assert (code, problems) == (0, "")
     assert output.splitlines() == [
         "valid my_team: 3 robots, 2 local tasks, 9 global tasks, 21 tree nodes"
     ]
-    code, _, problems = mrbt("new", str(folder))
-    assert code == 2
-    assert str(folder) in problems.replace("\n", "")
+    assert str(folder) in refused(mrbt("new", str(folder))).replace("\n", "")
 
 
 def test_new_for_robots_of_ros_2(tmp_path: Path) -> None:
     folder = tmp_path / "my_team"
-    code, output, _ = mrbt("new", "--ros2", str(folder))
-    assert code == 0
+    output = done(mrbt("new", "--ros2", str(folder)))
     assert "virtual_robots.py A1 A2 A3" in output.replace("\n", "")
     assert mrbt("validate", str(folder / "mission.yaml"))[0] == 0
-    code, _, problems = mrbt("new", "--ros2", "--example", "couriers", str(tmp_path / "other"))
-    assert code == 2
+    problems = refused(mrbt("new", "--ros2", "--example", "couriers", str(tmp_path / "other")))
     assert "--example and --ros2: choose one of them" in problems
 
 
 def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", list(sys.path))
     folder = tmp_path / "fleet"
-    code, _, problems = mrbt("new", str(folder), "--vda5050")
-    assert code == 0, problems
+    done(mrbt("new", str(folder), "--vda5050"))
     assert sorted(path.name for path in folder.iterdir()) == [
         "agvs.yaml",
         "mission.yaml",
@@ -65,6 +58,5 @@ def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_one_thing_at_a_time(tmp_path: Path) -> None:
-    code, _, problems = mrbt("new", str(tmp_path / "x"), "--vda5050", "--example", "couriers")
-    assert code == 2
+    problems = refused(mrbt("new", str(tmp_path / "x"), "--vda5050", "--example", "couriers"))
     assert "--example and --vda5050: choose one of them" in problems

@@ -9,24 +9,19 @@ from typing import Any
 import pytest
 from ruamel import yaml
 
-from tests.support.command import COURIERS, EXPLORE, REPAIR, mrbt
+from tests.support.command import COURIERS, EXPLORE, REPAIR, done, mrbt, refused
 from tests.support.paths import ROOT
 
 
 def test_plan_asks_the_solver_that_the_mission_names(tmp_path: Path) -> None:
     mission = tmp_path / "mission.yaml"
     mission.write_text("solver: nonsense\n" + Path(EXPLORE).read_text())
-    code, _, problems = mrbt("plan", str(mission))
-    assert code == 2
-    assert "no solver 'nonsense'" in problems
-    code, _, _ = mrbt("plan", str(mission), "--solver", "brute_force")
-    assert code == 0
+    assert "no solver 'nonsense'" in refused(mrbt("plan", str(mission)))
+    done(mrbt("plan", str(mission), "--solver", "brute_force"))
 
 
 def plan(*arguments: str) -> dict[str, Any]:
-    code, output, problems = mrbt("plan", *arguments, "--json")
-    assert code == 0, problems
-    data: dict[str, Any] = json.loads(output)
+    data: dict[str, Any] = json.loads(done(mrbt("plan", *arguments, "--json")))
     return data
 
 
@@ -62,8 +57,7 @@ def test_plan_shows_the_bounds_a_and_b_as_outcomes_shrink_them(tmp_path: Path) -
     found = bounds(plan(REPAIR, "--facts", facts))
     assert [row[2:4] for row in found] == [(1, 1)] * 5
     assert [len(row[4]) for row in found] == [1, 1, 1, 1, 0]
-    code, output, _ = mrbt("plan", REPAIR, "--facts", facts)
-    assert code == 0
+    output = done(mrbt("plan", REPAIR, "--facts", facts))
     assert "objective, the sum of p(i, l): " in output
     table = output[output.index("a_j") :].splitlines()
     assert table[5].split()[:5] == ["do_diagnosis(5)", "diagnose_part(5)", "1", "1", "nobody"]
@@ -93,9 +87,7 @@ def test_performances_that_are_none_are_refused_with_their_line(tmp_path: Path) 
     text = (
         "performances:\n  A1:\n    fly: 1\n    replace_hw: -1\n    do_diagnosis: much\n  Z9: {}\n"
     )
-    code, _, problems = mrbt("plan", REPAIR, "--facts", write(tmp_path, text))
-    assert code == 2
-    said = " ".join(problems.split())
+    said = " ".join(refused(mrbt("plan", REPAIR, "--facts", write(tmp_path, text))).split())
     assert "facts.yaml:3: performances/A1/fly: A1 has no local task 'fly'" in said
     assert "facts.yaml:4: performances/A1/replace_hw: a performance is a number from 0" in said
     assert "facts.yaml:5: performances/A1/do_diagnosis: a performance is a number" in said
@@ -139,8 +131,7 @@ def test_plan_asks_the_robot_for_which_a_condition_holds(tmp_path: Path, held: s
     assert found["waiting"][0]["reason"] == f"blocked: place needs 1 with {held}, 0 alive"
     assert found["pending_losses"] == [f"{held}@A2"]
     facts = write(tmp_path, f'conditions: {{"{held}": true}}')
-    code, _, err = mrbt("plan", str(mission), "--facts", str(facts))
-    assert code == 2
+    err = refused(mrbt("plan", str(mission), "--facts", str(facts)))
     assert f"every robot has its own: say whose, as in {held}@A1" in err
 
 
@@ -174,16 +165,14 @@ def test_plan_takes_bids_from_the_file_and_shows_them(tmp_path: Path) -> None:
         "K4": "deliver(bread)",
     }
     assert data["bids"][2]["bids"] == {"K1": -12, "K2": -10, "K3": -4.5, "K4": None}
-    code, output, _ = mrbt("plan", COURIERS, "--facts", write(tmp_path, BIDS))
-    assert code == 0
+    output = done(mrbt("plan", COURIERS, "--facts", write(tmp_path, BIDS)))
     assert "-4.5)" in output, "why K3 goes"
     assert "K3 -4.5, K2 -10, K1 -12, none of K4" in output
 
 
 def test_plan_says_whose_bids_are_waited_for(tmp_path: Path) -> None:
     facts = write(tmp_path, BIDS.replace(", K4: null", ""))
-    code, output, _ = mrbt("plan", COURIERS, "--facts", facts, "--alive", "K1,K3,K4")
-    assert code == 0
+    output = done(mrbt("plan", COURIERS, "--facts", facts, "--alive", "K1,K3,K4"))
     assert "delivery(flowers)  waiting for bids of K4" in output
     assert "K3 -4.5, K1 -12, waiting for K4" in output
     running = facts + ".running.yaml"
@@ -204,14 +193,11 @@ def test_plan_says_whose_bids_are_waited_for(tmp_path: Path) -> None:
     ],
 )
 def test_plan_says_what_is_wrong_with_bids(tmp_path: Path, text: str, message: str) -> None:
-    code, _, problems = mrbt("plan", COURIERS, "--facts", write(tmp_path, f"bids: {text}\n"))
-    assert code == 2
-    assert message in problems
+    assert message in refused(mrbt("plan", COURIERS, "--facts", write(tmp_path, f"bids: {text}\n")))
 
 
 def test_plan_for_people_names_robots_and_reasons() -> None:
-    code, output, _ = mrbt("plan", REPAIR)
-    assert code == 0
+    output = done(mrbt("plan", REPAIR))
     assert "remove_screws  C1, C2" in output
     assert "no request needs what it can do" in output
 
@@ -243,16 +229,13 @@ def test_the_facts_of_the_documentation_can_be_planned_for(tmp_path: Path) -> No
 )
 def test_plan_says_what_is_wrong_with_facts(tmp_path: Path, text: str, message: str) -> None:
     path = write(tmp_path, text)
-    code, _, problems = mrbt("plan", REPAIR, "--facts", path)
-    assert code == 2
+    problems = refused(mrbt("plan", REPAIR, "--facts", path))
     assert message in problems
     assert path in problems
 
 
 def test_plan_refuses_unknown_robots_and_missing_files(tmp_path: Path) -> None:
-    code, _, problems = mrbt("plan", REPAIR, "--alive", "A1,A9")
-    assert code == 2
+    problems = refused(mrbt("plan", REPAIR, "--alive", "A1,A9"))
     assert "--alive A1,A9: mission vehicle_repair has no robot 'A9'" in problems
-    code, _, problems = mrbt("plan", REPAIR, "--facts", str(tmp_path / "none.yaml"))
-    assert code == 2
+    problems = refused(mrbt("plan", REPAIR, "--facts", str(tmp_path / "none.yaml")))
     assert "there is no such file" in problems

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tests.support.command import EXPLORE, REPAIR, mrbt
+from tests.support.command import EXPLORE, REPAIR, done, mrbt
 
 
 def test_validate_says_what_a_mission_holds() -> None:
-    code, output, _ = mrbt("validate", REPAIR)
-    assert code == 0
+    output = done(mrbt("validate", REPAIR))
     assert "valid vehicle_repair: 6 robots, 6 local tasks, 24 global tasks" in output
 
 
@@ -37,16 +36,13 @@ global_tasks: {pick: {needs: {pick: {}}}, place: {needs: {place: {}}}, lift: {ne
 tree: {Sequence: [{Fallback: [holding: , pick, lift]}, place]}
 """.replace("holding: ,", "{Condition: holding},")
     )
-    code, output, _ = mrbt("validate", str(path), "--json")
-    assert code == 0
-    stuck, undoing = json.loads(output)["warnings"]
+    stuck, undoing = json.loads(done(mrbt("validate", str(path), "--json")))["warnings"]
     assert stuck.startswith("Sequence/Fallback[1]: this Fallback waits for ever")
     assert undoing.startswith(
         "Sequence/place sets holding to false, but an earlier child of Sequence"
     )
-    code, output, _ = mrbt("analyze", str(path), "--json")
-    assert json.loads(output)["cautions"] == [stuck, undoing]
-    code, output, _ = mrbt("validate", str(path))
+    assert json.loads(done(mrbt("analyze", str(path), "--json")))["cautions"] == [stuck, undoing]
+    output = done(mrbt("validate", str(path)))
     assert "warning: Sequence/place sets holding" in output.replace("\n", " ")
 
 

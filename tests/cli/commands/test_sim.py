@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.command import EXPLORE, REPAIR, mrbt
+from tests.support.command import EXPLORE, REPAIR, done, mrbt, refused
 from tests.support.paths import ROOT
 
 
@@ -17,9 +17,7 @@ def sim(*arguments: str) -> tuple[int, str, str]:
 
 
 def test_success_as_json() -> None:
-    code, output, problems = sim(REPAIR, "--seed", "3", "--kill", "A1@6,B2@12", "--json")
-    assert code == 0, problems
-    summary = json.loads(output)
+    summary = json.loads(done(sim(REPAIR, "--seed", "3", "--kill", "A1@6,B2@12", "--json")))
     assert summary["result"] == "success"
     assert summary["seed"] == 3
     assert len(summary["effect_log_digest"]) == 32
@@ -37,9 +35,7 @@ def test_the_same_seed_prints_the_same() -> None:
 
 def test_the_summary_for_people_tells_the_story() -> None:
     schedule = ("--kill", "C1@1", "--restart", "C1@5", "--fault", "A1:replace_hw@2")
-    code, output, problems = sim(REPAIR, *schedule, "--restore", "A1@3", "--kill", "A2@9")
-    assert code == 0, problems
-    text = " ".join(output.split())
+    text = " ".join(done(sim(REPAIR, *schedule, "--restore", "A1@3", "--kill", "A2@9")).split())
     assert "mission succeeded" in text
     assert "remove_cover blocked: move_frame needs 2, 1 alive, until" in text
     assert "A1 lost replace_hw: injected; had it again at" in text
@@ -51,9 +47,7 @@ def test_a_robot_that_does_something_worse_hands_it_on() -> None:
     """In the example robots of type A replace hardware best."""
 
     def who(*arguments: str) -> list[str]:
-        code, output, problems = sim(REPAIR, "--seed", "3", "--json", *arguments)
-        assert code == 0, problems
-        summary = json.loads(output)
+        summary = json.loads(done(sim(REPAIR, "--seed", "3", "--json", *arguments)))
         told = summary["robots"]["A1"]["performances"]
         assert told == ({"replace_hw": 0.5} if arguments else {})
         return sorted(
@@ -203,9 +197,7 @@ def test_a_schedule_is_replayed(tmp_path: Path) -> None:
 def test_a_bad_schedule_file_exits_2(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "schedule.json"
     path.write_text(text)
-    code, _, problems = sim("--schedule", str(path))
-    assert code == 2
-    assert message in problems
+    assert message in refused(sim("--schedule", str(path)))
 
 
 @pytest.mark.parametrize(
@@ -221,8 +213,7 @@ def test_a_bad_schedule_file_exits_2(tmp_path: Path, text: str, message: str) ->
 def test_a_schedule_of_robots_that_the_mission_lacks_exits_2(
     tmp_path: Path, more: dict[str, Any]
 ) -> None:
-    code, _, problems = sim(EXPLORE, "--schedule", written(tmp_path, **more))
-    assert code == 2
+    problems = refused(sim(EXPLORE, "--schedule", written(tmp_path, **more)))
     assert "mission explore has no robot Z" in problems
 
 
@@ -241,15 +232,10 @@ def test_a_schedule_of_robots_that_the_mission_lacks_exits_2(
 )
 def test_what_a_schedule_says_cannot_be_said_beside_it(tmp_path: Path, option: list[str]) -> None:
     """Not even with the value that is the default."""
-    code, _, problems = sim(EXPLORE, "--schedule", written(tmp_path), *option)
-    assert code == 2
+    problems = refused(sim(EXPLORE, "--schedule", written(tmp_path), *option))
     assert f"{option[0]}: not with --schedule, whose file has it" in problems
 
 
 def test_without_a_mission_and_a_schedule_there_is_nothing_to_run() -> None:
-    code, _, problems = sim()
-    assert code == 2
-    assert "give a MISSION, or the --schedule of a run to repeat" in problems
-    code, _, problems = sim("--schedule", "/nonexistent.json")
-    assert code == 2
-    assert "cannot be read: No such file" in problems
+    assert "give a MISSION, or the --schedule of a run to repeat" in refused(sim())
+    assert "cannot be read: No such file" in refused(sim("--schedule", "/nonexistent.json"))

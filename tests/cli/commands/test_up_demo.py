@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.formats.shipped import examples
-from tests.support.command import mrbt
+from tests.support.command import done, mrbt
 
 
 def test_help_lists_the_examples() -> None:
@@ -26,8 +26,7 @@ def test_an_unknown_example_is_refused(tmp_path: Path) -> None:
 
 def test_a_copy_of_an_example(tmp_path: Path) -> None:
     folder = tmp_path / "town"
-    code, output, _ = mrbt("new", str(folder), "--example", "couriers")
-    assert code == 0
+    output = done(mrbt("new", str(folder), "--example", "couriers"))
     written = [line.removeprefix("wrote ") for line in output.splitlines() if "wrote" in line]
     assert written == [
         str(folder / name) for name in ("mission.yaml", "couriers.py", "simulated.py")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.command import EXPLORE, mrbt
+from tests.support.command import EXPLORE, mrbt, refused
 
 
 def recording(*arguments: str) -> tuple[int, str, str]:
@@ -51,9 +51,7 @@ def test_a_time_behind_the_end(folder: Path, more: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("option", [("--port", "8000"), ("--host", "::1")])
 def test_options_of_the_page_need_a_page(folder: Path, option: tuple[str, ...]) -> None:
-    code, _, problems = recording("replay", str(folder / "run.mcap"), *option)
-    assert code == 2
-    assert "give --web as well" in problems
+    assert "give --web as well" in refused(recording("replay", str(folder / "run.mcap"), *option))
 
 
 def test_the_page_begins_within_the_recording(folder: Path) -> None:

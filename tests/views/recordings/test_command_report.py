@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.support.command import EXPLORE, mrbt
+from tests.support.command import EXPLORE, done, mrbt
 
 
 def recording(*arguments: str) -> tuple[int, str, str]:
@@ -57,8 +57,7 @@ def test_a_page_is_one_file_that_needs_nothing(folder: Path) -> None:
 
 
 def test_the_figures_as_json_are_those_of_the_summary(folder: Path) -> None:
-    code, output, _ = recording("report", str(folder / "run"), str(folder / "sim.json"), "--json")
-    assert code == 0
+    output = done(recording("report", str(folder / "run"), str(folder / "sim.json"), "--json"))
     recorded, told = json.loads(output)["runs"]
     summary = json.loads((folder / "sim.json").read_text())
     assert recorded["result"] == told["result"] == summary["result"]

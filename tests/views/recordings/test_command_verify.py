@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.command import EXPLORE, mrbt
+from tests.support.command import EXPLORE, done, mrbt, refused
 
 
 def recording(*arguments: str) -> tuple[int, str, str]:
@@ -29,8 +29,7 @@ def test_a_run_directory_is_verified(folder: Path) -> None:
     assert output.startswith("Without keys everything can be forged")
     assert "plans made again" in output
     assert "not proved: all recordings: no signature was checked: start the team" in output
-    code, output, _ = recording("verify", str(folder), "--accept", "unsigned")
-    assert code == 0
+    output = done(recording("verify", str(folder), "--accept", "unsigned"))
     assert "3 recordings agree; what was accepted above is not proved" in output
 
 
@@ -64,6 +63,5 @@ def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -
 
 
 def test_a_folder_that_is_there_is_not_recorded_into(folder: Path) -> None:
-    code, _, problems = mrbt("sim", "run", EXPLORE, "--record", str(folder))
-    assert code == 2
+    problems = refused(mrbt("sim", "run", EXPLORE, "--record", str(folder)))
     assert "exists already; name a new folder" in problems
