@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
 from mrbt_mesh.errors import InputError
 
@@ -122,6 +122,14 @@ class Viewer(Protocol):
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AbstractAsyncContextManager[OpenView]:
         """Show the team until the context ends; `team`: its processes if they are local."""
+
+
+@runtime_checkable
+class MachineViewer(Protocol):
+    """A viewer that can also show all runs of this machine: `mrbt watch --NAME` without a team."""
+
+    def showing_machine(self, options: ViewerOptions) -> AbstractAsyncContextManager[str]:
+        """The address at which they are shown until the context ends."""
 
 
 class Export(Protocol):

@@ -61,6 +61,32 @@ def wait_for_a_run() -> None:
         time.sleep(LOOK_S)
 
 
+def machine_view(views: ChosenViews) -> str | None:
+    """The name of the view, if it is the only one and can show all runs of this machine."""
+    found = [n for n, viewer in views.viewers.items() if isinstance(viewer, plugins.MachineViewer)]
+    return found[0] if len(found) == len(views.viewers) == 1 else None
+
+
+async def show_machine(name: str, views: ChosenViews, show: ShowOptions) -> int:
+    """Show all runs of this machine by the view `name`, until time is up or Ctrl-C.
+
+    Returns the exit status. Raises InputError for an address that cannot be used.
+    """
+    viewer = views.viewers[name]
+    assert isinstance(viewer, plugins.MachineViewer)
+    with anyio.move_on_after(show.timeout):
+        async with viewer.showing_machine(views.options) as address:
+            if show.as_json:
+                print_json({name: address})
+            else:
+                click.echo(f"{name}: {address}")
+            sys.stdout.flush()
+            with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+                async for _ in signals:
+                    break
+    return SUCCESS
+
+
 def past_of(team: Team | None) -> Callable[[Observer], None] | None:
     """A function that adds a local team's recorded past to an observer."""
     if team is None:

@@ -263,7 +263,8 @@ async def watching(
     """
     watcher = Watcher(address, record)
     if tell_past is not None:
-        tell_past(watcher.observer)
+        # In a thread: a long past takes seconds, in which views of other teams go on.
+        await anyio.to_thread.run_sync(tell_past, watcher.observer)
     await watcher.open()
     try:
         yield watcher

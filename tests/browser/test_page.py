@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 import signal
 import subprocess
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tests.support.browser import (
+    LAPTOP,
     MARKS,
     PHONE,
     WIDE,
@@ -17,7 +19,7 @@ from tests.support.browser import (
     picture,
 )
 from tests.support.paths import EXAMPLES
-from tests.support.team import REPAIR, Team
+from tests.support.team import EXPLORE, REPAIR, Team
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -261,3 +263,70 @@ def test_a_page_that_is_opened_late_shows_the_whole_past(team: Team, browser: Br
     page.wait_for_selector(ended())
     assert team.end()[0] == 0
     assert problems == []
+
+
+def test_all_runs_of_the_machine_and_the_way_to_the_next_one(
+    team: Team, browser: Browser, tmp_path: Path
+) -> None:
+    team.hold(HELD)
+    team.up(REPAIR)
+    robot = team.wait_for_event("do_diagnosis", args=["2"])["robot"]
+    (tmp_path / "other").mkdir()
+    with Team(tmp_path / "other") as other:
+        other.environment["MRBT_STATE_DIR"] = team.environment["MRBT_STATE_DIR"]
+        other.up(EXPLORE, speed=0.01)
+        other.wait_for_event("explore")
+        process = team.start("watch", "--web", "--port", "0")
+        assert process.stdout is not None
+        found = re.search(r"web: (\S+)", process.stdout.readline())
+        assert found is not None
+        for size in (WIDE, LAPTOP, PHONE):
+            for scheme in ("light", "dark"):
+                page, problems = opened(browser, found[1], size, scheme, "#runs li >> nth=1")
+                assert accessibility_violations(page) == []
+                assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+                page.close()
+        page, problems = opened(browser, found[1], ready="#runs li >> nth=1")
+        team.signal(robot, signal.SIGKILL)
+        row = '#runs li:has-text("vehicle_repair")'
+        page.wait_for_selector(f'{row}:has-text("1 dead: {robot}"):has-text("5 of 6 alive")')
+        # By keyboard alone: to the page of a team, to the next run, and back to the list.
+        page.focus(f"{row} a")
+        page.keyboard.press("Enter")
+        page.wait_for_selector(f'.card[data-state="dead"]:has-text("{robot}")')
+        team.interrupt()
+        team.end()
+        page.wait_for_selector('#headline p:has-text("the run is over: ")')
+        page.focus('#next a:has-text("open explore-")')
+        assert accessibility_violations(page) == []
+        page.keyboard.press("Enter")
+        page.wait_for_selector('#mission:has-text("explore")')
+        page.focus("#above")
+        page.keyboard.press("Enter")
+        page.wait_for_selector('#runs-hint:has-text("1 of 2 running")')
+        assert problems == []
+
+
+def test_another_run_on_the_same_port_is_offered_and_never_mixed(
+    team: Team, browser: Browser, tmp_path: Path
+) -> None:
+    team.hold(HELD)
+    team.up(REPAIR, "--web")
+    team.wait_for_event("do_diagnosis", args=["2"])
+    url = page_of(team)
+    page, problems = opened(browser, url)
+    team.interrupt()
+    team.end()
+    page.wait_for_selector('#headline:has-text("the run is over")')
+    (tmp_path / "next").mkdir()
+    with Team(tmp_path / "next") as following:
+        port = re.search(r":(\d+)/", url)
+        assert port is not None
+        following.up(EXPLORE, "--web", "--port", port[1], speed=0.01)
+        page.wait_for_selector('#next:has-text("Another run has begun")')
+        assert page.inner_text("#mission") == "vehicle_repair"
+        assert page.locator('.card:has-text("R1")').count() == 0
+        page.click("#next a")
+        page.wait_for_selector('.card:has-text("R1")')
+        assert page.inner_text("#mission") == "explore"
+    assert [each for each in problems if "ERR_CONNECTION" not in each] == []

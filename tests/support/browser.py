@@ -31,7 +31,7 @@ CONNECTED = '#headline p:not(:has-text("connecting")):not(:has-text("waiting"))'
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 MISSING = f"no {' or '.join(NAMES)} on PATH: `make test-browser` installs Debian's chromium as root"
 AXE = Path(__file__).with_name("axe") / "axe.min.js"
-WIDE, PHONE = (1440, 900), (390, 844)
+WIDE, LAPTOP, PHONE = (1440, 900), (1366, 768), (390, 844)
 # A wait in vain ends the test; the times say nothing of what is fast.
 WAIT_MS = 120_000
 PICTURES = ROOT / "screenshots"

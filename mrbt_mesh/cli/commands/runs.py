@@ -8,7 +8,7 @@ import time
 from collections import deque
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -20,7 +20,6 @@ from mrbt_mesh.errors import InputError
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.run_dir import RunDir
 
-RUNNING, DAMAGED = "running", "damaged"
 # A launcher that has been asked to end gives its robots a few seconds to leave.
 LAUNCHER_END_S = 20.0
 LOOK_S = 0.2
@@ -37,10 +36,10 @@ def ls(as_json: bool) -> None:
     Example: mrbt ls
              mrbt status --run-dir vehicle_repair-3fa2b1
     """
+    from mrbt_mesh.cli.run_list import listed_runs
     from mrbt_mesh.cli.terminal import console, print_json, table
-    from mrbt_mesh.runtime.known_runs import known_runs
 
-    rows = sorted(map(_row, known_runs()), key=lambda row: row["result"] != RUNNING)
+    rows = listed_runs()
     if as_json:
         print_json({"runs": rows})
         return
@@ -52,24 +51,6 @@ def ls(as_json: bool) -> None:
         robots = f"{row['alive']}/{row['robots']}"
         found.add_row(row["team"], _since(row["started_unix_s"]), robots, row["result"])
     console.print(found, highlight=False)
-
-
-def _row(run_dir: RunDir) -> dict[str, Any]:
-    from mrbt_mesh.cli.finished import summary_of_finished
-    from mrbt_mesh.runtime.known_runs import is_running, team_name
-
-    row: dict[str, Any] = {"team": team_name(run_dir), "mission": None, "run": None}
-    row |= {"run_dir": str(run_dir.path), "started_unix_s": None, "robots": 0, "alive": 0}
-    try:
-        info = run_dir.info()
-        row |= {"mission": info.mission_name, "run": info.run}
-        row |= {"started_unix_s": info.started_unix_s, "robots": len(run_dir.members())}
-        if is_running(run_dir):
-            return row | {"alive": len(run_dir.living()), "result": RUNNING}
-        summary = summary_of_finished(run_dir) or {"result": "not_started"}
-        return row | {"result": summary["result"]}
-    except InputError:
-        return row | {"result": DAMAGED}
 
 
 def _since(unix_s: float | None) -> str:

@@ -42,6 +42,8 @@ def watch(
 
     On a machine that has had no run yet it waits for the first one.
 
+    With --web and no team named, the page also lists all runs of this machine.
+
     Ends with the mission, or prints the summary of a run that is over. With a view, it goes on
     until the view is closed, or until Ctrl-C. Exit status: that of `mrbt up`; with a view 0.
 
@@ -66,6 +68,8 @@ def watch(
     if record is None:
         refuse("of a recording: give --record as well", "--record-beats")
     if team.run_dir is None and team.mission is None:
+        if not (exports or metrics or record) and (name := watching.machine_view(views)):
+            end_process(anyio.run(watching.show_machine, name, views, show))
         watching.wait_for_a_run()
     found = team.run_directory()
     if found is not None and not views.viewers:

@@ -48,7 +48,8 @@ class Projector(Protocol):
 
 class Page:
     """What the routes answer with. `control` is None where nothing may be steered, `projector`
-    where a team is shown that runs, `run_dir` where that is not on this machine.
+    where a team is shown that runs, `run_dir` where that is not on this machine. `above`: the path
+    from here to the list of the machine's runs, if there is one.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class Page:
         token: str = "",
         projector: Projector | None = None,
         run_dir: Path | None = None,
+        above: str | None = None,
     ) -> None:
         self._feed = feed
         self._hosts = own_hosts
@@ -66,6 +68,7 @@ class Page:
         self._token = token
         self._projector = projector
         self._run_dir = run_dir
+        self._above = above
         self._html = (STATIC / "index.html").read_bytes()
 
     def application(self) -> Starlette:
@@ -96,7 +99,8 @@ class Page:
         mission = mission_view(self._feed.observer.mission)
         recording = self._projector.to_json() if self._projector is not None else None
         more = {"control": control, "recording": recording, "commands": self._commands()}
-        return JSONResponse(mission | more)
+        about = {"run": self._feed.observer.facts.run, "above": self._above}
+        return JSONResponse(mission | more | about)
 
     def _commands(self) -> dict[str, str]:
         """What can be done with the run when it is over -> the command for it."""

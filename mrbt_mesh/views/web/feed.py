@@ -116,5 +116,6 @@ class Feed:
 
     def _message(self, event: str, version: int, items: dict[str, Any]) -> str:
         now_s = self.view.seconds(self._clock_us())
-        data = json.dumps({"now_s": now_s, "items": items}, separators=(",", ":"))
-        return f"id: {self.epoch}.{version}\nevent: {event}\ndata: {data}\n\n"
+        data = {"now_s": now_s, "run": self.observer.facts.run, "items": items}
+        text = json.dumps(data, separators=(",", ":"))
+        return f"id: {self.epoch}.{version}\nevent: {event}\ndata: {text}\n\n"

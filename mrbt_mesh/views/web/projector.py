@@ -84,8 +84,11 @@ def _number(wish: Mapping[str, Any], name: str) -> float | None:
 async def showing_recording(shown: ShownRecording, options: ViewerOptions) -> AsyncIterator[str]:
     """The address of a recording's page, while it is served and played. Raises PageError."""
     projector = RecordingProjector(shown)
-    page = lambda own: Page(projector.feed, own, projector=projector)  # noqa: E731
-    async with served(options, projector.feed, page) as address, anyio.create_task_group() as group:
+    page = lambda own: Page(projector.feed, own, projector=projector).application()  # noqa: E731
+    async with (
+        served(options, projector.feed.close, page) as address,
+        anyio.create_task_group() as group,
+    ):
         group.start_soon(projector.run)
         yield address
         group.cancel_scope.cancel()

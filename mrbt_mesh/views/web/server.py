@@ -10,12 +10,11 @@ from contextlib import asynccontextmanager
 import anyio
 import psutil
 import uvicorn
+from starlette.types import ASGIApp
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions
-from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.connections import LimitedHttp
-from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.protection import hosts
 
 LOOPBACK = "127.0.0.1"
@@ -37,14 +36,19 @@ class _Server(uvicorn.Server):
 
 @asynccontextmanager
 async def served(
-    options: ViewerOptions, feed: Feed, make_page: Callable[[frozenset[str]], Page]
+    options: ViewerOptions,
+    close: Callable[[], None],
+    make_application: Callable[[frozenset[str]], ASGIApp],
 ) -> AsyncIterator[str]:
-    """The address of a page, which is made for the Host headers that name it. Raises PageError."""
+    """The address of an application, which is made for the Host headers that name it.
+
+    `close` ends its streams. Raises PageError.
+    """
     with bound(options) as opened:
         port = opened.getsockname()[1]
         names = {options.host, LOOPBACK, "localhost", *names_of(options.host)}
         config = uvicorn.Config(
-            make_page(hosts(names, port)).application(),
+            make_application(hosts(names, port)),
             lifespan="off",
             log_config=None,
             access_log=False,
@@ -61,7 +65,7 @@ async def served(
             try:
                 yield f"http://{shown}:{port}/"
             finally:
-                feed.close()
+                close()
                 server.should_exit = True
                 with anyio.CancelScope(shield=True), anyio.move_on_after(2 * CLOSE_TIMEOUT_S):
                     while server.servers and any(s.is_serving() for s in server.servers):

@@ -11,6 +11,8 @@ import anyio
 from mrbt_mesh.plugins import OpenView, ViewerOptions, require
 
 if TYPE_CHECKING:
+    from starlette.types import ASGIApp
+
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
 
@@ -44,11 +46,22 @@ class WebViewer:
         async with anyio.create_task_group() as group:
             control = Control(watcher, team, group) if options.has_control else None
             run_dir = team.run_dir.path if team is not None else None
-            page_for = lambda own: Page(feed, own, control, token, run_dir=run_dir)  # noqa: E731
-            async with served(options, feed, page_for) as page:
+
+            def page_for(own: frozenset[str]) -> ASGIApp:
+                return Page(feed, own, control, token, run_dir=run_dir).application()
+
+            async with served(options, feed.close, page_for) as page:
                 address = f"{page}#{token}" if control is not None else page
                 yield OpenView(address, feed.update, anyio.Event())
             group.cancel_scope.cancel()
+
+    @asynccontextmanager
+    async def showing_machine(self, options: ViewerOptions) -> AsyncIterator[str]:
+        """Serve the list of this machine's runs, and the page of each."""
+        from mrbt_mesh.views.web.machine import showing_machine
+
+        async with showing_machine(options) as address:
+            yield address
 
 
 viewer = WebViewer()

@@ -36,7 +36,7 @@ def test_every_import_has_a_file() -> None:
     found = re.search(r'<script type="importmap">(.*?)</script>', page, re.DOTALL)
     assert found is not None
     imports = json.loads(found[1])["imports"]
-    assert {path.removeprefix("/static/vendor/") for path in imports.values()} == {
+    assert {path.removeprefix("./static/vendor/") for path in imports.values()} == {
         path.name for path in VENDOR.glob("*.mjs")
     }
     for module in [*STATIC.glob("*.mjs"), *VENDOR.glob("*.mjs")]:

@@ -47,7 +47,9 @@ class Browser:
 async def browser() -> AsyncIterator[Browser]:
     script, observer = watched(WELD)
     feed = Feed(TeamView(observer), lambda: script.team.now_us)
-    async with served(ViewerOptions(), feed, lambda hosts: Page(feed, hosts)) as address:
+    async with served(
+        ViewerOptions(), feed.close, lambda hosts: Page(feed, hosts).application()
+    ) as address:
         found = Browser(int(address.rstrip("/").rpartition(":")[2]), feed)
         try:
             yield found

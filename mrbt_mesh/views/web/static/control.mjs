@@ -106,7 +106,7 @@ export class Control {
 
   async _send(order) {
     try {
-      const answer = await this._fetch("/orders", { method: "POST", body: JSON.stringify(order) });
+      const answer = await this._fetch("orders", { method: "POST", body: JSON.stringify(order) });
       const isTold = (answer.headers.get("content-type") ?? "").startsWith("application/json");
       toast(isTold ? (await answer.json()).text : await answer.text());
     } catch {
@@ -120,7 +120,7 @@ export class Control {
     if (this._drills) return;
     setText(byId("drills-list"), "reading the drill files…");
     try {
-      const answer = await this._fetch("/drills");
+      const answer = await this._fetch("drills");
       if (!answer.ok) return setText(byId("drills-list"), await answer.text());
       this._drills = await answer.json();
     } catch {

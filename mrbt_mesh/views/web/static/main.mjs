@@ -11,7 +11,7 @@ import { TimelineView } from "./timeline.mjs";
 import { TreeView } from "./tree.mjs";
 import { WhyView } from "./why.mjs";
 
-const RETRY_MS = 1000;
+const RETRY_MS = 1000, NEXT_MS = 3000;
 
 const TRY_IT = "No robot has died. Try it: kill one from its menu (⋯). Here you then see who takes over its work, and after how many milliseconds.";
 // Statements that are shown before the others are asked for.
@@ -20,7 +20,7 @@ const FIRST = 3;
 async function mission() {
   for (;;) {
     try {
-      const answer = await fetch("/mission");
+      const answer = await fetch("mission");
       if (answer.ok) return answer.json();
     } catch { /* not there yet, or not any more */ }
     say([{ level: "warn", text: "no answer, trying again…" }]);
@@ -30,9 +30,9 @@ async function mission() {
 
 // What the server says of the team, after what the page knows of its connection.
 function headline(store, isRecording) {
-  const found = store.get("headline") ?? [{ level: "info", text: "connecting…" }];
+  const found = [...(store.get("headline") ?? [{ level: "info", text: "connecting…" }])];
   if (store.state === "lost") return [{ level: "warn", text: "connection lost: this is what was last known; trying again…" }, ...found];
-  if (store.state === "over") return [...found, { level: "info", text: isRecording ? "its server has ended" : "the run is over" }];
+  if (store.state === "over" || store.state === "replaced") return [...found, { level: "info", text: isRecording ? "its server has ended" : "the run is over" }];
   return found;
 }
 
@@ -58,10 +58,35 @@ function offerCommands(commands) {
     element("button", { type: "button", "aria-label": `Copy the command to ${what}`, onclick: () => copy(command) }, "Copy"))));
 }
 
+// A run that is over stays on the page; the next one is offered, never switched to by itself.
+function offerNext(name, address) {
+  if (byId("next").querySelector("a")?.getAttribute("href") === address) return;
+  byId("next").replaceChildren(element("span", {}, element("b", {}, "Another run has begun: "), element("a", { href: address }, `open ${name}`)));
+  byId("next").hidden = false;
+}
+
+// Of the machine's list: this run, and the newest one that has begun since and runs.
+async function followMachine({ above, run }, changed) {
+  for (;;) {
+    try {
+      const { runs } = await (await fetch(`${above}runs`)).json(), own = runs.find((each) => each.run === run);
+      const next = runs.find((each) => each.result === "running" && own && each.started_unix_s > own.started_unix_s);
+      changed(own && own.result !== "running" ? own.result : "", next);
+    } catch { /* the headline says that the connection is lost */ }
+    await new Promise((done) => setTimeout(done, NEXT_MS));
+  }
+}
+
 async function begin() {
   const told = await mission();
   setText(byId("mission"), told.name);
-  const store = new Store();
+  const store = new Store(told.run);
+  let result = "", next;
+  if (told.above) {
+    byId("above").href = told.above;
+    byId("above").hidden = false;
+    followMachine(told, (...found) => { [result, next] = found; follow(); });
+  }
   if (told.recording) store.end = told.recording.to_s;
   const playback = told.recording ? new PlaybackView(store, told.recording) : null;
   const token = takeToken();
@@ -79,13 +104,17 @@ async function begin() {
   const alerts = new Alerts(told.name);
   offerCommands(told.commands);
   if (control) setText(byId("no-faults"), TRY_IT);
-  store.onChange(() => {
-    const statements = headline(store, playback !== null);
+  const follow = () => {
+    const isEnded = !!store.get("team")?.ended, statements = headline(store, playback !== null);
+    if (result && !isEnded && store.state === "connected") statements.unshift({ level: "bad", text: `the run is over: ${result.replace("_", " ")}` });
     say(statements);
     alerts.update(statements);
     document.title = `${alerts.prefix}${statements[0].level === "bad" ? `${LEVEL_SIGN.bad} ` : ""}${told.name} · ${told.recording ? "replay · " : ""}mrbt`;
-    byId("after").hidden = !(store.get("team")?.ended || store.state === "over");
-  });
+    byId("after").hidden = !(isEnded || result || ["over", "replaced"].includes(store.state));
+    if (store.state === "replaced") offerNext("it", location.pathname);
+    else if (next && result) offerNext(next.team, `${told.above}run/${next.run}/`);
+  };
+  store.onChange(follow);
   search([robots, tree, timeline]);
   linkMoments(timeline, playback);
   byId("signs-body").replaceChildren(...allSigns());

@@ -128,7 +128,7 @@ export class PlaybackView {
       const body = JSON.stringify(this._wanted);
       this._wanted = null;
       try {
-        await fetch("/playback", { method: "POST", headers: { "content-type": "application/json" }, body });
+        await fetch("playback", { method: "POST", headers: { "content-type": "application/json" }, body });
       } catch { /* the headline says that the connection is lost */ }
     }
     this._isAsking = false;

@@ -8,7 +8,8 @@ const RETRY_MS = 1000;
 const SILENCE_MS = 4000;
 
 export class Store {
-  constructor() {
+  constructor(run) {
+    this._run = run;
     this.items = new Map();
     this._kinds = new Map();
     this.state = "connecting";
@@ -54,24 +55,28 @@ export class Store {
   leap(at) { this._now = { s: at, at: performance.now() }; }
 
   connect() {
-    const source = new EventSource("/events");
+    const source = new EventSource("events");
     const take = (event, isFresh) => {
       const news = JSON.parse(event.data);
+      // Another run on this port: what is shown stays, and the page offers the other one.
+      if (news.run !== this._run) { source.close(); clearInterval(watch); return this._become("replaced"); }
       this._heardAt = performance.now();
       this._now = { s: news.now_s, at: this._heardAt };
       this._take(news.items, isFresh);
       this._become("connected");
+      this._isOver = false;
     };
     source.addEventListener("begin", (event) => take(event, true));
     source.addEventListener("news", (event) => take(event, false));
-    source.addEventListener("over", () => { source.close(); clearInterval(watch); this._become("over"); });
+    source.addEventListener("over", () => { this._isOver = true; this._become("over"); });
+    // After the end too: the next run may be served here.
     const again = () => {
       source.close();
       clearInterval(watch);
-      this._become("lost");
+      this._become(this._isOver ? "over" : "lost");
       setTimeout(() => this.connect(), RETRY_MS);
     };
-    source.onerror = () => { if (source.readyState === EventSource.CLOSED) again(); else this._become("lost"); };
+    source.onerror = () => { if (source.readyState === EventSource.CLOSED || this._isOver) again(); else this._become("lost"); };
     this._heardAt = performance.now();
     const watch = setInterval(() => {
       if (performance.now() - this._heardAt > SILENCE_MS) again();

@@ -305,10 +305,12 @@ export class TimelineView {
     context.lineWidth = 2.5;
     context.beginPath();
     context.moveTo(x - 5, y - 5); context.lineTo(x + 5, y + 5); context.moveTo(x + 5, y - 5); context.lineTo(x - 5, y + 5); context.stroke();
-    const text = faultNumbers(fault);
     context.font = `600 11px ${this._font}`;
     context.textBaseline = "middle";
-    const left = Math.max(taken ?? known ?? x, x) + 10, wide = context.measureText(text).width;
+    // What does not fit is in the list below.
+    const left = Math.max(taken ?? known ?? x, x) + 10, room = this._width - left - 6;
+    const text = [faultNumbers(fault), fault.taken_over_after ?? fault.detected_after ?? ""].find((each) => context.measureText(each).width <= room) ?? "";
+    const wide = context.measureText(text).width;
     context.fillStyle = this._colours.panel;
     context.fillRect(left - 2, y - 8, wide + 6, 16);
     context.fillStyle = this._colours.failure;

@@ -71,8 +71,8 @@ export class WhyView {
       told = this._store.get(`why/${chosen.name}`) ?? this._untaken(chosen.name);
     } else {
       [told, trees] = await Promise.all([
-        fetched(`/why/${chosen.kind}/${encodeURIComponent(chosen.name)}`),
-        chosen.kind === "robot" ? fetched(`/trees/${encodeURIComponent(chosen.name)}`) : null,
+        fetched(`why/${chosen.kind}/${encodeURIComponent(chosen.name)}`),
+        chosen.kind === "robot" ? fetched(`trees/${encodeURIComponent(chosen.name)}`) : null,
       ]);
     }
     if (chosen !== this._selection || !told) return;
