@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 # Of everything here. A reader refuses recordings with another one.
-FORMAT = "3"
+FORMAT = "4"
 
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
 ROBOT_TREES = "/robot_trees"
 FAULTS, DEATHS, BEATS = "/faults", "/deaths", "/beats"
-SIGNATURES = "/signatures"
+SIGNATURES, HEADS = "/signatures", "/heads"
 POSITIONS, SCENE, MAP = "/positions", "/scene", "/map"
 
 SCHEMAS = Path(__file__).with_name("foxglove_schemas")

@@ -19,6 +19,7 @@ import msgpack
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.wire import RecordingHead
 from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording.channels import FORMAT
@@ -179,6 +180,12 @@ def unpack_death(data: Mapping[str, Any], now_us: int) -> tuple[str, Incarnation
     return data["robot"], read_incarnation(data["incarnation"]), times
 
 
+def pack_head(robot: str, incarnation: Incarnation, head: RecordingHead) -> dict[str, Any]:
+    """A message of the channel of heads."""
+    said = {"number": head.number, "head": head.check.hex()}
+    return {"robot": robot, "incarnation": str(incarnation), **said}
+
+
 def pack_beat(source: str, data: bytes, sent: bool) -> dict[str, Any]:
     """A message of the channel of heartbeats."""
     return {"source": source, "sent": sent, "data": _text(data)}
@@ -247,6 +254,11 @@ class MessageEncoder:
         body = to_json(data).encode()
         self._check = next_check(self._check, self.number, topic, at_ns, body)
         return at_ns, b'%s,"check":"%s"}' % (body[:-1], self._check.hex().encode())
+
+    @property
+    def head(self) -> RecordingHead:
+        """What stands for all messages so far."""
+        return RecordingHead(self.number, self._check)
 
     def sign(self, keys: Keys, is_end: bool) -> dict[str, Any]:
         """A message of the channel of signatures, for all messages so far."""

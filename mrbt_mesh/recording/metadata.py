@@ -18,6 +18,7 @@ METADATA = "mrbt"
 # In place of a robot's name, in the recording of an observer.
 OBSERVER = ""
 
+_TRUTH = {"true": True, "false": False}
 _TIMES = tuple(each.name for each in fields(Timing))
 
 
@@ -27,7 +28,7 @@ class RunMetadata:
 
     `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
     are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: by how much
-    simulated robots are faster.
+    simulated robots are faster. `is_observed`: what launched the robots records their run too.
     """
 
     robot: str
@@ -40,6 +41,7 @@ class RunMetadata:
     solver: str = ""
     has_keys: bool = False
     speed: float = 1.0
+    is_observed: bool = False
 
     @staticmethod
     def of(
@@ -64,6 +66,7 @@ class RunMetadata:
             "solver": self.solver,
             "has_keys": str(self.has_keys).lower(),
             "speed": repr(self.speed),
+            "is_observed": str(self.is_observed).lower(),
         }
 
     @staticmethod
@@ -86,8 +89,9 @@ class RunMetadata:
                 int(values["epoch_ns"]),
                 values["version"],
                 values["solver"],
-                {"true": True, "false": False}[values["has_keys"]],
+                _TRUTH[values["has_keys"]],
                 speed,
+                _TRUTH[values["is_observed"]],
             )
         except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"its metadata are damaged: {error!r}") from None

@@ -48,6 +48,7 @@ class ObserverRecorder(Recorder):
         for robot, peer in sorted(observer.membership.peers.items()):
             self._tree(robot, peer, now_us)
             self._robot(robot, peer, now_us)
+            self._write(self._heard(robot, peer), now_us)
             self._scene.see(robot, peer.state, peer.position)
         self._write_deaths(now_us)
         plan = observer.plan

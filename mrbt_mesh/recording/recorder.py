@@ -7,11 +7,13 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.peer import Peer
+from mrbt_mesh.core.membership.wire import RecordingHead
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.messages import MessageSink, pack_alive, pack_fact, pack_plan
+from mrbt_mesh.recording.messages import MessageSink, pack_alive, pack_fact, pack_head, pack_plan
 from mrbt_mesh.recording.scene import TeamScene
 
 TopicMessage: TypeAlias = tuple[str, Mapping[str, Any]]
@@ -33,6 +35,7 @@ class Recorder:
         self._scene = TeamScene(mission, sink.epoch_ns)
         self._plans = 0
         self._alive: dict[str, Incarnation] = {}
+        self._heads: dict[str, RecordingHead] = {}
         self._changes = 0
         # (topic, number of the change or 0, the fact or the message).
         self._waiting: list[tuple[str, int, Any]] = []
@@ -85,6 +88,13 @@ class Recorder:
             self._places_from = causes
             self._scene.see_places(place_states(self._places, self._facts, has_succeeded))
         self._write(self._scene.take(now_us), now_us)
+
+    def _heard(self, robot: str, peer: Peer) -> Iterator[TopicMessage]:
+        """Another robot was heard: note how far it has signed its recording, if that is news."""
+        head = peer.heartbeat.recorded if peer.heartbeat is not None else None
+        if head is not None and self._heads.get(robot) != head:
+            self._heads[robot] = head
+            yield channels.HEADS, pack_head(robot, peer.incarnation, head)
 
     def abandon(self) -> None:
         """Leave the recording as it is: it could not be written."""

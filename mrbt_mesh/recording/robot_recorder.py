@@ -18,18 +18,18 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.membership.wire import MessageKind, RecordingHead
 from mrbt_mesh.core.mission.mission import MICRO
 from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import (
     STATUS_NAMES,
-    MessageSink,
     pack_beat,
     pack_statuses,
 )
 from mrbt_mesh.recording.recorder import Recorder, TopicMessage
+from mrbt_mesh.recording.writer import RecordingWriter
 
 # Progress is recorded again once it is this much further.
 PERCENT_STEP = 10
@@ -47,11 +47,11 @@ class RobotRecorder(Recorder):
     """
 
     def __init__(
-        self, sink: MessageSink, view: AgentView, now_us: int, *, beats: bool = False
+        self, sink: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
         self._tasks = TaskLog(view.mission)
         super().__init__(sink, view.mission, view.facts)
-        self._view = view
+        self._writer, self._view = sink, view
         self._beats = beats
         self._is_alive_known = False
         self._version: tuple[int, int] = (-1, -1)
@@ -78,6 +78,10 @@ class RobotRecorder(Recorder):
         for _, new in changes if self._places else ():
             if new is not None:
                 self._tasks.fact(new)
+
+    def take_head(self) -> RecordingHead | None:
+        """How far the recording has been signed, once each time: others are to hear it."""
+        return self._writer.take_head()
 
     def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
         """Write what has changed by an input, and what is to be done. Raises OSError."""
@@ -118,6 +122,9 @@ class RobotRecorder(Recorder):
         match event:
             case MessageReceived(MessageKind.HEARTBEAT, source, data):
                 self._see(source)
+                peer = self._view.peers.get(source)
+                if peer is not None:
+                    yield from self._heard(source, peer)
                 if self._beats:
                     yield channels.BEATS, pack_beat(source, data, False)
             case TokenChanged(robot, incarnation, held):

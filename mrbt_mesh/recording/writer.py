@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.membership.keys import Keys
+from mrbt_mesh.core.membership.wire import RecordingHead
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, SIGNATURES
 from mrbt_mesh.recording.folder import open_new
 from mrbt_mesh.recording.messages import MessageEncoder
@@ -49,6 +50,8 @@ class RecordingWriter:
         self._encoder = MessageEncoder(metadata)
         self._keys = keys
         self._now_us, self._signed_us = 0, -SIGN_US
+        # Signed and handed over, and not told yet.
+        self._head: RecordingHead | None = None
         self._file = open_new(path)
         self._writer = Writer(
             self._file, use_chunking=False, index_types=IndexType.NONE, use_statistics=False
@@ -84,7 +87,7 @@ class RecordingWriter:
 
     def _sign(self, is_end: bool) -> None:
         if self._keys is not None:
-            self._signed_us = self._now_us
+            self._signed_us, self._head = self._now_us, self._encoder.head
             self.write(SIGNATURES, self._now_us, self._encoder.sign(self._keys, is_end))
 
     def flush(self, now_us: int) -> None:
@@ -95,6 +98,11 @@ class RecordingWriter:
         self._file.flush()
         if self._limit_bytes is not None and self._file.tell() > self._limit_bytes:
             raise OSError(errno.EFBIG, f"it has come to {self._limit_bytes >> 20} MiB (--keep)")
+
+    def take_head(self) -> RecordingHead | None:
+        """How far the recording has been signed, once each time."""
+        head, self._head = self._head, None
+        return head
 
     def abandon(self) -> None:
         """Close the file as it is: it could not be written."""

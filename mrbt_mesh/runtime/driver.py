@@ -33,7 +33,14 @@ from mrbt_mesh.core.agent.effects import (
     StartAction,
     Stop,
 )
-from mrbt_mesh.core.agent.inputs import Input, LeaveRequested, PlanMade, TimerFired, together
+from mrbt_mesh.core.agent.inputs import (
+    Input,
+    LeaveRequested,
+    PlanMade,
+    RecordingSigned,
+    TimerFired,
+    together,
+)
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
@@ -256,6 +263,10 @@ class Driver:
             if self._meter is not None:
                 self._meter.carry_out(effect)
             self._carry_out(effect)
+        recorder = self._recording.recorder if self._recording is not None else None
+        head = recorder.take_head() if recorder is not None else None
+        if head is not None:
+            self._step(RecordingSigned(head), now_us)
         self._inbox.are_beats_quiet = self._agent.view.is_calm
         self.on_step()
 

@@ -25,20 +25,23 @@ _Recorder = TypeVar("_Recorder", bound=Recorder)
 
 
 class GuardedRecorder(Generic[_Recorder]):
-    """A recorder that a full disk, or the limit of its file, ends; `report` gets the reason."""
+    """A recorder that a full disk, or the limit of its file, ends; `report` gets the reason.
+
+    `recorder`: None once it has ended so.
+    """
 
     def __init__(self, recorder: _Recorder, report: Callable[[str], None]) -> None:
-        self._recorder: _Recorder | None = recorder
+        self.recorder: _Recorder | None = recorder
         self._report = report
 
     def do(self, step: Callable[[_Recorder], None]) -> None:
         """Record with the recorder, if it still records."""
-        if self._recorder is not None:
+        if self.recorder is not None:
             try:
-                step(self._recorder)
+                step(self.recorder)
             except OSError as error:
-                self._recorder.abandon()
-                self._recorder = None
+                self.recorder.abandon()
+                self.recorder = None
                 self._report(error.strerror or str(error))
 
     def close(self) -> None:
@@ -63,6 +66,7 @@ def robot_recording(
         solver=options.solver or "",
         has_keys=config.keys is not None,
         speed=options.speed,
+        is_observed=options.while_locked is not None,
     )
     try:
         writer = RecordingWriter(path, metadata, options.keep_bytes, beats=beats, keys=config.keys)

@@ -20,6 +20,7 @@ from mrbt_mesh.recording.channels import (
     SIGNATURES,
     STATUSES,
 )
+from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, parse_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 
@@ -130,21 +131,39 @@ def cut(share: float) -> Callable[[list[RecordedMessage]], list[RecordedMessage]
     return lambda records: records[: int(len(records) * share)]
 
 
-def written_again(run: Run, folder: Path, keys: Mapping[str, Keys]) -> list[Recording]:
-    """The files of a forger who has these keys, by the name of the file."""
+def written_again(run: Run, folder: Path, keys: Mapping[str, Keys], true: Run) -> list[Recording]:
+    """The files of a forger who has these keys, by the name of the file; those that are as in the
+    `true` run stay as they are. He signs where they were signed, so that what is before his first
+    change stays the same.
+    """
     found = []
     for name, each in run.items():
+        if each is true[name]:
+            found.append(each)
+            continue
         path = folder / name
         path.unlink(missing_ok=True)
         own = keys.get(name)
-        writer = RecordingWriter(path, each.metadata, beats=True, keys=own)
+        encoder = MessageEncoder(each.metadata)
+        writer = RecordingWriter(path, each.metadata, beats=True)
         for record in each.records:
-            if own is None or record.topic != SIGNATURES:
-                writer.write(record.topic, record.at_us, record.data)
-                writer.flush(record.at_us)
+            data = record.data
+            if own is not None and record.topic == SIGNATURES:
+                data = encoder.sign(own, record.data["end"])
+            writer.write(record.topic, record.at_us, data)
+            encoder.encode(record.topic, record.at_us, data)
+        if own is not None and not is_ended(each):
+            last_us = each.records[-1].at_us
+            writer.write(SIGNATURES, last_us, encoder.sign(own, True))
         writer.close()
         found.append(parse_recording(path.read_bytes(), path))
     return found
+
+
+def is_ended(recording: Recording) -> bool:
+    """Whether its last record is the signature of its end."""
+    last = recording.records[-1]
+    return last.topic == SIGNATURES and bool(last.data["end"])
 
 
 def blamed(run: Run) -> Run:
@@ -156,6 +175,8 @@ def blamed(run: Run) -> Run:
     return run
 
 
+TOLD = "is not what .* has told others that it signed"
+SHORT = "A1.mcap.*: it ends at 3.*, and B2.mcap heard of its records until 11.5"
 CUT = "it has no end, and no other recording says that"
 B1 = "B1.mcap"
 FORGERIES: dict[str, Forgery] = {
@@ -186,7 +207,9 @@ FORGERIES: dict[str, Forgery] = {
         in_file(B1, cut(0.7)), f"B1.mcap: {CUT}", "B1 has not recorded its"
     ),
     "the killed robot's file cut": Forgery(
-        in_file("A1.mcap", cut(0.3)), "A1 has not recorded its", "A1 has not recorded its"
+        in_file("A1.mcap", cut(0.3)),
+        SHORT,
+        SHORT,
     ),
     "a detection time changed": Forgery(
         in_file("run.mcap", first(FAULTS, at(-900_000), event="dead")),
@@ -199,7 +222,7 @@ FORGERIES: dict[str, Forgery] = {
     "the last plan removed": Forgery(
         in_file(B1, last(PLANS, dropped)),
         "B1.mcap: record",
-        None,  # it is that of the plan before it
+        TOLD,
     ),
     "the last plans removed": Forgery(
         in_file(B1, without_last_plans(9)),
@@ -218,11 +241,11 @@ FORGERIES: dict[str, Forgery] = {
         in_file(B1, first(FACTS, dropped, author="B1")), "B1.mcap: record", "B1 has not recorded"
     ),
     "statuses changed": Forgery(
-        in_file(B1, first(STATUSES, with_data(T_Li="failure"))), "B1.mcap: record", None
+        in_file(B1, first(STATUSES, with_data(T_Li="failure"))), "B1.mcap: record", TOLD
     ),
-    "times changed": Forgery(in_file(B1, first(FAULTS, at(1_000))), "B1.mcap: record", None),
-    "a position changed": Forgery(in_file(B1, first(POSITIONS, at(1))), "B1.mcap: record", None),
+    "times changed": Forgery(in_file(B1, first(FAULTS, at(1_000))), "B1.mcap: record", TOLD),
+    "a position changed": Forgery(in_file(B1, first(POSITIONS, at(1))), "B1.mcap: record", TOLD),
     "signatures removed": Forgery(
-        in_file("*", without(SIGNATURES)), "it has no signature of its owner", None
+        in_file("*", without(SIGNATURES)), "it has no signature of its owner", TOLD
     ),
 }

@@ -45,6 +45,7 @@ _MAY_CHANGE_NOTHING = (
     inputs.MessageReceived,
     inputs.PositionReported,
     inputs.ProgressReported,
+    inputs.RecordingSigned,
     inputs.TimerFired,
     inputs.TreeTicked,
 )
@@ -94,6 +95,7 @@ class Agent:
             inputs.ProgressReported: lambda e, _: work.progressed(e.ticket, e.percent),
             inputs.TreeTicked: lambda e, _: work.tree_ticked(e.ticket, e.statuses),
             inputs.PositionReported: lambda e, _: context.note_position(e.position),
+            inputs.RecordingSigned: lambda e, _: context.note_recorded(e.head),
             inputs.ConditionSet: lambda e, now: reports.set_conditions({e.name: e.value}, now),
             inputs.CapabilityChanged: health.change_capability,
             inputs.PerformanceChanged: lambda e, now: health.change_performance(

@@ -19,7 +19,13 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Durability, Replica
-from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Header, MessageKind, Position
+from mrbt_mesh.core.membership.wire import (
+    DIGEST_BYTES,
+    Header,
+    MessageKind,
+    Position,
+    RecordingHead,
+)
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
@@ -32,7 +38,8 @@ class Context:
     `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
     `refused` counts refusals by source and reason; beyond `MAX_REASONS` different ones new
     ones are counted together. `sealing` is None in a team without keys.
-    `position` is the last one that the program has reported.
+    `position` is the last one that the program has reported, `recorded` how far the robot's
+    recording is signed.
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
@@ -57,6 +64,7 @@ class Context:
         self.description.may_promise = not config.journal_problem
         self.work = Work()
         self.position: Position | None = None
+        self.recorded: RecordingHead | None = None
         self.refused: dict[str, int] = {}
         self.is_leaving = False
         self.has_stopped = False
@@ -66,6 +74,10 @@ class Context:
     def note_position(self, position: Position) -> None:
         """The program has reported where the robot is; its heartbeats carry it."""
         self.position = position
+
+    def note_recorded(self, head: RecordingHead) -> None:
+        """The recording was signed so far; heartbeats carry it."""
+        self.recorded = head
 
     # -- its state ----------------------------------------------------------------------------
 

@@ -122,6 +122,7 @@ class Heartbeats:
             around.members_digest(context.replica.incarnation),
             context.position,
             context.work.tree_statuses,
+            context.recorded,
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)
         context.emit(Publish(MessageKind.HEARTBEAT, data, to))

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope
-from mrbt_mesh.core.membership.wire import MessageKind, Position
+from mrbt_mesh.core.membership.wire import MessageKind, Position, RecordingHead
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -124,6 +124,13 @@ class PositionReported:
     """Where the robot is; its next heartbeats carry it."""
 
     position: Position
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingSigned:
+    """The robot's recording was signed so far; its next heartbeats carry it."""
+
+    head: RecordingHead
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,6 +267,7 @@ Input: TypeAlias = (
     | ProgressReported
     | TreeTicked
     | PositionReported
+    | RecordingSigned
     | ConditionSet
     | CapabilityChanged
     | PerformanceChanged

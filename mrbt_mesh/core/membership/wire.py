@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 11
+SCHEMA = 12
 MAX_MESSAGE_BYTES = 4 << 20
 # Items of one list, and of all lists of a message together: an empty list takes a byte in a
 # message, and 64 in memory.
@@ -33,7 +33,7 @@ MAX_ITEMS, MAX_ALL_ITEMS = 100_000, 300_000
 SHORT_BYTES, LONG_BYTES = 4 << 10, 64 << 10
 MAX_NONCE = 32
 MAX_TREE_NODES = 4_096  # a larger tree of a local task reports no statuses
-DIGEST_BYTES = 8
+DIGEST_BYTES, HEAD_BYTES = 8, 16
 # Thousandths: a million units each way; once around each way.
 MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
 # What messages of a team with keys begin with, see `envelope`.
@@ -123,6 +123,16 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingHead:
+    """How far a robot's process has signed its recording: up to the message of this number, whose
+    check stands for all before it.
+    """
+
+    number: int
+    check: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class LeaseGrant:
     """The sender's answer to heartbeat `number` of `member`: this coalition has its lease."""
 
@@ -138,7 +148,8 @@ class Heartbeat:
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
     and the id of the coalition for which the sender needs leases. `members_digest` is over the
     robots that the sender counts on. `position`: as the robot reports it; `tree_statuses`: of
-    the nodes, in preorder, of the tree that carries out its local task, if there is one.
+    the nodes, in preorder, of the tree that carries out its local task, if there is one;
+    `recorded`: so far it has signed its recording, None if it does not.
     """
 
     report: SelfReport
@@ -153,6 +164,7 @@ class Heartbeat:
     members_digest: bytes = bytes(DIGEST_BYTES)
     position: Position | None = None
     tree_statuses: bytes = b""
+    recorded: RecordingHead | None = None
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -267,7 +279,7 @@ def _rows(value: Any, width: int) -> list[list[Any]]:
 
 def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
     """A heartbeat as plain data."""
-    report, where = heartbeat.report, heartbeat.position
+    report, where, head = heartbeat.report, heartbeat.position, heartbeat.recorded
     return [
         *report.incarnation,
         report.number,
@@ -284,6 +296,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
         None if where is None else [where.x, where.y, where.heading],
         heartbeat.tree_statuses,
+        None if head is None else [head.number, head.check],
     ]
 
 
@@ -308,10 +321,10 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) != 16:
+    if not isinstance(body, list) or len(body) != 17:
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where, tree = tables
+    suspicions, relays, request, grants, where, tree, head = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -339,6 +352,7 @@ def parse_heartbeat(
         _digest(alive),
         _position(where),
         _tree_statuses(tree),
+        _recording_head(head),
     )
 
 
@@ -352,7 +366,7 @@ def urgent_part(data: bytes) -> tuple[Any, ...] | None:
     try:
         body = unpacked(data, MAX_VALUE_BYTES)[6]
         counter, nonce, _, flags, plan, facts, members, _, result, _, *tables = body
-        suspicions, _, request, grants, _, _ = tables
+        suspicions, _, request, grants, *_ = tables
         is_urgent = request or grants or any(flags & 4 for _, _, _, flags in suspicions)
     except (ValueError, TypeError, LookupError, msgpack.UnpackException, RecursionError):
         return None
@@ -394,6 +408,14 @@ def _tree_statuses(value: Any) -> bytes:
     if not isinstance(value, bytes) or len(value) > MAX_TREE_NODES or max(value, default=0) > 3:
         raise WireError("statuses of a tree are malformed")
     return value
+
+
+def _recording_head(value: Any) -> RecordingHead | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 2:
+        raise WireError("head of a recording is malformed")
+    return RecordingHead(_count(value[0]), _digest(value[1], HEAD_BYTES))
 
 
 def _lease_request(value: Any) -> tuple[str, str] | None:

@@ -36,6 +36,7 @@ from mrbt_mesh.core.agent.inputs import (
     ConditionSet,
     Input,
     PlanMade,
+    RecordingSigned,
     TimerFired,
 )
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
@@ -269,6 +270,9 @@ class SimProcess:
         inspection.handled(self, event, effects)
         if isinstance(event, ActionFinished):
             world.completed(self)
+        head = self._recorder.take_head() if self._recorder is not None else None
+        if head is not None:
+            self._handle(RecordingSigned(head))
         if not self.pace.is_over:
             self._set_timer(agent, now_us)
 

@@ -31,7 +31,8 @@ class Recordings:
         setup = self._setup
         found = RunMetadata.of(setup.mission, robot, setup.run, setup.timing, 0, __version__)
         keys = setup.agents.keys.get(robot)
-        metadata = replace(found, speed=setup.speed, has_keys=keys is not None)
+        has_keys = keys is not None
+        metadata = replace(found, speed=setup.speed, has_keys=has_keys, is_observed=True)
         return RecordingWriter(path, metadata, keys=keys)
 
     def begin(self, view: AgentView, now_us: int) -> RobotRecorder:

@@ -18,6 +18,7 @@ _COUNTED = {
     "facts": "facts read again",
     "signatures": "signatures of facts checked",
     "recording_signatures": "signatures of recordings checked",
+    "heads": "times a robot heard how far another one had recorded",
     "dropped": "facts dropped rightly",
     "plans": "plans made again",
     "statuses": "statuses of T_G found again",

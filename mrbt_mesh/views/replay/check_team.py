@@ -4,14 +4,14 @@ of them ends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.messages import read_incarnation
-from mrbt_mesh.recording.reader import Recording, Signature
+from mrbt_mesh.recording.messages import read_incarnation, signed_content
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
 from mrbt_mesh.recording.writer import SIGN_US
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.views.replay.check_recording import RecordingCheck
@@ -40,10 +40,13 @@ class TeamCheck:
             self._gap(GapKind.UNSIGNED, "all recordings", "no signature was checked", remedy)
         for check in self.checks:
             self._recording(check)
-        if all(check.recording.metadata.robot for check in self.checks):
-            remedy = "give run.mcap; without `mrbt up` in the foreground there is none"
+        metadata = [check.recording.metadata for check in self.checks]
+        if all(each.robot for each in metadata) and any(each.is_observed for each in metadata):
+            remedy = "give run.mcap, which what launched the robots has recorded"
             self._gap(GapKind.OBSERVER, "run.mcap", "no observer's recording is here", remedy)
         self._missing_lives()
+        if self.manifest is not None:
+            self._heads()
 
     def _gap(self, kind: GapKind, of: str, text: str, remedy: str) -> None:
         self.gaps.append(Gap(kind, of, text, remedy))
@@ -130,6 +133,67 @@ class TeamCheck:
                     yield _unix_us(other, each.at_us), other.name
                     break
 
+    # -- what robots have said of their recordings --------------------------------------------
+
+    def _heads(self) -> None:
+        """What others have heard of how far robots had signed their recordings."""
+        owners = {
+            (check.recording.metadata.robot, life.nonce): check
+            for check in self.checks
+            for life in lives(check.recording)
+        }
+        for owner in {id(each): each for each in owners.values()}.values():
+            self._heads_of(owner, owners)
+
+    def _heads_of(
+        self, owner: RecordingCheck, owners: Mapping[tuple[str, str], RecordingCheck]
+    ) -> None:
+        """Of one recording: the last one that others have heard, and the first that is not in it.
+
+        A recording that ends before the former is a gap, one that was ended and signed so a
+        contradiction, as the latter is.
+        """
+        recording = owner.recording
+        signed = {each.number - 1: each.content for each in recording.signatures}
+        last = recording.records[-1].number
+        is_ended = any(each.is_end for each in recording.signatures)
+        later: list[tuple[int, str]] = []
+        false: list[tuple[int, str]] = []
+        for check, each in self._heard_of(owner, owners):
+            owner.counts["heads"] += 1
+            number, head = each.data["number"], bytes.fromhex(each.data["head"])
+            wanted = [signed_content(number, head, is_end) for is_end in (False, True)]
+            if number >= last:
+                later.append((_unix_us(check.recording, each.at_us), check.recording.name))
+            elif signed.get(number) not in wanted:
+                false.append((number, check.recording.name))
+        if later:
+            at_us, by = max(later)
+            heard_s = (at_us - _unix_us(recording, recording.begin_us)) / 1e6
+            end_s = (recording.records[-1].at_us - recording.begin_us) / 1e6
+            text = f"it ends at {end_s:.3f} s, and {by} heard of its records until {heard_s:.3f} s"
+            if is_ended:
+                owner.add(recording.records[-1], text, {name for _, name in later})
+            else:
+                self._gap(GapKind.END, recording.name, text, "give the whole file")
+        if false:
+            number = min(false)[0]
+            against = {by for each, by in false if each == number}
+            robot = recording.metadata.robot
+            text = f"what was recorded before is not what {robot} has told others that it signed"
+            owner.add(_record(recording, number), text, against)
+
+    def _heard_of(
+        self, owner: RecordingCheck, owners: Mapping[tuple[str, str], RecordingCheck]
+    ) -> Iterator[tuple[RecordingCheck, RecordedMessage]]:
+        """What other recordings have of the heads of this one."""
+        for check in self.checks:
+            for each in check.recording.records if check is not owner else ():
+                if each.topic == channels.HEADS:
+                    nonce = read_incarnation(each.data["incarnation"]).nonce
+                    if owners.get((each.data["robot"], nonce)) is owner:
+                        yield check, each
+
     # -- all of them ----------------------------------------------------------------------------
 
     def _missing_lives(self) -> None:
@@ -151,6 +215,12 @@ class TeamCheck:
                 text = f"no recording of its life {life} is here, with which {file} counts"
                 remedy = f"give recordings/{robot}.mcap, or its next file, of its computer"
                 self._gap(GapKind.ROBOT, robot, text, remedy)
+
+
+def _record(recording: Recording, number: int) -> RecordedMessage:
+    """The record of this number, or the last one before it."""
+    before = (each for each in reversed(recording.records) if each.number <= number)
+    return next(before, recording.records[0])
 
 
 def lives(recording: Recording) -> list[Incarnation]:

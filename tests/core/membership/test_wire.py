@@ -21,6 +21,7 @@ from mrbt_mesh.core.membership.wire import (
     LeaseGrant,
     MessageKind,
     Position,
+    RecordingHead,
     SelfReport,
     Suspicion,
     WireError,
@@ -65,6 +66,8 @@ beats = st.builds(
         st.none() | st.integers(-3_142, 3_142),
     ),
     st.lists(st.integers(0, 3), max_size=20).map(bytes),
+    st.none()
+    | st.builds(RecordingHead, st.integers(0, 2**40), st.binary(min_size=16, max_size=16)),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
     (
@@ -372,17 +375,25 @@ def test_outcome_data_that_cannot_be_sent_is_a_value_error(value: Any) -> None:
 def test_a_position_that_is_none_is_refused(where: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    *before, _, tree = body
+    *before, _, tree, head = body
     there = [1_500, -2_000, None]
-    assert parse_heartbeat([*before, there, tree]).position == Position(1_500, -2_000)
+    assert parse_heartbeat([*before, there, tree, head]).position == Position(1_500, -2_000)
     with pytest.raises(WireError, match="position"):
-        parse_heartbeat([*before, where, tree])
+        parse_heartbeat([*before, where, tree, head])
 
 
 @pytest.mark.parametrize("statuses", ["", None, [1], b"\0\4", bytes(wire.MAX_TREE_NODES + 1)])
 def test_statuses_of_a_tree_that_are_none_are_refused(statuses: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    assert parse_heartbeat([*body[:-1], b"\1\2"]).tree_statuses == b"\1\2"
+    assert parse_heartbeat([*body[:-2], b"\1\2", None]).tree_statuses == b"\1\2"
     with pytest.raises(WireError, match="statuses of a tree"):
-        parse_heartbeat([*body[:-1], statuses])
+        parse_heartbeat([*body[:-2], statuses, None])
+
+
+@pytest.mark.parametrize("head", [b"", [1], [1, bytes(15)], [-1, bytes(16)], [1, "0" * 16]])
+def test_a_head_of_a_recording_that_is_none_is_refused(head: Any) -> None:
+    report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
+    body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
+    with pytest.raises(WireError):
+        parse_heartbeat([*body[:-1], head])

@@ -55,7 +55,7 @@ def test_a_forgery_without_keys_is_named(
     keyed: tuple[Run, Manifest], tmp_path: Path, name: str
 ) -> None:
     (run, manifest), forgery = keyed, FORGERIES[name]
-    verdict = verify(written_again(forgery.forge(run), tmp_path, {}), manifest)
+    verdict = verify(written_again(forgery.forge(run), tmp_path, {}, run), manifest)
     assert not verdict.is_proved
     assert re.search(forgery.found, texts(verdict)), texts(verdict)
 
@@ -65,7 +65,8 @@ def test_what_the_others_say_of_a_forgery_with_a_stolen_key(
     keyed: tuple[Run, Manifest], tmp_path: Path, name: str
 ) -> None:
     (run, manifest), forgery = keyed, FORGERIES[name]
-    found = verify(written_again(forgery.forge(run), tmp_path, stolen(run)), manifest)
+    forged = written_again(forgery.forge(run), tmp_path, stolen(run), run)
+    found = verify(forged, manifest)
     if forgery.by_others is None:
         assert found.is_proved, texts(found)
     else:
