@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -84,6 +85,13 @@ def test_without_its_manifest_nothing_is_proved(keyed: tuple[Run, Manifest]) -> 
     assert [gap.kind for gap in verdict.gaps] == [GapKind.UNSIGNED]
     assert "give --keys" in texts(verdict)
     assert verdict.holds(["unsigned"])
+
+
+def test_a_team_that_nobody_observed_lacks_no_observer(keyed: tuple[Run, Manifest]) -> None:
+    robots = [each for each in keyed[0].values() if each.metadata.robot]
+    alone = [replace(r, metadata=replace(r.metadata, is_observed=False)) for r in robots]
+    assert [gap.kind for gap in verify(robots).gaps] == [GapKind.UNSIGNED, GapKind.OBSERVER]
+    assert [gap.kind for gap in verify(alone).gaps] == [GapKind.UNSIGNED]
 
 
 def test_another_teams_manifest_proves_nothing(keyed: tuple[Run, Manifest]) -> None:
