@@ -51,9 +51,22 @@ def recording() -> None:
 @click.option("--web", is_flag=True, help="Show it in the browser, until Ctrl-C.")
 @click.option("--host", default="127.0.0.1", metavar="IP", help="Address of the page.")
 @click.option("--port", type=PORT, metavar="PORT", default=0, help="Port of the page; 0: any.")
+@click.option(
+    "--export",
+    type=PATH,
+    metavar="DIR",
+    help="Write the timeline as SVG, events and assignments as CSV, and show nothing.",
+)
 @json_option
 def replay(
-    file: Path, at: float | None, speed: float, web: bool, host: str, port: int, as_json: bool
+    file: Path,
+    at: float | None,
+    speed: float,
+    web: bool,
+    host: str,
+    port: int,
+    export: Path | None,
+    as_json: bool,
 ) -> None:
     """Show a recorded run again, at any speed, forwards and back.
 
@@ -64,20 +77,35 @@ def replay(
     \b
     Example: mrbt recording replay run.mcap --web
              mrbt recording replay recordings/A1.mcap --at 12.5 --json
+             mrbt recording replay run.mcap --export files
     """
     import anyio
 
     from mrbt_mesh.cli.terminal import print_json
     from mrbt_mesh.recording.player import Player
     from mrbt_mesh.recording.reader import read_recording
-    from mrbt_mesh.views.recordings.showing import serve, show_lines, state_data, time_of
+    from mrbt_mesh.views.recordings.showing import (
+        export_recording,
+        serve,
+        show_lines,
+        state_data,
+        time_of,
+    )
 
+    if export is not None:
+        refuse("--export writes files and shows nothing", "--web", "--at", "--speed")
     if web:
         require("the page", "web", "starlette", "uvicorn")
     else:
         refuse("of the page: give --web as well", "--port", "--host")
     player = Player(read_recording(file))
-    if web:
+    if export is not None:
+        written = [str(path) for path in export_recording(player, export)]
+        if as_json:
+            print_json({"written": written})
+        else:
+            click.echo("\n".join(f"wrote {path}" for path in written))
+    elif web:
         anyio.run(serve, player, at or 0.0, speed, host, port, as_json)
         end_process(SUCCESS)
     elif as_json:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import signal
 import sys
+from pathlib import Path
 from typing import Any
 
 import anyio
 import click
 
-from mrbt_mesh.cli.terminal import print_json
+from mrbt_mesh.cli.terminal import print_json, reason
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions
@@ -44,6 +45,18 @@ def show_lines(player: Player, at_s: float) -> None:
     for at_us, text in player.observer.record.timeline:
         if at_us >= from_us:
             click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
+
+
+def export_recording(player: Player, folder: Path) -> list[Path]:
+    """Write its timeline, events and assignments into a folder. Raises InputError."""
+    from mrbt_mesh.views.replay.shown_recording import ShownRecording
+    from mrbt_mesh.views.report.exports import write_exports
+
+    shown = ShownRecording(player, player.end_us, 1.0)
+    try:
+        return write_exports(folder, shown, shown.ends_s(player.end_us))
+    except OSError as error:
+        raise InputError(f"--export {folder}: cannot be written: {reason(error)}") from None
 
 
 async def serve(

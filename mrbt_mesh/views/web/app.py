@@ -25,6 +25,7 @@ from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_robot, why_task
+from mrbt_mesh.views.report.exports import EXPORTS, exported, file_name
 from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.protection import Protection, policy, why_no_order
 
@@ -82,6 +83,7 @@ class Page:
             Route("/trees/{name}", self._about(own_trees)),
             Route("/drills", self._drills),
             Route("/orders", self._order, methods=["POST"]),
+            Route("/export/{name}", self._export),
             Route("/metrics", self._metrics),
             Route("/playback", self._playback, methods=["POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
@@ -130,6 +132,16 @@ class Page:
                 raise HTTPException(404, f"nothing is known of {name[:80]}") from None
 
         return answer
+
+    async def _export(self, request: Request) -> Response:
+        """A file of the run, named after it: its timeline, events or assignments."""
+        name, shown = request.path_params["name"], self._feed.view
+        if name not in EXPORTS:
+            raise HTTPException(404, f"there is no file {name[:80]}")
+        saved_as = f'attachment; filename="{file_name(name, shown.observer)}"'
+        media_type = "image/svg+xml" if name.endswith(".svg") else "text/csv"
+        text = exported(name, shown, self._feed.shown_until_s)
+        return Response(text, media_type=media_type, headers={"content-disposition": saved_as})
 
     async def _metrics(self, request: Request) -> Response:
         """The team for Prometheus; a recording is past, and nothing to be measured."""

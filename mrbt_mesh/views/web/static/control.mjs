@@ -1,6 +1,6 @@
 // Orders and drills: only where the server offers them, and with the token of the printed address.
 
-import { byId, dialog, element, setText } from "./text.mjs";
+import { byId, dialog, element, placeMenu, setText } from "./text.mjs";
 
 const WORDS = { kill: "Kill", freeze: "Freeze", thaw: "Thaw", join: "Start again", lose: "Lose", restore: "Restore",
   leave: "Leave", pause: "Pause", resume: "Resume", abort: "Abort" };
@@ -38,10 +38,7 @@ export class Control {
       this._menu.setAttribute("aria-label", label);
       this._menu.replaceChildren(...rows());
       this._menu.querySelector("button")?.setAttribute("autofocus", "");
-      const { right, bottom, top } = made.getBoundingClientRect(), isLow = bottom > innerHeight * 0.6;
-      this._menu.style.left = `${Math.max(8, Math.min(right, innerWidth - 8) - 320)}px`;
-      this._menu.style.top = isLow ? "auto" : `${bottom + 4}px`;
-      this._menu.style.bottom = isLow ? `${innerHeight - top + 4}px` : "auto";
+      placeMenu(this._menu, made);
     } }, text);
     made.popoverTargetElement = this._menu;
     return made;
@@ -147,7 +144,7 @@ export class Control {
 
 let hiding = 0;
 
-function toast(text) {
+export function toast(text) {
   const shown = byId("toast");
   setText(shown, text);
   shown.hidden = false;

@@ -5,6 +5,7 @@ import { Control, copy, takeToken } from "./control.mjs";
 import { MapView } from "./map.mjs";
 import { PlaybackView } from "./playback.mjs";
 import { RobotsView } from "./robots.mjs";
+import { offerFiles } from "./save.mjs";
 import { Store } from "./store.mjs";
 import { LEVEL_SIGN, allSigns, byId, dialog, element, seconds, setText, withCommands } from "./text.mjs";
 import { TimelineView } from "./timeline.mjs";
@@ -117,6 +118,7 @@ async function begin() {
   store.onChange(follow);
   search([robots, tree, timeline]);
   linkMoments(timeline, playback);
+  offerFiles();
   byId("signs-body").replaceChildren(...allSigns());
   dialog("signs", byId("signs-open"));
   store.connect();

@@ -106,6 +106,14 @@ export function dialog(name, open) {
   return shown;
 }
 
+// A menu at the button that opens it.
+export function placeMenu(menu, button) {
+  const { right, bottom, top } = button.getBoundingClientRect(), isLow = bottom > innerHeight * 0.6;
+  menu.style.left = `${Math.max(8, Math.min(right, innerWidth - 8) - 320)}px`;
+  menu.style.top = isLow ? "auto" : `${bottom + 4}px`;
+  menu.style.bottom = isLow ? `${innerHeight - top + 4}px` : "auto";
+}
+
 // Text in which `commands` are marked by backticks, as nodes.
 export const withCommands = (text) => text.split("`").map((part, i) => (i % 2 ? element("code", {}, part) : part));
 
