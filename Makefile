@@ -20,7 +20,7 @@ help:
 	@echo "make test-mesh       the mesh's own tests where analysis, views, adapters and btcpp are deleted"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-browser    the live page in headless Chromium; as root, installs Debian's if missing"
-	@echo "make screenshots     the README's pictures of the live page"
+	@echo "make screenshots     pictures of page and terminal in build/pictures: blocked, one dead, 24 robots ..."
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
 	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
@@ -105,7 +105,11 @@ test-browser: $(READY) chromium
 	$(BIN)/pytest -m browser -rs tests/browser
 
 screenshots: $(READY) chromium
-	$(BIN)/python -m benchmarks.page pictures docs/web
+	@command -v tmux > /dev/null || $(APT_INSTALL) tmux || \
+		{ echo "install tmux, or run this as root on Debian"; exit 1; }
+	$(BIN)/python -m benchmarks.page pictures build/pictures
+	cp build/pictures/dead-1440x900-light.png docs/web/page-light.png
+	cp build/pictures/dead-1440x900-dark.png docs/web/page-dark.png
 
 bench-page: $(READY) chromium
 	$(BIN)/python -m benchmarks.page frames

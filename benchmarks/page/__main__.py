@@ -1,4 +1,4 @@
-"""`python -m benchmarks.page frames|cost|pictures FOLDER`. Needs Chromium (not for `cost`)."""
+"""`python -m benchmarks.page frames|cost|watched|pictures`. Chromium is needed, but for `cost`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from benchmarks.page import cost, frames, pictures
+from benchmarks.page import cost, frames, pictures, watched
 
 
 def main() -> None:
@@ -17,13 +17,20 @@ def main() -> None:
     smooth.add_argument("--seconds", type=float, default=60, help="600: the long form")
     share = tasks.add_parser("cost", help="processor time of `mrbt watch --web` and of a team")
     share.add_argument("--seconds", type=float, default=60)
-    drawn = tasks.add_parser("pictures", help="those of the README")
+    long = tasks.add_parser("watched", help="a team of processes with its page open for minutes")
+    long.add_argument("--seconds", type=float, default=600)
+    long.add_argument("--robots", type=int, default=24)
+    drawn = tasks.add_parser("pictures", help="all views in all situations")
     drawn.add_argument("folder", type=Path)
+    drawn.add_argument("situations", nargs="*", help="only these; default: all")
     given = parser.parse_args()
     if given.task == "pictures":
-        pictures.make(given.folder)
+        pictures.make(given.folder, given.situations)
         return
-    found = (frames if given.task == "frames" else cost).measure(given.seconds)
+    if given.task == "watched":
+        found = watched.measure(given.seconds, given.robots)
+    else:
+        found = (frames if given.task == "frames" else cost).measure(given.seconds)
     json.dump(found, sys.stdout, indent=2)
     sys.stdout.write("\n")
 

@@ -26,7 +26,7 @@ from mrbt_mesh.views.web.protection import hosts
 
 ROBOTS, SECTIONS, LEAVES = 64, 133, 14
 CHANGES_PER_S, NODES_PER_CHANGE = 10, 200
-_FRAMES = """async (seconds) => {
+FRAMES = """async (seconds) => {
   const times = [];
   let last = performance.now(), end = last + seconds * 1000;
   await new Promise((done) => requestAnimationFrame(function frame(now) {
@@ -133,7 +133,7 @@ def measure(seconds: float) -> dict[str, Any]:
         page.wait_for_selector('.card:has-text("R63")')
         page.uncheck("#fold-finished")
         page.click("#unfold-all")
-        times = sorted(page.evaluate(_FRAMES, seconds))
+        times = sorted(page.evaluate(FRAMES, seconds))
         heap = page.evaluate("() => { gc(); return performance.memory.usedJSHeapSize; }")
         version = browser.version
     server.terminate()

@@ -1,61 +1,59 @@
-"""The README's pictures of the page: a robot has just been killed from its menu."""
+"""Pictures of all views in all situations, to be looked at."""
 
 from __future__ import annotations
 
-import re
-import signal
-import subprocess
-import sys
+from collections.abc import Collection
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
+
+from playwright.sync_api import Browser
 
 from benchmarks.page.chromium import chromium
+from benchmarks.page.situations import SITUATIONS, Scene, situation
+from benchmarks.page.terminal import capture, write_picture
 
 WAIT_MS = 60_000
-SCHEMES: tuple[Literal["light", "dark"], ...] = ("light", "dark")
-_TAKEN_OVER = '#takeovers button:has-text("taken over"):not(:has-text("not taken over"))'
-_MISSION = "examples/vehicle_repair/mission.yaml"
-# A part is being diagnosed by a robot whose work another one, now free, can take over.
-_MOMENT = """() => {
-  const said = [...document.querySelectorAll(".card")].map((card) => card.innerText);
-  const works = (text) => /^B1[^]*do_diagnosis\\(/.test(text);
-  const isFree = (text) => /^A[12][^]*(as many robots|no request)/.test(text);
-  return said.some(works) && said.some(isFree);
-}"""
+SCREENS = ((1440, 900), (1366, 768), (390, 844))
+TERMINALS = ((80, 24), (120, 40))
+_READY = '#headline p:not(:has-text("connecting")):not(:has-text("waiting"))'
 
 
-def make(folder: Path) -> None:
-    """Write `page-light.png` and `page-dark.png`."""
+def make(folder: Path, names: Collection[str]) -> None:
+    """Write the pictures of these situations, or of all."""
     folder.mkdir(parents=True, exist_ok=True)
-    team = subprocess.Popen(
-        [sys.executable, "-m", "mrbt_mesh", "up", _MISSION, "--headless", "--web", "--control"],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert team.stdout is not None
-    lines = iter(team.stdout)
-    found = next(filter(None, (re.search(r"web: (\S+)", line) for line in lines)))
     with chromium() as browser:
-        pages: dict[str, Any] = {}
-        for scheme in SCHEMES:
-            context: Any = browser.new_context(
-                viewport={"width": 1440, "height": 900},
-                color_scheme=scheme,
-            )
-            pages[scheme] = context.new_page()
-            pages[scheme].set_default_timeout(WAIT_MS)
-            pages[scheme].goto(found[1])
-        first = pages["light"]
-        first.wait_for_function(_MOMENT)
-        first.click('button[aria-label="Orders to B1"]')
-        first.click('button[aria-label="Kill B1"]')
-        for page in pages.values():
-            page.wait_for_selector(_TAKEN_OVER)
-            page.wait_for_selector("#why-body table")
-        first.wait_for_selector("#toast", state="hidden")
-        # Robots keep their places while the mouse points at them.
-        first.mouse.move(0, 0)
-        for name, page in pages.items():
-            page.screenshot(path=folder / f"page-{name}.png")
-    team.send_signal(signal.SIGINT)
-    team.communicate()
+        for name in names or SITUATIONS:
+            with situation(name) as scene:
+                for width, height in SCREENS:
+                    for scheme in ("light", "dark"):
+                        file = folder / f"{name}-{width}x{height}-{scheme}.png"
+                        _page(browser, scene, (width, height), scheme, file)
+                for size in TERMINALS:
+                    file = folder / f"{name}-terminal-{size[0]}x{size[1]}.png"
+                    _terminal(browser, scene, name, size, file)
+
+
+def _page(browser: Browser, scene: Scene, size: tuple[int, int], scheme: Any, file: Path) -> None:
+    context = browser.new_context(
+        viewport={"width": size[0], "height": size[1]}, color_scheme=scheme
+    )
+    page = context.new_page()
+    page.set_default_timeout(WAIT_MS)
+    page.goto(scene.url)
+    page.wait_for_selector(_READY)
+    # Until the drawer has the newest fault, and the run's past has come.
+    page.wait_for_timeout(1_500)
+    page.screenshot(path=file)
+    if size[0] < 600:
+        page.screenshot(path=file.with_stem(f"{file.stem}-whole"), full_page=True)
+    context.close()
+
+
+def _terminal(browser: Browser, scene: Scene, name: str, size: tuple[int, int], file: Path) -> None:
+    team = scene.team
+    how = ["--top"] if name == "ended" else []
+    command = ["watch", *how, "--run-dir", str(team.run_dir)]
+    kept = {key: team.environment[key] for key in ("MRBT_STATE_DIR", "MRBT_HOLD")}
+    screen = capture(team.folder, size, kept, *command)
+    file.with_suffix(".txt").write_text(screen)
+    write_picture(browser, screen, size[0], file)

@@ -32,8 +32,8 @@ def test_a_killed_container_is_replaced_and_comes_back_with_its_journal(
     compose.hold()
     lines.until("mission: success")
     detected, taken_over = lines.until(
-        rf"B1 died, detected after about (\d+ ms), while on do_diagnosis\({part}\), "
-        rf"replaced by {replacement} after about (\d+ ms)"
+        rf"B1 died, detected after about ([\d.]+ m?s), while on do_diagnosis\({part}\), "
+        rf"replaced by {replacement} after about ([\d.]+ m?s)"
     ).groups()
     say(f"b1 killed: detected after {detected}, replaced after {taken_over}")
     assert compose.docker("wait", compose.container("observer")).strip() == "0"

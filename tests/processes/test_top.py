@@ -21,7 +21,7 @@ def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
         terminal.wait_for(f"T_i of {robot}")
         terminal.wait_for("T_A, how it plans: Sequence")
         terminal.press("escape")
-        terminal.wait_for("─T_G─")
+        terminal.wait_for("─tree─")
         terminal.press("k")
         terminal.wait_for(rf"kill {robot}\?")
         terminal.press("y")

@@ -93,8 +93,10 @@ def after_text(after_us: int, exact: bool) -> str:
     """How long after a death something happened; not `exact`: as the observer saw it."""
     if after_us < 10_000:
         text = f"{after_us / 1e3:.1f} ms"
-    elif after_us < 10_000_000:
+    elif after_us < 1_000_000:
         text = f"{after_us / 1e3:.0f} ms"
+    elif after_us < 10_000_000:
+        text = f"{after_us / 1e6:.2f} s"
     else:
         text = f"{after_us / 1e6:.1f} s"
     return text if exact else f"about {text}"

@@ -68,7 +68,8 @@ def _present(observer: Observer) -> set[str]:
 
 
 def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
-    """What is to be said of a team now, the worst first; never empty.
+    """What is to be said of a team now, the worst first, of one that has ended its result; never
+    empty.
 
     `differing`: the robots that have reported another plan than most for longer than a message
     takes.
@@ -78,8 +79,10 @@ def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
         found += [*_silent(observer), *_faulty(observer), *_agreement(observer, differing)]
     order = list(Level)
     is_bad = any(statement.level is Level.BAD for statement in found)
-    found = [*_result(observer, is_bad), *found]
-    return sorted(found, key=lambda statement: order.index(statement.level))
+    result = list(_result(observer, is_bad))
+    if observer.record.result is not None:
+        return [*result, *found]
+    return sorted([*result, *found], key=lambda statement: order.index(statement.level))
 
 
 def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
@@ -139,17 +142,26 @@ def _remedies(observer: Observer, shortage: Shortage) -> list[str]:
 
 def _dead(observer: Observer) -> Iterator[Statement]:
     """The robots that died and did not come back, with what became of their work."""
-    record, plan = observer.record, observer.plan
-    faults = [fault for fault in record.major if fault.until_us is None]
+    faults = [fault for fault in observer.record.major if fault.until_us is None]
     if not faults:
         return
-    is_running = record.result is None and plan is not None
-    wanted = {r.activation for r in plan.evaluation.requests} if is_running and plan else set()
+    wanted = wanted_activations(observer)
     lost = [f for f in faults if f.held and f.held.activation in wanted and not f.replacement]
     text = f"{len(faults)} dead: {shortened([fault.robot for fault in faults])}"
     if len(faults) == 1:
         text += _fate(faults[0], bool(lost))
+    elif lost:
+        text += f", {len(lost)} not replaced yet"
+    elif all(fault.replacement for fault in faults):
+        text += ", all replaced"
     yield Statement(Level.BAD if lost else Level.WARN, text)
+
+
+def wanted_activations(observer: Observer) -> set[str]:
+    """What the tree requests now; a dead robot's work is wanted while it is among these."""
+    if observer.record.result is not None or observer.plan is None:
+        return set()
+    return {request.activation for request in observer.plan.evaluation.requests}
 
 
 def _fate(fault: MajorFault, is_wanted: bool) -> str:

@@ -257,7 +257,7 @@ class TeamView:
         self.observer = observer
         self.changes = ChangeLog()
         self._state = TeamState(observer, self.changes)
-        self._timeline = TimelineView(observer.record)
+        self._timeline = TimelineView(observer)
         self._takeovers = TakeoversView(observer)
 
     def update(self, now_us: int) -> bool:

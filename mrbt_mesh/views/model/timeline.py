@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault, after_text
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.observer.headline import wanted_activations
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.work_log import WorkSpan
 from mrbt_mesh.views.model.changes import ChangeLog
 
 
 class TimelineView:
-    """Puts the items `work/N`, `fault/N`, `loss/N`, `event/N` and `unwatched/N` of a record into a
-    log.
+    """Puts `work/N`, `fault/N`, `loss/N`, `event/N` and `unwatched/N` of a run into a log.
 
     Times in seconds from the start of the run; `_ms` count from the fault, `_after` are the same in
-    words. `has_ended`: the
-    robot's process is known to have ended. `older`: it is from before the run was watched, so when
-    it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all before.
+    words. `has_ended`: the robot's process is known to have ended. `wanted`: nobody has taken its
+    work over, and the tree still requests it. `older`: it is from before the run was watched, so
+    when it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all
+    before.
     """
 
-    def __init__(self, record: RunRecord) -> None:
-        self._record = record
+    def __init__(self, observer: Observer) -> None:
+        self._observer = observer
+        self._record = observer.record
         self._open_work: list[int] = []
         self._works = self._events = 0
 
@@ -34,8 +37,9 @@ class TimelineView:
             log.put(f"work/{index}", self._work(spans[index]))
         # Until it is settled: its result may arrive after its end.
         self._open_work = [i for i in self._open_work if not self._is_settled(spans, i)]
+        wanted = wanted_activations(self._observer) if self._record.major else set()
         for index, fault in enumerate(self._record.major):
-            log.put(f"fault/{index}", self._major(fault))
+            log.put(f"fault/{index}", self._major(fault, wanted))
         for index, loss in enumerate(self._record.minor):
             log.put(f"loss/{index}", self._minor(loss))
         for index, (from_us, to_us) in enumerate(self._record.unwatched):
@@ -66,7 +70,7 @@ class TimelineView:
             "reason": span.reason,
         }
 
-    def _major(self, fault: MajorFault) -> dict[str, Any]:
+    def _major(self, fault: MajorFault, wanted: Collection[str]) -> dict[str, Any]:
         seconds = self._record.seconds
         return {
             "robot": fault.robot,
@@ -78,6 +82,9 @@ class TimelineView:
             "held": fault.held.local_task if fault.held else None,
             "global_task": fault.held.global_task if fault.held else None,
             "replacement": fault.replacement,
+            "wanted": bool(
+                fault.held and not fault.replacement and fault.held.activation in wanted
+            ),
             "older": fault.is_older,
         }
 

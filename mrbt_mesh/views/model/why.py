@@ -14,6 +14,7 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text
+from mrbt_mesh.core.observer.headline import wanted_activations
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.core.planning.plan import assignment_reason, plan_bids, shortened
@@ -239,6 +240,8 @@ def fault_sentence(observer: Observer, fault: MajorFault) -> str:
     if fault.is_older:
         return f"{text}. {fault.replacement or 'Nobody'} has its {fault.held.local_task} since."
     if fault.reassigned_after_us is None:
+        if fault.held.activation not in wanted_activations(observer):
+            return f"{text}. Its {fault.held.local_task} is no longer needed."
         return f"{text}. Nobody has taken over its {fault.held.local_task} yet."
     took = f"{fault.replacement} took over its {fault.held.local_task}"
     seen = "" if fault.exact else ", as seen by the observer"

@@ -74,7 +74,7 @@ class ShownRecording:
             player.seek(at_us)
             takeovers.put(self.changes)
         record = player.observer.record
-        TimelineView(record).put(self.changes)
+        TimelineView(player.observer).put(self.changes)
         return player.begin_us if record.started_us is None else record.started_us
 
     def _begin_state(self) -> None:

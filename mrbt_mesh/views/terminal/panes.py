@@ -61,7 +61,7 @@ class TreePane(Rows):
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="tree")
-        self.border_title = "T_G"
+        self.border_title = "tree"
         self._shown = shown
         self._team_rows = self.tree_rows = FoldingTree(shown.mission["tree"])
         self._own: RobotRows | None = None
@@ -76,7 +76,7 @@ class TreePane(Rows):
     def show_own(self, robot: str | None) -> bool:
         """Show a robot's T_i, or T_G again; whether that can be: it may not have joined yet."""
         if robot is None:
-            self._own, self.tree_rows, self.border_title = None, self._team_rows, "T_G"
+            self._own, self.tree_rows, self.border_title = None, self._team_rows, "tree"
             self.look()
             self.select(self._team_row)
             return True
@@ -263,6 +263,7 @@ class WhyPane(VerticalScroll):
         self._shown = shown
         self._text = Static(id="why-text")
         self.subject: tuple[str, str] | None = None
+        self._is_chosen = False
 
     def compose(self) -> ComposeResult:
         """The text."""
@@ -270,13 +271,24 @@ class WhyPane(VerticalScroll):
 
     def ask(self, kind: str, name: str) -> None:
         """Explain a `robot` or a `task`, and keep the explanation up to date."""
+        self._is_chosen = True
         if self.subject != (kind, name):
             self.scroll_home(animate=False)
         self.subject = kind, name
         self.look()
 
+    def _worst(self) -> tuple[str, str] | None:
+        """What is blocked, else the newest death."""
+        plan, faults = self._shown.observer.plan, self._shown.faults
+        blocked = [w.global_task for w in plan.waiting if w.is_blocked] if plan else []
+        if blocked:
+            return "task", blocked[0]
+        return ("robot", faults[-1]["robot"]) if faults else None
+
     def look(self) -> None:
-        """Draw what is now."""
+        """Draw what is now; until something is chosen, what is worst."""
+        if not self._is_chosen:
+            self.subject = self._worst()
         if self.subject is None:
             self.border_title = "why"
             self._text.update(Text("Select a task, or with Tab a robot.", "dim"))

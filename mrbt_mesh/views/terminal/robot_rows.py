@@ -16,14 +16,11 @@ TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
 def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
-    """State, statuses of T_i and its parts, task and progress; `item`: as in `TeamView`."""
+    """State, task and progress; `item`: as in `TeamView`. The sign alone says that it is alive."""
     sign, style = STATE_MARKS[item["state"]]
     text = Text(no_wrap=True)
     text.append(f"{robot:{name_width}} ", "bold")
-    text.append(f"{sign} {item['state']:<8}", style)
-    for word in item["statuses"]:
-        text.append(*MARKS[Status[word.upper()]])
-    text.append(" " if item["statuses"] else "")
+    text.append(f"{sign} " if item["state"] == "alive" else f"{sign} {item['state']} ", style)
     runs = item["phase"] == "running"
     if item["local_task"] is not None:
         text.append(item["local_task"], "" if runs else "dim")

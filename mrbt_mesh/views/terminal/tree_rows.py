@@ -96,6 +96,9 @@ class FoldingTree:
         number, robots, note, count = nodes.get(index, NEVER_TICKED)
         status = Status(number)
         sign, style = MARKS[status]
+        if status is Status.FAILURE and self.rows[index]["kind"] == str(Kind.CONDITION):
+            # That a condition does not hold is no trouble.
+            style = "dim"
         fold = "▸" if self.is_folded(index, nodes) else "▾" if self._children[index] else " "
         text = Text(no_wrap=True).append("  " * depth + fold + " ", "dim")
         text.append(f"{sign} ", style)
@@ -106,7 +109,7 @@ class FoldingTree:
             text.append(f"  {note}", "red" if note == "blocked" else "yellow")
         if count > 1:
             text.append(f"  ×{count}", "dim")
-        if status is not Status.IDLE:
+        if status is not Status.IDLE and not (robots and status is Status.RUNNING):
             text.append(f"  {status.name.lower()}", "dim")
         return text
 

@@ -65,7 +65,7 @@ def test_nobody_else_can_do_it() -> None:
 def test_all_are_dead() -> None:
     script, observer = watched(WELD, "kill A", "kill B", "pass 8000")
     observer.update(script.team.now_us)
-    assert said(observer) == ["bad no robot is heard", "bad 2 dead: A, B"]
+    assert said(observer) == ["bad no robot is heard", "bad 2 dead: A, B, 1 not replaced yet"]
 
 
 @pytest.mark.parametrize(
@@ -78,4 +78,4 @@ def test_orders(what: str, says: str) -> None:
 
 def test_the_end_comes_with_the_robots_that_it_cost() -> None:
     _, observer = watched(WELD, "kill A", "pass 1500", "succeed B", "pass 300")
-    assert said(observer) == ["warn 1 dead: A, replaced by B", "good success"]
+    assert said(observer) == ["good success", "warn 1 dead: A, replaced by B"]

@@ -141,7 +141,7 @@ def test_recorded_times_of_a_death_count_whenever_they_come() -> None:
 
 @pytest.mark.parametrize(
     ("after_us", "text"),
-    [(700, "0.7 ms"), (43_105, "43 ms"), (1_234_567, "1235 ms"), (20_000_000, "20.0 s")],
+    [(700, "0.7 ms"), (43_105, "43 ms"), (1_234_567, "1.23 s"), (20_000_000, "20.0 s")],
 )
 def test_how_long_after(after_us: int, text: str) -> None:
     assert after_text(after_us, exact=True) == text

@@ -51,7 +51,7 @@ def test_a_row_tells_sign_robots_and_status() -> None:
     told = texts(FoldingTree(shown.mission["tree"]), shown.nodes)
     assert told[0] == "▾ ▶ Fallback  running"
     (diagnosing,) = (text for text in told if "diagnose_part(1)" in text)
-    assert diagnosing.strip() == "▶ diagnose_part(1)  A1  running"
+    assert diagnosing.strip() == "▶ diagnose_part(1)  A1"
     assert any(text.strip().startswith("✔ remove_cover") for text in told)
     assert any(text.strip().startswith("▸ · fix ") for text in told), "folded, never ticked"
 
@@ -59,7 +59,7 @@ def test_a_row_tells_sign_robots_and_status() -> None:
 def test_what_is_activated_again_is_counted() -> None:
     nodes = {0: [int(Status.RUNNING), ["A"], "waits", 3]}
     row = {"kind": "Action", "label": "weld", "subject": "weld", "parent": -1}
-    assert FoldingTree([row]).text(0, 0, nodes).plain == "  ▶ weld  A  waits  ×3  running"
+    assert FoldingTree([row]).text(0, 0, nodes).plain == "  ▶ weld  A  waits  ×3"
 
 
 def test_folding_by_hand_goes_before_the_rule() -> None:

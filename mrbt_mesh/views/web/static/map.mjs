@@ -4,6 +4,8 @@ import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
 import { byId, setText } from "./text.mjs";
 
+// Labels can be read where the map has at least this size.
+const UNIT_PX = 18;
 const SVG = "http://www.w3.org/2000/svg";
 
 export class MapView {
@@ -20,6 +22,7 @@ export class MapView {
     select(this._picture).call(this._zoom);
     byId("map-fit").addEventListener("click", () => select(this._picture).call(this._zoom.transform, zoomIdentity));
     if (map) this._drawMap();
+    new ResizeObserver(() => this._resize()).observe(this._picture);
     this._isSeen = true;
     this._moved = new Set();
     new IntersectionObserver(([entry]) => {
@@ -59,22 +62,35 @@ export class MapView {
       const text = line.points.map(([x, y]) => `${x},${-y}`).join(" ");
       this._root.append(make(line.closed ? "polygon" : "polyline", { points: text, class: `map-${line.kind}${line.closed ? "" : " map-open"}` }));
     }
-    const radius = this._unit * 0.75;
     byId("map-key").hidden = !Object.keys(this._map.places).length;
     for (const [name, place] of Object.entries(this._map.places)) {
       const [x, y] = place.at;
-      const shape = make("circle", { cx: x, cy: -y, r: radius, class: `map-place ${this._store.get(`place/${name}`) ?? ""}` });
+      const shape = make("circle", { cx: x, cy: -y, class: `map-place ${this._store.get(`place/${name}`) ?? ""}` });
       shape.append(titled(place.label));
-      const label = make("text", { x, y: -y, class: "map-label", "font-size": radius * 0.85 });
-      label.textContent = place.label.length > 3 ? "" : place.label;
+      const label = make("text", { x, class: "map-label" });
+      label.textContent = place.label;
       this._places.set(name, shape);
       this._root.append(shape, label);
-      if (place.label.length > 3) {
-        const below = make("text", { x, y: -y + radius * 1.7, class: "map-label", "font-size": radius * 0.75 });
-        below.textContent = place.label;
-        this._root.append(below);
-      }
     }
+    this._sizePlaces();
+  }
+
+  // A short label is in its place, a long one below it.
+  _sizePlaces() {
+    const radius = this._unit * 0.75;
+    for (const [name, shape] of this._places) {
+      const { label: text, at: [, y] } = this._map.places[name], label = shape.nextSibling, isLong = text.length > 3;
+      change(shape, "r", String(radius));
+      change(label, "y", String(-y + (isLong ? radius * 1.7 : 0)));
+      change(label, "font-size", String(radius * (isLong ? 0.75 : 0.85)));
+    }
+  }
+
+  _resize() {
+    if (!this._box) return;
+    this._fit([]);
+    this._sizePlaces();
+    for (const name of this._robots.keys()) this._drawRobot(name);
   }
 
   // The box grows with what robots report, and is never smaller than what the mission says.
@@ -86,7 +102,9 @@ export class MapView {
     }
     this._box = box;
     const wide = Math.max(1e-6, box[2] - box[0]), high = Math.max(1e-6, box[3] - box[1]), rim = Math.max(wide, high) * 0.1 + 1e-3;
-    this._unit = Math.max(wide, high) / 18 || 1;
+    const { clientWidth, clientHeight } = this._picture;
+    const pixels = Math.min(clientWidth / (wide + 2 * rim), clientHeight / (high + 2 * rim));
+    this._unit = Math.max(Math.max(wide, high) / 18, pixels > 0 ? UNIT_PX / pixels : 0) || 1;
     this._picture.setAttribute("viewBox", `${box[0] - rim} ${box[1] - rim} ${wide + 2 * rim} ${high + 2 * rim}`);
   }
 
@@ -100,7 +118,7 @@ export class MapView {
     if (x < left || x > right || -y < top || -y > bottom) {
       this._fit([[x, y]]);
       // Their sizes go by the box.
-      for (const other of this._robots.keys()) if (other !== name) this._drawRobot(other);
+      this._resize();
     }
     if (!robot) {
       this._show();
@@ -116,7 +134,10 @@ export class MapView {
     const path = hasHeading ? `M${size},0 L${-size * 0.8},${size * 0.75} L${-size * 0.4},0 L${-size * 0.8},${-size * 0.75} Z`
       : `M${-size * 0.7},0 a${size * 0.7},${size * 0.7} 0 1,0 ${size * 1.4},0 a${size * 0.7},${size * 0.7} 0 1,0 ${-size * 1.4},0`;
     change(robot.children[0], "d", path);
-    change(robot.children[1], "y", String(-size * 1.2));
+    // The dead are below those that took over where they died, and their names are below them.
+    const isDead = state === "dead";
+    if (isDead && !robot.classList.contains("dead")) this._root.insertBefore(robot, this._root.querySelector(".map-robot"));
+    change(robot.children[1], "y", String(size * (isDead ? 1.9 : -1.2)));
     change(robot.children[1], "font-size", String(size * 1.1));
     change(robot.children[0], "transform", `rotate(${hasHeading ? -heading * 180 / Math.PI : 0})`);
     change(robot, "transform", `translate(${x},${-y})`);

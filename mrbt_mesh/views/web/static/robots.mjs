@@ -67,7 +67,8 @@ export class RobotsView {
     }
     this._list.classList.toggle("is-over", !!this._isOver);
     this._list.classList.toggle("compact", cards.length >= ROWS_FROM);
-    const place = (card) => (places.indexOf(card.group) + 1) || places.length;
+    // The dead come before those with a problem.
+    const place = (card) => 2 * places.indexOf(card.group) + (card.state.dataset.is === card.group ? 0 : 1);
     const wanted = cards.sort((a, b) => place(a) - place(b) || byName(a.robot, b.robot));
     const trouble = wanted.filter((card) => card.group === "trouble").map((card) => card.robot).join();
     const isHeld = this._list.matches(":hover, :focus-within") && trouble === this._trouble;
@@ -95,7 +96,7 @@ export class RobotsView {
 
   _card(name) {
     const part = (className) => element("div", { class: className });
-    const card = { robot: name, state: element("span", { class: "state" }), type: element("span", { class: "hint" }), task: part("task"),
+    const card = { robot: name, state: element("span", { class: "state" }, element("span"), element("span", { class: "word" })), type: element("span", { class: "hint" }), task: part("task"),
       can: part("can"), wrong: part("wrong"), problems: part("problems"), canShown: "" };
     // Its inner part is scaled, which needs no new layout.
     card.done = element("div", {});
@@ -126,7 +127,8 @@ export class RobotsView {
     setData(card.root, "state", robot.state);
     setData(card.root, "group", card.group);
     setData(card.state, "is", group);
-    setText(card.state, `${sign} ${state}`);
+    setText(card.state.firstChild, sign);
+    setText(card.state.lastChild, ` ${state}`);
     setText(card.type, robot.type ?? "");
     const waits = robot.phase === "running" ? "" : ` (${robot.phase === "ready" ? "waits for its partners" : "about to begin"})`;
     this._drawTask(card, robot, hasTask, waits);
@@ -145,10 +147,11 @@ export class RobotsView {
   // A row leaves out what it is for.
   _drawTask(card, robot, hasTask, waits) {
     const whole = robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`;
-    const text = hasTask ? robot.local_task : robot.idle ? `free: ${robot.idle}` : "no task";
+    const text = hasTask ? robot.local_task : robot.idle ? `free: ${robot.idle}` : "";
     const key = `${text}|${whole}|${waits}`;
     if (card.taskShown === key) return;
     card.taskShown = key;
+    card.task.title = hasTask ? `${text}${whole}` : "";
     card.task.replaceChildren(text, hasTask ? element("span", {}, whole) : "", hasTask ? waits : "");
   }
 

@@ -8,7 +8,8 @@ import { ENDS, byId, contains, element, knownAt, lostText, seconds, setText, tim
 const HATCH = 9;
 // Few robots have high lanes.
 const LANE = 24, LOW_LANE = 16, FEW = 9;
-const GUTTER = 74, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
+// The names are before the lanes.
+const LEAST_GUTTER = 74, MOST_GUTTER = 150, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
 // As in the style sheet.
 const SEEN_SHARE = 0.34;
 
@@ -24,6 +25,7 @@ export class TimelineView {
     this._wanted = "";
     this._isFollowing = !recording;
     this._span = recording ? [recording.from_s, this._end() * 1.03] : [0, FOLLOWED_S];
+    this._gutter = LEAST_GUTTER;
     this._canvas = byId("spans");
     this._axis = byId("axis");
     this._isDue = false;
@@ -79,6 +81,15 @@ export class TimelineView {
     return `${found} events`;
   }
 
+  // As wide as the longest name.
+  _measureNames(context) {
+    context.font = this._nameFont;
+    const widest = Math.max(0, ...this._all.map((robot) => context.measureText(`✕ ${robot}`).width));
+    this._gutter = Math.max(LEAST_GUTTER, Math.min(MOST_GUTTER, this._width / 3, Math.ceil(widest) + 24));
+  }
+
+  get _nameFont() { return `600 ${this._lane === LANE ? 12 : 11}px ${this._font}`; }
+
   get _lane() { return this._robots.length > FEW ? LOW_LANE : LANE; }
 
   // Until when there is something to see; what has not ended goes on until then.
@@ -121,7 +132,7 @@ export class TimelineView {
     return context;
   }
 
-  _x(time) { return GUTTER + (time - this._span[0]) / (this._span[1] - this._span[0]) * (this._width - GUTTER - RIGHT); }
+  _x(time) { return this._gutter + (time - this._span[0]) / (this._span[1] - this._span[0]) * (this._width - this._gutter - RIGHT); }
 
   _paint() {
     const now = this._store.now() ?? 0, end = this._end() ?? 0;
@@ -139,6 +150,7 @@ export class TimelineView {
     const context = this._fit(this._canvas, seen);
     context.translate(0, -this._top);
     this._hits = [];
+    this._measureNames(context);
     this._paintAxis(now);
     this._paintLanes(context, now, height);
     for (const time of this._store.all("unwatched").values()) this._paintUnwatched(context, time, height);
@@ -147,13 +159,13 @@ export class TimelineView {
     for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, end);
     if (this._recording) this._paintAhead(context, now, height);
     context.fillStyle = this._colours.panel;
-    context.fillRect(0, this._top, GUTTER - 4, seen);
+    context.fillRect(0, this._top, this._gutter - 4, seen);
     context.textBaseline = "middle";
-    context.font = `600 ${this._lane === LANE ? 12 : 11}px ${this._font}`;
+    context.font = this._nameFont;
     this._robots.forEach((robot, lane) => {
       const state = this._store.get(`robot/${robot}`)?.state;
       context.fillStyle = state === "dead" ? this._colours.failure : this._colours.text;
-      context.fillText(state === "dead" ? `✕ ${robot}` : robot, 14, lane * this._lane + this._lane / 2 + 2, GUTTER - 20);
+      context.fillText(state === "dead" ? `✕ ${robot}` : robot, 14, lane * this._lane + this._lane / 2 + 2, this._gutter - 20);
     });
   }
 
@@ -164,12 +176,12 @@ export class TimelineView {
     context.textAlign = "center";
     for (const time of this._ticks()) {
       const x = this._x(time);
-      if (x < GUTTER - 1) continue;
+      if (x < this._gutter - 1) continue;
       context.fillStyle = this._colours.muted;
       context.fillText(this._tickText(time), x, 12);
     }
     const x = this._x(now);
-    if (x >= GUTTER && x <= this._width) {
+    if (x >= this._gutter && x <= this._width) {
       context.fillStyle = this._colours.running;
       context.beginPath();
       context.moveTo(x - 4, 19); context.lineTo(x + 4, 19); context.lineTo(x, 24);
@@ -186,18 +198,18 @@ export class TimelineView {
 
   _paintLanes(context, now, height) {
     this._robots.forEach((_, lane) => {
-      if (lane % 2 === 0) { context.fillStyle = this._colours.raised; context.fillRect(GUTTER, lane * this._lane + 2, this._width, this._lane); }
+      if (lane % 2 === 0) { context.fillStyle = this._colours.raised; context.fillRect(this._gutter, lane * this._lane + 2, this._width, this._lane); }
     });
     context.strokeStyle = this._colours.line;
     context.lineWidth = 1;
     context.beginPath();
     for (const time of this._ticks()) {
       const x = Math.round(this._x(time)) + 0.5;
-      if (x >= GUTTER) { context.moveTo(x, 0); context.lineTo(x, height); }
+      if (x >= this._gutter) { context.moveTo(x, 0); context.lineTo(x, height); }
     }
     context.stroke();
     const x = this._x(now);
-    if (x >= GUTTER) {
+    if (x >= this._gutter) {
       context.strokeStyle = this._colours.running;
       context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
     }
@@ -205,7 +217,7 @@ export class TimelineView {
 
   // A time of which nothing is known: hatched, so that nobody takes it for idle.
   _paintUnwatched(context, { from_s, to_s }, height) {
-    const from = Math.max(GUTTER, from_s === null ? GUTTER : this._x(from_s)), to = Math.min(this._width, this._x(to_s));
+    const from = Math.max(this._gutter, from_s === null ? this._gutter : this._x(from_s)), to = Math.min(this._width, this._x(to_s));
     if (to - from < 1) return;
     context.save();
     context.beginPath(); context.rect(from, 0, to - from, height); context.clip();
@@ -223,12 +235,12 @@ export class TimelineView {
 
   // What is yet to come in a recording is pale.
   _paintAhead(context, now, height) {
-    const x = Math.max(GUTTER, this._x(now));
+    const x = Math.max(this._gutter, this._x(now));
     context.globalAlpha = 0.45;
     context.fillStyle = this._colours.panel;
     context.fillRect(x, 0, this._width, height);
     context.globalAlpha = 1;
-    if (this._x(now) < GUTTER) return;
+    if (this._x(now) < this._gutter) return;
     context.strokeStyle = this._colours.running;
     context.lineWidth = 2;
     context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
@@ -240,30 +252,40 @@ export class TimelineView {
     const end = work.ended_s ?? now;
     if (lane < 0 || end < this._span[0] || work.claimed_s > this._span[1]) return;
     const y = lane * this._lane + 4, height = this._lane - 4;
-    const from = Math.max(GUTTER, this._x(work.claimed_s)), begun = this._x(work.running_s ?? end), to = this._x(end);
+    const from = Math.max(this._gutter, this._x(work.claimed_s)), begun = this._x(work.running_s ?? end), to = this._x(end);
     context.fillStyle = this._colours.idle;
     context.globalAlpha = 0.35;
     if (begun > from) context.fillRect(from, y + height / 2 - 1.5, Math.max(0, Math.min(begun, to) - from), 3);
     context.globalAlpha = work.end === "dropped" ? 0.55 : 1;
-    if (work.older && from > GUTTER) this._paintOlder(context, from, y, height);
+    if (work.older && from > this._gutter) this._paintOlder(context, from, y, height);
     if (work.running_s !== null) {
       const colour = { done: "success", failed: "failure", dropped: "idle", died: "idle" }[work.end] ?? "running";
       context.fillStyle = this._colours[colour];
-      const x = Math.max(GUTTER, begun), wide = Math.max(1.5, to - x);
+      const x = Math.max(this._gutter, begun), wide = Math.max(1.5, to - x);
       context.beginPath(); context.roundRect(x, y, wide, height, 3); context.fill();
       context.globalAlpha = 1;
       if (wide > 34) {
         context.fillStyle = this._colours.panel;
         context.font = `600 11px ${this._font}`;
         context.textBaseline = "middle";
-        context.save();
-        context.beginPath(); context.rect(x, y, wide - 4, height); context.clip();
-        context.fillText(work.local_task, x + 6, y + height / 2 + 0.5);
-        context.restore();
+        context.fillText(this._shortened(context, work.local_task, wide - 10), x + 6, y + height / 2 + 0.5);
       }
     }
     context.globalAlpha = 1;
     this._hits.push({ x: from, y, wide: Math.max(4, to - from), height, work });
+  }
+
+  // As much of a text as fits; its end tells most names apart, so the middle is left out.
+  _shortened(context, text, room) {
+    const fits = (shown) => context.measureText(shown).width <= room;
+    if (fits(text)) return text;
+    const [name, parameters] = [text.replace(/\(.*/, ""), text.replace(/^[^(]*/, "")];
+    for (let kept = name.length - 1; kept > 1 && parameters; kept--) {
+      const shown = `${name.slice(0, kept)}…${parameters}`;
+      if (fits(shown)) return shown;
+    }
+    for (let kept = text.length - 1; kept > 1; kept--) if (fits(`${text.slice(0, kept)}…`)) return `${text.slice(0, kept)}…`;
+    return "";
   }
 
   // It began before it was watched: an arrow to where that may be.
@@ -291,17 +313,17 @@ export class TimelineView {
     context.lineWidth = 2;
     const until = this._x(Math.min(fault.until_s ?? now, now));
     context.setLineDash([2, 4]);
-    context.beginPath(); context.moveTo(Math.max(GUTTER, x), y); context.lineTo(Math.max(GUTTER, until), y); context.stroke();
+    context.beginPath(); context.moveTo(Math.max(this._gutter, x), y); context.lineTo(Math.max(this._gutter, until), y); context.stroke();
     context.setLineDash([]);
     if (known !== null) { context.beginPath(); context.moveTo(x, y); context.lineTo(Math.max(known, x), y); context.stroke(); }
     const other = this._robots.indexOf(fault.replacement);
-    if (taken !== null && other >= 0 && taken >= GUTTER) {
+    if (taken !== null && other >= 0 && taken >= this._gutter) {
       const to = other * this._lane + this._lane / 2 + 2, down = Math.sign(to - y);
       context.beginPath(); context.moveTo(known ?? x, y); context.lineTo(taken, y); context.lineTo(taken, to - down * 9); context.stroke();
       context.fillStyle = this._colours.failure;
       context.beginPath(); context.moveTo(taken, to - down * 4); context.lineTo(taken - 5, to - down * 12); context.lineTo(taken + 5, to - down * 12); context.fill();
     }
-    if (x < GUTTER - 8) return;
+    if (x < this._gutter - 8) return;
     context.lineWidth = 2.5;
     context.beginPath();
     context.moveTo(x - 5, y - 5); context.lineTo(x + 5, y + 5); context.moveTo(x + 5, y - 5); context.lineTo(x - 5, y + 5); context.stroke();
@@ -392,14 +414,14 @@ export class TimelineView {
     this._axis.addEventListener("click", (event) => this._seek(this._time(event.clientX - this._axis.getBoundingClientRect().left)));
   }
 
-  _time(x) { return this._span[0] + (x - GUTTER) / (this._width - GUTTER - RIGHT) * (this._span[1] - this._span[0]); }
+  _time(x) { return this._span[0] + (x - this._gutter) / (this._width - this._gutter - RIGHT) * (this._span[1] - this._span[0]); }
 
   _zoomed(picture, behaviour, event) {
     const { k, x } = event.transform;
     if (!event.sourceEvent || (k === 1 && x === 0)) return;
-    const wide = this._width - GUTTER - RIGHT, [from, to] = this._span;
-    const time = (pixel) => from + ((pixel - x) / k - GUTTER) / wide * (to - from);
-    this._set(time(GUTTER), time(GUTTER + wide));
+    const wide = this._width - this._gutter - RIGHT, [from, to] = this._span;
+    const time = (pixel) => from + ((pixel - x) / k - this._gutter) / wide * (to - from);
+    this._set(time(this._gutter), time(this._gutter + wide));
     // Without an event of its own: the next one counts from here.
     this._canvas.__zoom = zoomIdentity;
   }
@@ -464,7 +486,8 @@ function faultNumbers(fault) {
   if (fault.older) return fault.held ? "not watched" : "not watched, held no task";
   const known = fault.detected_after === null ? "not detected yet" : `detected after ${fault.detected_after}`;
   if (!fault.held) return `${known}, held no task`;
-  return fault.taken_over_after === null ? `${known}, not taken over yet` : `${known}, taken over after ${fault.taken_over_after}`;
+  if (fault.taken_over_after !== null) return `${known}, taken over after ${fault.taken_over_after}`;
+  return `${known}, ${fault.wanted ? "not taken over yet" : "no longer needed"}`;
 }
 
 const workName = (work) => `${work.local_task} for ${work.global_task}`;

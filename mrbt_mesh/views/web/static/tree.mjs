@@ -4,8 +4,8 @@ import { STATUS, SIGN, byId, contains, element, kindSign, setData, setText } fro
 
 const ROW = 26;
 const SIZES = [11, 12, 13, 15, 17, 20];
-// Larger trees begin folded below this depth.
-const LARGE = 150;
+// Larger trees begin folded, below the second level if it has not too many rows.
+const LARGE = 150, MOST_ROWS = 100;
 const AROUND = 6;
 // What is finished above it is not folded: the steps of the mission are seen to its end.
 const KEPT_DEPTH = 2;
@@ -38,10 +38,10 @@ export class TreeView {
     this._seen = 0;
     this._scroller = byId("rows");
     this._inner = byId("rows-inner");
-    if (nodes.length > LARGE) this._foldBelow(nodes.length > 1000 ? 1 : 2);
+    if (nodes.length > LARGE) this._foldBelow(this._nodes.filter((n) => n.depth <= 2).length > MOST_ROWS ? 1 : 2);
     this._listen();
     this._layout();
-    setText(byId("tree-hint"), `T_G, ${nodes.length} nodes`);
+    setText(byId("tree-hint"), `${nodes.length} nodes`);
   }
 
   update(keys) {
@@ -123,21 +123,23 @@ export class TreeView {
     }
     const times = this._store.get(`node/${index}`)?.[3] ?? 0;
     const status = this._status(index), isFolded = this._isFolded(node);
-    const [robots, note] = isFolded ? this._inside(node) : this._marked.get(index) ?? [[], ""];
+    const [robots, note, inner = ""] = isFolded ? this._inside(node) : this._marked.get(index) ?? [[], ""];
     const y = `translateY(${place * height}px)`;
     if (row.root.style.transform !== y) row.root.style.transform = y;
     setData(row.root, "is", status);
     setText(row.sign, SIGN[status]);
-    setText(row.word, status === "idle" ? "" : status);
-    const look = `${status} ${place} ${height} ${isFolded} ${robots} ${note} ${times} ${this._hits.has(index)} ${index === this._current}`;
+    const look = `${status} ${place} ${height} ${isFolded} ${inner} ${robots} ${note} ${times} ${this._hits.has(index)} ${index === this._current}`;
     if (row.look === look) return;
     row.look = look;
     setText(row.twist, node.children.length ? (isFolded ? "▸" : "▾") : "");
+    setText(row.label, inner ? `${node.label} · ${inner}` : node.label);
     setText(row.note, note);
     row.note.hidden = !note;
     row.note.classList.toggle("blocked", note === "blocked");
     const who = robots.length > 6 ? `${robots.slice(0, 5).join(" ")} +${robots.length - 5}` : robots.join(" ");
     setText(row.who, who);
+    // Who works there says that it runs.
+    setText(row.word, status === "idle" || (who && status === "running") ? "" : status);
     row.who.hidden = !who;
     setText(row.times, times > 1 ? `×${times}` : "");
     row.root.classList.toggle("hit", this._hits.has(index));
@@ -149,10 +151,12 @@ export class TreeView {
     if (row.root.title !== said) row.root.title = said;
   }
 
-  // Who works within a folded node, and whether something is blocked there.
+  // Who works within a folded node, whether something is blocked there, and at what task it is, else the first of its tasks.
   _inside(node) {
-    const marks = [...this._marked].filter(([index]) => index >= node.index && index <= node.end).map(([, mark]) => mark);
-    return [[...new Set(marks.flatMap(([robots]) => robots))].sort(), ["blocked", "waits"].find((note) => marks.some((mark) => mark[1] === note)) ?? ""];
+    const marked = [...this._marked].filter(([index]) => index >= node.index && index <= node.end), marks = marked.map(([, mark]) => mark);
+    const task = marked[0]?.[0] ?? this._nodes.slice(node.index, node.end + 1).find((inner) => inner.kind === "Action")?.index;
+    return [[...new Set(marks.flatMap(([robots]) => robots))].sort(), ["blocked", "waits"].find((note) => marks.some((mark) => mark[1] === note)) ?? "",
+      node.name || task === undefined ? "" : this._nodes[task].label];
   }
 
   _make(node) {

@@ -7,7 +7,7 @@ const AGAIN_MS = 300;
 const HISTORY = 30;
 const TREES = ["T_i", "T_A", "T_G", "T_Li"];
 
-// A drawer. It opens by itself on the newest fault, and shows that until somebody selects something.
+// A drawer. It opens by itself on what is blocked, else on the newest fault, until somebody selects something.
 export class WhyView {
   constructor(store, select) {
     this._store = store;
@@ -15,7 +15,7 @@ export class WhyView {
     this._selection = null;
     this._timer = 0;
     this._shown = "";
-    this._newest = undefined;
+    this._worst = undefined;
     byId("why-close").addEventListener("click", () => this._close());
     byId("why").addEventListener("keydown", (event) => { if (event.key === "Escape") this._close(); });
   }
@@ -55,13 +55,16 @@ export class WhyView {
 
   // In a recording, the newest fault until where it is.
   _follow() {
+    const blocked = [...this._store.all("task")].find(([, task]) => task?.reason.startsWith("blocked"))?.[0];
     const now = this._store.now();
     const past = [...this._store.all("fault")].filter(([, fault]) => fault.at_s === null || now === null || fault.at_s <= now);
     const newest = past.sort((a, b) => (a[1].at_s ?? 0) - (b[1].at_s ?? 0)).at(-1)?.[0];
-    if (newest === this._newest) return;
-    this._newest = newest;
+    const worst = blocked ? { kind: "task", name: blocked } : newest && { kind: "fault", name: newest };
+    const key = worst && `${worst.kind}/${worst.name}`;
+    if (key === this._worst) return;
+    this._worst = key;
     if (this._isByHand) return;
-    if (newest === undefined) this._close(); else this._open({ kind: "fault", name: newest });
+    if (worst) this._open(worst); else this._close();
   }
 
   async _load() {
@@ -85,7 +88,7 @@ export class WhyView {
   _untaken(index) {
     const fault = this._store.get(`fault/${index}`);
     if (!fault) return null;
-    const held = fault.older ? `who took over its ${fault.held ?? "work"} was not watched` : fault.held ? `nobody has taken over its ${fault.held} yet` : "it held no task";
+    const held = fault.older ? `who took over its ${fault.held ?? "work"} was not watched` : fault.held ? (fault.wanted ? `nobody has taken over its ${fault.held} yet` : `its ${fault.held} is no longer needed`) : "it held no task";
     return { subject: fault.robot, sentence: `${fault.robot} died ${fault.older ? "before" : "at"} ${seconds(fault.at_s)}; ${held}.`, groups: [] };
   }
 
