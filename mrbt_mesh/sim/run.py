@@ -13,6 +13,7 @@ import anyio
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.engine import Engine
+from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
@@ -155,12 +156,16 @@ def run_scenario(
     keep_log: bool = False,
     record: Path | None = None,
     look_on: LookOn | None = None,
+    keys: Mapping[str, Keys] | None = None,
 ) -> SimulationResult:
-    """`simulate` with the faults, the network and the robots of a scenario."""
+    """`simulate` with the faults, the network and the robots of a scenario; `keys`: as in
+    `AgentOptions`.
+    """
     agents = AgentOptions(
         engine=engine or chosen_engine(),
         plan_delay_us=scenario.plan_delay_us,
         exit_when_done=not scenario.stays,
+        keys=keys or {},
     )
     return simulate(
         mission,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,8 +26,28 @@ from mrbt_mesh.recording.reader import RecordedMessage, Recording, parse_recordi
 from mrbt_mesh.recording.writer import RecordingWriter
 
 Run: TypeAlias = dict[str, Recording]
+Records: TypeAlias = list[RecordedMessage]
 Change: TypeAlias = Callable[[RecordedMessage], RecordedMessage | None]
-Forge: TypeAlias = Callable[[Run], Run]
+
+
+@dataclass(frozen=True)
+class Cast:
+    """The file that is forged, and what else a forgery is about: robots that died, and lived."""
+
+    file: str
+    dead: str
+    other: str
+    draw: random.Random
+
+    def named(self, having: Mapping[str, Any], file: Recording) -> dict[str, Any]:
+        """The values of the records that are meant."""
+        names = {"OWN": file.metadata.robot, "DEAD": self.dead, "OTHER": self.other}
+        return {key: names.get(value, value) for key, value in having.items()}
+
+
+# Raises LookupError for a run in which there is nothing to be forged so.
+Edit: TypeAlias = Callable[[Recording, Cast], Records]
+Forge: TypeAlias = Callable[[Run, Cast], Run]
 
 
 @dataclass(frozen=True)
@@ -40,50 +61,61 @@ class Forgery:
     by_others: str | None = None
 
 
-def in_file(name: str, change: Callable[[list[RecordedMessage]], list[RecordedMessage]]) -> Forge:
-    """Other records in one file, or in all (`*`)."""
+def in_file(edit: Edit, name: str = "") -> Forge:
+    """Other records in the forged file, or in that of a name, or in all (`*`)."""
 
-    def forge(run: Run) -> Run:
+    def forge(run: Run, cast: Cast) -> Run:
+        wanted = name or cast.file
         return {
-            file: replace(each, records=tuple(change(list(each.records))))
-            if name in (file, "*")
-            else each
+            file: replace(each, records=tuple(edit(each, cast))) if wanted in (file, "*") else each
             for file, each in run.items()
         }
 
     return forge
 
 
-def without(topic: str, **having: Any) -> Callable[[list[RecordedMessage]], list[RecordedMessage]]:
-    """Without the messages on a topic that have these values."""
-    return lambda records: [r for r in records if not fits(r, topic, having)]
+def _places(file: Recording, cast: Cast, topic: str, having: Mapping[str, Any]) -> list[int]:
+    wanted = cast.named(having, file).items()
+    return [
+        at
+        for at, each in enumerate(file.records)
+        if each.topic == topic and wanted <= dict(each.data).items()
+    ]
 
 
-def fits(record: RecordedMessage, topic: str, having: Mapping[str, Any]) -> bool:
-    return record.topic == topic and having.items() <= dict(record.data).items()
+def without(topic: str) -> Edit:
+    """Without the messages on a topic."""
+
+    def edit(file: Recording, cast: Cast) -> Records:
+        _places(file, cast, topic, {})[0]
+        return [each for each in file.records if each.topic != topic]
+
+    return edit
 
 
-def first(
-    topic: str, change: Change, **having: Any
-) -> Callable[[list[RecordedMessage]], list[RecordedMessage]]:
-    """With the first such message changed; None: dropped."""
-    return lambda records: _changed(records, change, *_places(records, topic, having)[:1])
+def some(topic: str, change: Change, **having: Any) -> Edit:
+    """With one such message changed; None: dropped."""
+    return _one(topic, change, having, lambda places, draw: draw.choice(places))
 
 
-def last(
-    topic: str, change: Change, **having: Any
-) -> Callable[[list[RecordedMessage]], list[RecordedMessage]]:
+def last(topic: str, change: Change, **having: Any) -> Edit:
     """With the last such message changed; None: dropped."""
-    return lambda records: _changed(records, change, *_places(records, topic, having)[-1:])
+    return _one(topic, change, having, lambda places, _: places[-1])
 
 
-def _places(records: list[RecordedMessage], topic: str, having: Mapping[str, Any]) -> list[int]:
-    return [at for at, each in enumerate(records) if fits(each, topic, having)]
+def _one(
+    topic: str,
+    change: Change,
+    having: Mapping[str, Any],
+    choose: Callable[[list[int], random.Random], int],
+) -> Edit:
+    def edit(file: Recording, cast: Cast) -> Records:
+        at, records = choose(_places(file, cast, topic, having), cast.draw), list(file.records)
+        changed = change(records[at])
+        records[at : at + 1] = [changed] if changed is not None else []
+        return records
 
-
-def _changed(records: list[RecordedMessage], change: Change, at: int) -> list[RecordedMessage]:
-    changed = change(records[at])
-    return [*records[:at], *([changed] if changed is not None else []), *records[at + 1 :]]
+    return edit
 
 
 def with_data(**values: Any) -> Change:
@@ -100,35 +132,40 @@ def dropped(_: RecordedMessage) -> None:
     """No message."""
 
 
-def twice(topic: str, **having: Any) -> Callable[[list[RecordedMessage]], list[RecordedMessage]]:
-    """With the first such message a second time."""
+def twice(topic: str, **having: Any) -> Edit:
+    """With one such message a second time."""
 
-    def repeat(records: list[RecordedMessage]) -> list[RecordedMessage]:
-        place = _places(records, topic, having)[0]
-        return [*records[: place + 1], *records[place:]]
+    def edit(file: Recording, cast: Cast) -> Records:
+        place = cast.draw.choice(_places(file, cast, topic, having))
+        return [*file.records[: place + 1], *file.records[place:]]
 
-    return repeat
+    return edit
 
 
-def without_last_plans(count: int) -> Callable[[list[RecordedMessage]], list[RecordedMessage]]:
+def without_last_plans(count: int) -> Edit:
     """Without the last plans, and the statuses that belong to them."""
 
-    def remove(records: list[RecordedMessage]) -> list[RecordedMessage]:
-        begin = _places(records, PLANS, {})[-count]
-        rest = [each for each in records[begin:] if each.topic not in (PLANS, STATUSES)]
-        return [*records[:begin], *rest]
+    def edit(file: Recording, cast: Cast) -> Records:
+        begin = _places(file, cast, PLANS, {})[-count]
+        rest = [each for each in file.records[begin:] if each.topic not in (PLANS, STATUSES)]
+        return [*file.records[:begin], *rest]
 
-    return remove
+    return edit
 
 
-def lacking(name: str) -> Forge:
+def lacking(name: str = "") -> Forge:
     """Without a file."""
-    return lambda run: {file: each for file, each in run.items() if file != name}
+
+    def forge(run: Run, cast: Cast) -> Run:
+        run[name or cast.file]
+        return {file: each for file, each in run.items() if file != (name or cast.file)}
+
+    return forge
 
 
-def cut(share: float) -> Callable[[list[RecordedMessage]], list[RecordedMessage]]:
+def cut(share: float) -> Edit:
     """Without the end."""
-    return lambda records: records[: int(len(records) * share)]
+    return lambda file, _: list(file.records[: int(len(file.records) * share)])
 
 
 def written_again(run: Run, folder: Path, keys: Mapping[str, Keys], true: Run) -> list[Recording]:
@@ -166,86 +203,105 @@ def is_ended(recording: Recording) -> bool:
     return last.topic == SIGNATURES and bool(last.data["end"])
 
 
-def blamed(run: Run) -> Run:
-    """A1's death is B2's, for the observer and one robot."""
-    for file in ("run.mcap", "B1.mcap"):
+def blamed(run: Run, cast: Cast) -> Run:
+    """A robot's death is that of another one, for the observer and one robot."""
+    for file in ("run.mcap", cast.file):
         for topic in (FAULTS, ROBOTS):
             state = {"event": "dead"} if topic == FAULTS else {"state": "dead"}
-            run = in_file(file, first(topic, with_data(robot="B2"), robot="A1", **state))(run)
+            edit = some(topic, with_data(robot=cast.other), robot="DEAD", **state)
+            run = in_file(edit, file)(run, cast)
     return run
 
 
+def forged(name: str, run: Run, cast: Cast) -> Run | None:
+    """The run with a forgery; None where it has nothing that could be forged so."""
+    try:
+        found = FORGERIES[name].forge(run, cast)
+    except LookupError:
+        return None
+    is_same = all(
+        file in found and found[file].records == each.records for file, each in run.items()
+    )
+    return None if is_same else found
+
+
+def behind_signatures(run: Run, true: Run) -> bool:
+    """Whether nothing is changed but what was never signed: the last moments of a killed robot."""
+    return all(
+        name in run and (run[name] is each or _signed(run[name]) == _signed(each))
+        for name, each in true.items()
+    )
+
+
+def _signed(recording: Recording) -> tuple[RecordedMessage, ...]:
+    """The records up to the last signature."""
+    last = max((n for n, r in enumerate(recording.records) if r.topic == SIGNATURES), default=-1)
+    return recording.records[: last + 1]
+
+
 TOLD = "is not what .* has told others that it signed"
-SHORT = "A1.mcap.*: it ends at 3.*, and B2.mcap heard of its records until 11.5"
+SHORT = "B1.mcap.*: it ends at .*, and .*.mcap heard of its records until"
 CUT = "it has no end, and no other recording says that"
-B1 = "B1.mcap"
+RECORD = "B1.mcap: record"
 FORGERIES: dict[str, Forgery] = {
     "all actions of a robot removed": Forgery(
-        in_file(B1, without(ACTIONS)), "B1.mcap: record", "and has not started it"
+        in_file(without(ACTIONS)), RECORD, "and has not started it"
     ),
     "an end changed": Forgery(
-        in_file(B1, first(ACTIONS, with_data(success=False), event="finished")),
-        "B1.mcap: record",
+        in_file(some(ACTIONS, with_data(success=False), event="finished")),
+        RECORD,
         "and its outcome, record .*, differ",
     ),
     "a start removed": Forgery(
-        in_file(B1, first(ACTIONS, dropped, event="started")),
-        "B1.mcap: record",
-        "and has not started it",
+        in_file(some(ACTIONS, dropped, event="started")), RECORD, "and has not started it"
     ),
     "a start doubled": Forgery(
-        in_file(B1, twice(ACTIONS, event="started")),
-        "B1.mcap: record",
+        in_file(twice(ACTIONS, event="started")),
+        RECORD,
         "an action starts, and the end of .* is missing",
     ),
-    "a robot's file removed": Forgery(lacking(B1), "B1: no recording of its life", "no recording"),
+    "a robot's file removed": Forgery(lacking(), "B1: no recording of its life", "no recording"),
     "the observer's file removed": Forgery(
         lacking("run.mcap"), "no observer's recording is here", "no observer's recording is here"
     ),
-    "the end of all files removed": Forgery(in_file("*", cut(0.7)), CUT, "has not recorded its"),
+    "the end of all files removed": Forgery(in_file(cut(0.7), "*"), CUT, "has not recorded its"),
     "the end of one file removed": Forgery(
-        in_file(B1, cut(0.7)), f"B1.mcap: {CUT}", "B1 has not recorded its"
+        in_file(cut(0.7)), f"B1.mcap: {CUT}", "B1 has not recorded its"
     ),
-    "the killed robot's file cut": Forgery(
-        in_file("A1.mcap", cut(0.3)),
-        SHORT,
-        SHORT,
-    ),
-    "a detection time changed": Forgery(
-        in_file("run.mcap", first(FAULTS, at(-900_000), event="dead")),
-        "run.mcap: record",
-        "A1 is dead here, and alive",
+    "most of a file removed": Forgery(in_file(cut(0.3)), SHORT, SHORT),
+    "a death at another time": Forgery(
+        in_file(some(FAULTS, at(-900_000), event="dead")), RECORD, "its time is before that"
     ),
     "a death blamed on another robot": Forgery(
         blamed, "run.mcap: record", "A1 is not in the alive set, and is suspect"
     ),
-    "the last plan removed": Forgery(
-        in_file(B1, last(PLANS, dropped)),
-        "B1.mcap: record",
-        TOLD,
-    ),
+    "the last plan removed": Forgery(in_file(last(PLANS, dropped)), RECORD, TOLD),
     "the last plans removed": Forgery(
-        in_file(B1, without_last_plans(9)),
-        "B1.mcap: record",
-        "its last plan is not that of its last facts",
+        in_file(without_last_plans(9)), RECORD, "its last plan is not that of its last facts"
     ),
-    "the end of the recorded life removed": Forgery(
-        in_file(B1, last(LIFE, dropped)), "B1.mcap: record", None
+    "a plan removed": Forgery(in_file(some(PLANS, dropped)), RECORD, TOLD),
+    "a plan for others": Forgery(
+        in_file(some(PLANS, with_data(alive={}))), RECORD, "does not follow|alive set"
     ),
+    "the end of the recorded life removed": Forgery(in_file(last(LIFE, dropped)), RECORD, None),
     "an alive set changed": Forgery(
-        in_file(B1, last(ALIVE, with_data(robots={"B1": "1.0"}))),
-        "B1.mcap: record",
+        in_file(last(ALIVE, with_data(robots={"B1": "1.0"}))),
+        RECORD,
         "the plan's alive set is not the one recorded before it",
     ),
     "a fact removed": Forgery(
-        in_file(B1, first(FACTS, dropped, author="B1")), "B1.mcap: record", "B1 has not recorded"
+        in_file(some(FACTS, dropped, author="OWN")), RECORD, "B1 has not recorded"
     ),
-    "statuses changed": Forgery(
-        in_file(B1, first(STATUSES, with_data(T_Li="failure"))), "B1.mcap: record", TOLD
-    ),
-    "times changed": Forgery(in_file(B1, first(FAULTS, at(1_000))), "B1.mcap: record", TOLD),
-    "a position changed": Forgery(in_file(B1, first(POSITIONS, at(1))), "B1.mcap: record", TOLD),
+    "another robot's fact removed": Forgery(in_file(some(FACTS, dropped)), RECORD, TOLD),
+    "a fact doubled": Forgery(in_file(twice(FACTS)), RECORD, "of facts where .* is due"),
+    "a fact at another time": Forgery(in_file(some(FACTS, at(-1))), RECORD, TOLD),
+    "statuses changed": Forgery(in_file(some(STATUSES, with_data(T_Li="failure"))), RECORD, TOLD),
+    "times changed": Forgery(in_file(some(FAULTS, at(1_000))), RECORD, TOLD),
+    "a position changed": Forgery(in_file(some(POSITIONS, at(1))), RECORD, TOLD),
     "signatures removed": Forgery(
-        in_file("*", without(SIGNATURES)), "it has no signature of its owner", TOLD
+        in_file(without(SIGNATURES)), "it has no signature of its owner", TOLD
+    ),
+    "signatures of all removed": Forgery(
+        in_file(without(SIGNATURES), "*"), "it has no signature of its owner", TOLD
     ),
 }

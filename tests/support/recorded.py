@@ -8,10 +8,11 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.metadata import OBSERVER
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 from mrbt_mesh.sim import AgentOptions, Schedule, SimulationResult, simulate
+from mrbt_mesh.sim.run import run_scenario
 from tests.support.keys import keys_of
-from tests.support.runs import example
+from tests.support.runs import example, source
 
 
 def record_example(
@@ -42,6 +43,18 @@ def record_keyed(
     keys = keys_of(*mission.robots, observer="eye")
     options = AgentOptions(keys={**keys, OBSERVER: keys["eye"]})
     return record_example(folder, name, seed, schedule, options), keys["eye"].manifest
+
+
+def record_chaos(folder: Path, seed: int) -> tuple[dict[str, MemberKeys], Manifest]:
+    """A generated mission's team with keys, and random faults: `mrbt sim chaos --generated`; its
+    keys by robot, and that of the observer.
+    """
+    mission, program = source(None).load(seed)
+    keys = keys_of(*mission.robots, observer="eye")
+    keys = {**keys, OBSERVER: keys["eye"]}
+    scenario = source(None).scenario(seed, mission)
+    run_scenario(mission, program, scenario, record=folder, keys=keys)
+    return keys, keys["eye"].manifest
 
 
 def read_all(folder: Path) -> list[Recording]:

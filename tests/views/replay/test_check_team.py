@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 from mrbt_mesh.sim import Freeze, Kill, Restart, Schedule, Thaw
 from mrbt_mesh.views.replay.findings import GapKind, Verification
 from mrbt_mesh.views.replay.verify import verify
-from tests.support.forger import FORGERIES, Run, written_again
+from tests.support.forger import FORGERIES, Cast, Run, written_again
 from tests.support.keys import keys_of
 from tests.support.recorded import read_all, record_keyed
 
@@ -56,7 +57,7 @@ def test_a_forgery_without_keys_is_named(
     keyed: tuple[Run, Manifest], tmp_path: Path, name: str
 ) -> None:
     (run, manifest), forgery = keyed, FORGERIES[name]
-    verdict = verify(written_again(forgery.forge(run), tmp_path, {}, run), manifest)
+    verdict = verify(written_again(forgery.forge(run, cast()), tmp_path, {}, run), manifest)
     assert not verdict.is_proved
     assert re.search(forgery.found, texts(verdict)), texts(verdict)
 
@@ -66,12 +67,17 @@ def test_what_the_others_say_of_a_forgery_with_a_stolen_key(
     keyed: tuple[Run, Manifest], tmp_path: Path, name: str
 ) -> None:
     (run, manifest), forgery = keyed, FORGERIES[name]
-    forged = written_again(forgery.forge(run), tmp_path, stolen(run), run)
+    forged = written_again(forgery.forge(run, cast()), tmp_path, stolen(run), run)
     found = verify(forged, manifest)
     if forgery.by_others is None:
         assert found.is_proved, texts(found)
     else:
         assert re.search(forgery.by_others, texts(found)), texts(found)
+
+
+def cast() -> Cast:
+    """B1's recording is forged; A1 died."""
+    return Cast("B1.mcap", "A1", "B2", random.Random(1))
 
 
 def stolen(run: Run) -> dict[str, MemberKeys]:
