@@ -12,7 +12,7 @@ from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 from mrbt_mesh.runtime.team import new_run
-from tests.support.command import mrbt
+from tests.support.command import mrbt, refused
 from tests.support.paths import ROOT
 
 EXPLORE = ROOT / "examples" / "explore" / "mission.yaml"
@@ -46,9 +46,7 @@ NO_VARIABLES: dict[str, str] = {}
 def test_where_no_team_can_be_is_explained(
     command: str, where: list[str], variables: dict[str, str], message: str
 ) -> None:
-    code, output, problems = mrbt(command, *ON_A_TEAM[command], *where, **variables)
-    assert (code, output) == (2, "")
-    assert message in problems
+    assert message in refused(mrbt(command, *ON_A_TEAM[command], *where, **variables))
 
 
 def test_an_observer_looks_where_robots_with_the_same_variables_are(

@@ -28,8 +28,8 @@ def done(ended: tuple[int, str, str]) -> str:
 
 
 def refused(ended: tuple[int, str, str]) -> str:
-    """What is said of a mistake: with exit status 2, and without a traceback."""
+    """What is said of a mistake: with exit status 2, no output, and without a traceback."""
     code, output, problems = ended
-    assert code == 2, output + problems
+    assert (code, output) == (2, ""), problems
     assert "Traceback" not in problems
     return problems

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from tests.support.command import EXPLORE, REPAIR, done, mrbt
+from tests.support.command import EXPLORE, REPAIR, done, mrbt, refused
 
 ONE = ("--jobs", "1")
 
@@ -60,7 +60,4 @@ def test_figures_for_people() -> None:
     ],
 )
 def test_bad_input_is_explained(options: list[str], text: str) -> None:
-    code, output, problems = estimate(REPAIR, *options)
-    assert (code, output) == (2, "")
-    assert text in " ".join(problems.split())
-    assert "Traceback" not in problems
+    assert text in " ".join(refused(estimate(REPAIR, *options)).split())

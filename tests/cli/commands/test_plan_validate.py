@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tests.support.command import EXPLORE, REPAIR, done, mrbt
+from tests.support.command import EXPLORE, REPAIR, done, mrbt, refused
 
 
 def test_validate_says_what_a_mission_holds() -> None:
@@ -16,8 +16,7 @@ def test_validate_says_what_a_mission_holds() -> None:
 def test_validate_names_file_and_line(tmp_path: Path) -> None:
     path = tmp_path / "mission.yaml"
     path.write_text(Path(EXPLORE).read_text().replace("max: 1", "max: 0"))
-    code, output, problems = mrbt("validate", str(path))
-    assert (code, output) == (2, "")
+    problems = refused(mrbt("validate", str(path)))
     line = next(i for i, text in enumerate(path.read_text().splitlines(), 1) if "max: 0" in text)
     assert f"{path}:{line}:" in problems.replace("\n", "")
 
