@@ -7,7 +7,7 @@ import pytest
 from mrbt_mesh.runtime.launcher import free_endpoints
 from tests.support.sessions import said_by
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.timeout(120)
 
 # Who answers for everybody says that his answers are complete, so that Zenoh would rather ask him
 # alone.

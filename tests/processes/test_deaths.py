@@ -15,10 +15,8 @@ from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.views.model.team_view import TeamView
 from tests.support.served import free_ports, page
-from tests.support.team import TEST_TIMEOUT_S, Team
+from tests.support.team import Team
 from tests.support.terminal import Terminal
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 def test_all_views_show_the_same_times_of_a_death(team: Team) -> None:

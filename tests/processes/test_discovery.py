@@ -6,9 +6,8 @@ import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
 from tests.support.sessions import said_by
-from tests.support.team import TEST_TIMEOUT_S
 
-pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
+pytestmark = pytest.mark.slow
 
 SESSIONS = """
 import os, sys, threading

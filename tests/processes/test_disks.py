@@ -10,9 +10,7 @@ import pytest
 
 from tests.support.disks import fill, small_disk
 from tests.support.paths import ROOT, mission_file
-from tests.support.team import TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import Team
 
 DISPENSE = mission_file("dispense")
 FULL = "journal cannot be written: No space left on device"

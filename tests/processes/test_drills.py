@@ -16,9 +16,7 @@ import pytest
 from mrbt_mesh.drills.drill_file import drill_files, load_drills
 from mrbt_mesh.drills.namespaces import available
 from tests.support.paths import ROOT
-from tests.support.team import REPAIR, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import REPAIR, Team
 
 SHIPPED = ROOT / "drills"
 # Holds the mission until it is ended from outside.

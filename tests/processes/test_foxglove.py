@@ -10,9 +10,8 @@ import pytest
 
 from mrbt_mesh.recording.channels import ALIVE, FAULTS, MAP, PLANS, POSITIONS, SCENE
 from tests.support.foxglove import viewer
-from tests.support.team import REPAIR, TEST_TIMEOUT_S, Team
+from tests.support.team import REPAIR, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 REMEDY = "is not installed: make test-interop, or pip install 'mrbt-mesh[interop]'"
 
 

@@ -7,12 +7,10 @@ import signal
 from xml.etree import ElementTree
 
 import msgpack
-import pytest
 
 from tests.support.groot2 import monitoring, read_btlog
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 RUNNING, SUCCESS = 1, 2
 
 

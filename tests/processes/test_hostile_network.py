@@ -7,13 +7,9 @@ import signal
 import subprocess
 import sys
 
-import pytest
-
 from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 # Runs in a process of its own: a Zenoh session in the tests' process would outlive them. It makes
 # noise until its input ends.

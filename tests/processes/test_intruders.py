@@ -12,9 +12,7 @@ from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import check_paper, go_on_as_in_the_paper, hold_for_the_paper
 from tests.support.sessions import intruder
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 # Reasons that `mrbt status` shows of what an intruder does (`raw_intruder`).
 WRONG = {"signature is wrong"}

@@ -9,9 +9,7 @@ import pytest
 
 from tests.support.raw_intruder import INSIDER
 from tests.support.sessions import intruder
-from tests.support.team import TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import Team
 
 GONE = "its key has been revoked or replaced"
 

@@ -5,14 +5,10 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-import pytest
-
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.robot_process import LARGE_NODES
 from tests.support.paths import ROOT
-from tests.support.team import TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import Team
 
 MISSION = """
 mission: large

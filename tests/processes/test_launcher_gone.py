@@ -8,9 +8,7 @@ from collections.abc import Iterator
 import psutil
 import pytest
 
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, WAIT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, WAIT_S, Team
 
 IN_ORDER = ["launcher_gone", "leaving", "stopped"]
 

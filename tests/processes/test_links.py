@@ -24,13 +24,11 @@ from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir
 from mrbt_mesh.runtime.team import new_run
 from tests.support.paths import ROOT
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, Team
 
 _REASON = namespaces.available()
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.processes,
-    pytest.mark.timeout(TEST_TIMEOUT_S),
     pytest.mark.skipif(_REASON is not None, reason=f"no namespaces: {_REASON}"),
 ]
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import json
 
-import pytest
-
 from tests.support.served import free_ports, page
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 
 def test_robots_and_who_watches_serve_metrics(team: Team) -> None:

@@ -14,9 +14,7 @@ import pytest
 
 import mrbt_mesh
 from mrbt_mesh import RobotContext, RobotOptions, RobotProgram, TaskContext
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 # What the log has of a background function that raises.
 PROBLEM = "problem='KeyboardInterrupt (test_misbehaving_programs.py"

@@ -15,10 +15,7 @@ from mrbt_mesh.drills.namespaces import Namespaces
 from mrbt_mesh.runtime.launcher import wait_for_exit
 
 _REASON = namespaces.available()
-pytestmark = [
-    pytest.mark.processes,
-    pytest.mark.skipif(_REASON is not None, reason=f"no namespaces: {_REASON}"),
-]
+pytestmark = pytest.mark.skipif(_REASON is not None, reason=f"no namespaces: {_REASON}")
 
 PORT = 9_000
 COUNT = 400

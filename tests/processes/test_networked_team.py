@@ -11,9 +11,9 @@ import subprocess
 import pytest
 
 from mrbt_mesh.runtime.launcher import free_endpoints
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
+pytestmark = pytest.mark.slow
 
 
 def robots(team: Team, *options: str) -> dict[str, subprocess.Popen[str]]:

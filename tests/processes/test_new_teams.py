@@ -7,9 +7,7 @@ import signal
 import pytest
 
 from tests.support.paths import EXAMPLES
-from tests.support.team import TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import Team
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 
 import anyio
-import pytest
 
 from mrbt_mesh.recording.channels import BEATS
 from mrbt_mesh.recording.folder import observer_file, robot_file, robot_files
@@ -18,9 +17,7 @@ from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.watcher import watching
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 
 def at_the_end(recording: Recording) -> Player:

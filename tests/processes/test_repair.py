@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import pytest
-
 from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import (
     check_paper,
     go_on_as_in_the_paper,
     hold_for_the_paper,
 )
-from tests.support.team import TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import Team
 
 ROBOTS = {"A1", "A2", "B1", "B2", "C1", "C2"}
 

@@ -9,9 +9,7 @@ from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.run_dir import RunDir
 from tests.support.paper_run import check_order
-from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, REPAIR, Team
 
 
 @pytest.mark.parametrize(

@@ -17,14 +17,9 @@ import pytest
 
 from tests.support.command import mrbt
 from tests.support.ros2.virtual_robots import VirtualRobots, lacking
-from tests.support.team import TEST_TIMEOUT_S, Team
+from tests.support.team import Team
 
-pytestmark = [
-    pytest.mark.processes,
-    pytest.mark.slow,
-    pytest.mark.timeout(TEST_TIMEOUT_S),
-    pytest.mark.skipif(bool(lacking()), reason=lacking()),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(lacking()), reason=lacking())]
 
 # How long it took: `pytest --log-cli-level=info`.
 LOG = logging.getLogger(__name__)

@@ -18,9 +18,7 @@ from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import free_endpoints
 from mrbt_mesh.runtime.router import Router, config_with_keys
 from mrbt_mesh.runtime.session_config import TransportConfig, session_config
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 
 def started(team: Team, *options: str) -> subprocess.Popen[str]:

@@ -8,9 +8,8 @@ import pytest
 
 from benchmarks.tokens import ROBOTS, deaths, stranger, write_mission
 from mrbt_mesh.runtime.zenoh_transport import TOO_MANY_TOKENS
-from tests.support.team import TEST_TIMEOUT_S, Team
+from tests.support.team import Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 # More than were under way when the stranger began: about a second's work of an idle machine.
 STARTS = 30
 

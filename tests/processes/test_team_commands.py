@@ -8,9 +8,7 @@ import socket
 import pytest
 
 from mrbt_mesh.runtime.run_dir import ORDERS_FILE
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
+from tests.support.team import EXPLORE, Team
 
 
 def endpoints(team: Team) -> list[str]:

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
-from tests.support.team import EXPLORE, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, Team
 from tests.support.terminal import Terminal
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 
 def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:

@@ -14,16 +14,11 @@ import pytest
 
 from mrbt_mesh.adapters.vda5050.layout_file import BROKER_VARIABLE
 from tests.support.paths import ROOT, mission_file
-from tests.support.team import TEST_TIMEOUT_S, Team
+from tests.support.team import Team
 from tests.support.vda5050.plant import VEHICLES, Plant, Said, lacking, stop_of
 
 pytest.importorskip("aiomqtt", reason="the extra vda5050 is not installed: make test-vda5050")
-pytestmark = [
-    pytest.mark.processes,
-    pytest.mark.slow,
-    pytest.mark.timeout(TEST_TIMEOUT_S),
-    pytest.mark.skipif(bool(lacking()), reason=lacking()),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(bool(lacking()), reason=lacking())]
 
 # How long it took: `pytest --log-cli-level=info`.
 LOG = logging.getLogger(__name__)

@@ -20,9 +20,6 @@ from mrbt_mesh import __version__
 from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import check_order
 from tests.support.paths import ROOT
-from tests.support.team import TEST_TIMEOUT_S
-
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(TEST_TIMEOUT_S)]
 
 WAIT_S = 300
 

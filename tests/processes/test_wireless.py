@@ -10,9 +10,9 @@ import pytest
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.launcher import free_endpoints
-from tests.support.team import EXPLORE, REPAIR, TEST_TIMEOUT_S, Team
+from tests.support.team import EXPLORE, REPAIR, Team
 
-pytestmark = [pytest.mark.processes, pytest.mark.slow, pytest.mark.timeout(TEST_TIMEOUT_S)]
+pytestmark = pytest.mark.slow
 
 
 def test_a_killed_robot_is_replaced_and_comes_back(team: Team) -> None:

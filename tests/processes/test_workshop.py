@@ -14,15 +14,11 @@ from pathlib import Path
 import pytest
 
 from tests.support.paths import EXAMPLES, mission_file
-from tests.support.team import TEST_TIMEOUT_S, Team
+from tests.support.team import Team
 from tests.support.workshop import needs_world
 
 needs_world()
-pytestmark = [
-    pytest.mark.processes,
-    pytest.mark.slow,
-    pytest.mark.timeout(TEST_TIMEOUT_S),
-]
+pytestmark = pytest.mark.slow
 
 # How long it took: `pytest --log-cli-level=info`.
 LOG = logging.getLogger(__name__)
