@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.assignment import tie_breaking
 from mrbt_mesh.core.assignment.canonical import canonical, solve
 from mrbt_mesh.core.assignment.problem import UNASSIGNED, AssignmentProblem, Bounds, SolverError
-from mrbt_mesh.core.assignment.solvers import SOLVERS, min_cost_flow
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE
 from tests.support.problems import feasible, optima
 
@@ -173,7 +173,3 @@ def test_a_large_team_is_assigned_at_once() -> None:
     assert found is not None
     assert all(1 <= found.count(d) <= 3 for d in range(60))
     assert found == solve(problem([(1, 3)] * 60, *rows), min_cost_flow)
-
-
-def test_the_default_solver_is_registered() -> None:
-    assert SOLVERS["min_cost_flow"] is min_cost_flow

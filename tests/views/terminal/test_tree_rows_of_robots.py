@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.views.model.own_trees import own_trees
@@ -65,11 +63,6 @@ def test_a_robot_that_describes_itself_anew_has_another_tree() -> None:
     observer.facts.members["A"] = known._replace(member=member)
     assert not own.is_of(observer)
     assert "lift" not in [row["label"] for row in RobotRows(observer, "A").rows]
-
-
-def test_a_robot_that_is_not_known() -> None:
-    with pytest.raises(KeyError):
-        RobotRows(observed(), "Z")
 
 
 def test_the_trees_that_its_program_runs_stand_below_their_local_tasks() -> None:
