@@ -8,7 +8,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NoReturn
 
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
@@ -24,6 +24,8 @@ from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingErro
 from mrbt_mesh.recording.recorded_state import RecordedState
 
 _NO_DIGEST = bytes(8)
+# What is played again before a moment that is far from where the player is: about a second of work.
+PLAYED_RECORDS = 2_000
 
 
 class Player:
@@ -49,10 +51,10 @@ class Player:
             self.mission = recording.metadata.read_mission(str(recording.path))
         except ValueError as error:
             self._refuse(str(error))
-        self._times = [record.at_us for record in recording.records]
+        self._times_us = recording.records.times_us
         self._rewind()
 
-    def _refuse(self, text: str) -> None:
+    def _refuse(self, text: str) -> NoReturn:
         raise RecordingError(f"{self.recording.path}: {text}: see `mrbt recording verify`")
 
     def _new_observer(self) -> Observer:
@@ -76,28 +78,65 @@ class Player:
     @property
     def end_us(self) -> int:
         """The time of its last record."""
-        return max(self._times, default=0)
+        return max(self._times_us, default=0)
 
     def seek(self, at_us: int) -> None:
         """Go to a time of the recording, forwards or back."""
         for _ in self.play_to(at_us):
             pass
 
-    def play_to(self, at_us: int) -> Iterator[None]:
-        """Go there record by record: the caller can look at the team after each, or stop."""
-        wanted = bisect_right(self._times, at_us)
-        if wanted < self._next:
+    def play_to(self, at_us: int, skips: bool = False) -> Iterator[None]:
+        """Go there record by record: the caller can look at the team after each, or stop.
+
+        With `skips`, of what is more than `PLAYED_RECORDS` away only the state is taken over. The
+        observer then knows the past as one that began to watch so shortly before.
+        """
+        wanted = bisect_right(self._times_us, at_us)
+        if skips and not self._next <= wanted <= self._next + 2 * PLAYED_RECORDS:
+            self._skip_to(wanted - PLAYED_RECORDS)
+        elif wanted < self._next:
             self._rewind()
         while self._next < wanted:
-            record = self.recording.records[self._next]
-            self._next += 1
-            try:
-                self._play(record)
-            except ValueError as error:
-                self._refuse(f"record {record.number}: {error}")
-            self.now_us = record.at_us
+            self._play_one(self._next)
             yield
         self.now_us = at_us
+
+    def _skip_to(self, wanted: int) -> None:
+        """Begin anew at the last plan before a record, with what is valid there."""
+        records, started_us = self.recording.records, self.observer.record.started_us
+        self._rewind()
+        while wanted > 0 and records.topics[wanted] != channels.PLANS:
+            wanted -= 1
+        if wanted <= 0:
+            return
+        try:
+            valid = records.valid_before(wanted)
+        except ValueError as error:
+            self._refuse(str(error))
+        # A scene has all that are there, so it comes before their positions.
+        scenes = [index for index in valid if records.topics[index] == channels.SCENE]
+        record = self.observer.record
+        record.watched_from(self.begin_us, None)
+        self.state.is_skipping = True
+        for index in (*scenes, *(index for index in valid if index not in scenes)):
+            self._play_one(index)
+        self.state.is_skipping = False
+        # The last change may have been a dropped fact.
+        self.state.changes = records[wanted].data["facts"]
+        record.is_catching_up = False
+        record.started_us = started_us
+        self._next = wanted
+
+    def _play_one(self, index: int) -> None:
+        self._next = index + 1
+        number = index + 1
+        try:
+            record = self.recording.records[index]
+            number = record.number
+            self._play(record)
+        except ValueError as error:
+            self._refuse(f"record {number}: {error}")
+        self.now_us = record.at_us
 
     def _play(self, record: RecordedMessage) -> None:
         at_us, data, seen = record.at_us, record.data, self.observer.record
@@ -108,7 +147,7 @@ class Player:
             self._robot(data["robot"], data, at_us)
         elif record.topic == channels.ROBOT_TREES:
             self._tree_ticked(data["robot"])
-        elif record.topic == channels.PLANS:
+        elif record.topic == channels.PLANS and not self.state.is_skipping:
             self._planned(data, at_us)
         elif record.topic in (channels.STATUSES, channels.ACTIONS):
             self._myself(at_us)

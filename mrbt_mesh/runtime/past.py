@@ -56,8 +56,7 @@ def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]
         return None
     # It may be of another machine, or of before this one was started again.
     shift_us = said.epoch_ns // 1_000 - epoch_us
-    records = (replace(each, at_us=each.at_us + shift_us) for each in recording.records)
-    recording = replace(recording, records=tuple(records))
+    recording = replace(recording, records=recording.records.shifted(shift_us))
     now_us = boottime_us()
     player = Player(recording, lambda: observer, chosen_engine())
     player.seek(player.end_us)

@@ -13,7 +13,13 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.player import Player
-from mrbt_mesh.recording.reader import Recording, RecordingError, parse_recording, read_recording
+from mrbt_mesh.recording.reader import (
+    Recording,
+    RecordingError,
+    open_recording,
+    parse_recording,
+    read_recording,
+)
 from mrbt_mesh.recording.recorded_state import state_text
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
@@ -45,6 +51,31 @@ def test_any_way_leads_to_the_same_state(watched: Recording, places: list[float]
     fresh.seek(player.now_us)
     assert state_text(player.state.to_json()) == state_text(fresh.state.to_json())
     assert player.observer.record.timeline == fresh.observer.record.timeline
+
+
+@pytest.mark.parametrize("whose", ["", "B1"])
+def test_what_was_long_before_is_skipped(
+    folder: Path, whose: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mrbt_mesh.recording.player.PLAYED_RECORDS", 5)
+    path = robot_file(folder, whose) if whose else observer_file(folder)
+    player, whole = Player(open_recording(path)), Player(read_recording(path))
+    whole.seek(whole.end_us)
+    length_us = whole.end_us - whole.begin_us
+    for place in (0.5, 0.9, 0.1, 1.0, 0.7):
+        at_us, played = whole.begin_us + round(place * length_us), 0
+        for _ in player.play_to(at_us, skips=True):
+            played += 1
+        whole.seek(at_us)
+        assert state_text(player.state.to_json()) == state_text(whole.state.to_json())
+        assert player.observer.plan == whole.observer.plan
+        states = [
+            (each.robots(), [each.robot_state(robot) for robot in each.robots()])
+            for each in (player.observer, whole.observer)
+        ]
+        assert states[0] == states[1]
+        assert player.observer.record.result is whole.observer.record.result
+        assert played < len(whole.recording.records) // 3
 
 
 def test_before_and_after_a_death(folder: Path, watched: Recording) -> None:

@@ -83,7 +83,7 @@ def replay(
 
     from mrbt_mesh.cli.terminal import print_json
     from mrbt_mesh.recording.player import Player
-    from mrbt_mesh.recording.reader import read_recording
+    from mrbt_mesh.recording.reader import open_recording
     from mrbt_mesh.views.recordings.showing import (
         export_recording,
         serve,
@@ -98,7 +98,7 @@ def replay(
         require("the page", "web", "starlette", "uvicorn")
     else:
         refuse("of the page: give --web as well", "--port", "--host")
-    player = Player(read_recording(file))
+    player = Player(open_recording(file))
     if export is not None:
         written = [str(path) for path in export_recording(player, export)]
         if as_json:
@@ -115,7 +115,10 @@ def replay(
         from mrbt_mesh.views.replay.shown_recording import ShownRecording
         from mrbt_mesh.views.terminal.app import ReplayTop
 
-        ReplayTop(ShownRecording(player, time_of(player, at or 0.0), speed)).run()
+        top = ReplayTop(ShownRecording(player, time_of(player, at or 0.0), speed))
+        top.run()
+        if top.problem is not None:
+            raise top.problem
     else:
         show_lines(player, at or 0.0)
 

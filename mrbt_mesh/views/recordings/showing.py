@@ -28,7 +28,8 @@ def time_of(player: Player, at_s: float) -> int:
 def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
     """The state `at_s` after the begin, by default at the end; raises InputError as `time_of`."""
     at_us = player.end_us if at_s is None else time_of(player, at_s)
-    player.seek(at_us)
+    for _ in player.play_to(at_us, skips=True):
+        pass
     return {
         "robot": player.recording.metadata.robot or None,
         "run": player.recording.metadata.run,
@@ -41,10 +42,12 @@ def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
 def show_lines(player: Player, at_s: float) -> None:
     """Print the events from a time on; raises InputError as `time_of`."""
     from_us = time_of(player, at_s)
-    player.seek(player.end_us)
-    for at_us, text in player.observer.record.timeline:
-        if at_us >= from_us:
-            click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
+    timeline, printed = player.observer.record.timeline, 0
+    for _ in player.play_to(player.end_us):
+        for at_us, text in timeline[printed:]:
+            if at_us >= from_us:
+                click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
+        printed = len(timeline)
 
 
 def export_recording(player: Player, folder: Path) -> list[Path]:
@@ -53,6 +56,7 @@ def export_recording(player: Player, folder: Path) -> list[Path]:
     from mrbt_mesh.views.report.exports import write_exports
 
     shown = ShownRecording(player, player.end_us, 1.0)
+    shown.read(len(player.recording.records) + 1)
     try:
         return write_exports(folder, shown, shown.ends_s(player.end_us))
     except OSError as error:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
@@ -12,6 +14,8 @@ from mrbt_mesh.views.model.team_view import TakeoversView, TeamState
 from mrbt_mesh.views.model.timeline import TimelineView
 
 SLOWEST, FASTEST = 0.01, 1000.0
+# Of the timeline, so much is there at once: about a second of work.
+FIRST_RECORDS = 2_000
 
 
 class Playback:
@@ -47,12 +51,14 @@ class Playback:
 
     def catch_up(self) -> None:
         """Bring the player to `at_us`. Raises RecordingError where that cannot be played."""
-        self.player.seek(self.at_us)
+        for _ in self.player.play_to(self.at_us, skips=True):
+            pass
 
 
 class ShownRecording:
-    """`changes` has the items of a `TeamView`: those of the timeline for the whole recording, the
-    others as the team was where `playback` is; and `playback`: where that is, in seconds.
+    """`changes` has the items of a `TeamView`: those of the timeline for the recording as far as it
+    `read`, the others as the team was where `playback` is; and `playback`: where that is, in
+    seconds, and `read_s`, up to where the timeline is there; None: all of it.
 
     Times count from the start of the run, as on a live page, so the recording may begin before
     0. Raises RecordingError where it is damaged.
@@ -60,22 +66,41 @@ class ShownRecording:
 
     def __init__(self, player: Player, at_us: int, speed: float) -> None:
         self.changes = ChangeLog()
-        self._start_us = self._put_whole_run(player)
+        # It plays all of the recording once, for the timeline.
+        self._reader = Player(player.recording)
+        self._timeline = TimelineView(self._reader.observer)
+        self._reading = self._read_on()
+        self._is_read = False
+        record = self._reader.observer.record
+        while not self.read(FIRST_RECORDS) and record.started_us is None:
+            pass
+        self._start_us = player.begin_us if record.started_us is None else record.started_us
         self.playback = Playback(player, at_us, speed)
         self.playback.catch_up()
         self._begin_state()
         self._shown: set[str] = set()
 
-    def _put_whole_run(self, player: Player) -> int:
-        """Play all of it once, for the timeline; when the run started."""
-        takeovers = TakeoversView(player.observer)
-        # Records of one time are of one step.
-        for at_us in sorted({record.at_us for record in player.recording.records}):
-            player.seek(at_us)
-            takeovers.put(self.changes)
-        record = player.observer.record
-        TimelineView(player.observer).put(self.changes)
-        return player.begin_us if record.started_us is None else record.started_us
+    def _read_on(self) -> Iterator[None]:
+        """Read the timeline, record by record."""
+        reader, times_us = self._reader, self._reader.recording.records.times_us
+        takeovers = TakeoversView(reader.observer)
+        for number, _ in enumerate(reader.play_to(reader.end_us), 1):
+            # Records of one time are of one step.
+            if number == len(times_us) or times_us[number] != times_us[number - 1]:
+                takeovers.put(self.changes)
+            yield
+
+    def read(self, records: int) -> bool:
+        """Read the timeline of at most so many more records; whether that was all."""
+        if not self._is_read:
+            self._is_read = sum(1 for _ in islice(self._reading, records)) < records
+            self._timeline.put(self.changes)
+        return self._is_read
+
+    @property
+    def read_s(self) -> float | None:
+        """Up to where the timeline is there, in seconds from the start of the run; None: all."""
+        return None if self._is_read else self.seconds(self._reader.now_us)
 
     def _begin_state(self) -> None:
         self._state = TeamState(self.observer, ChangeLog())
@@ -91,8 +116,9 @@ class ShownRecording:
         return round((at_us - self._start_us) / SECOND_US, 6)
 
     def ends_s(self, now_us: int) -> float:
-        """The end of the recording, whatever is shown of it."""
-        return self.seconds(self.playback.player.end_us)
+        """The end of the timeline: that of the recording, once all of it is read."""
+        read_s = self.read_s
+        return self.seconds(self.playback.player.end_us) if read_s is None else read_s
 
     def go_to(self, at_s: float) -> None:
         """Go to a time in seconds from the start of the run."""
@@ -115,7 +141,7 @@ class ShownRecording:
 
         The caller serves pages in between: large plans take long to make.
         """
-        playing = self.playback.player.play_to(self.playback.at_us)
+        playing = self.playback.player.play_to(self.playback.at_us, skips=True)
         for count, _ in enumerate(playing, 1):
             if self._state.observer is not self.observer:
                 self._begin_state()  # it went back
@@ -148,6 +174,7 @@ class ShownRecording:
             "at_s": self.seconds(playback.at_us),
             "paused": playback.is_paused,
             "speed": playback.speed,
+            "read_s": self.read_s,
         }
 
     def to_json(self) -> dict[str, Any]:

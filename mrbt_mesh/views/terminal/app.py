@@ -16,6 +16,7 @@ from textual.widgets import Footer, Input, Static
 
 from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
 from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.recording.reader import RecordingError
 from mrbt_mesh.views.model.team_view import Shown
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.terminal.lanes import LEGEND
@@ -297,7 +298,7 @@ STEP_RECORDS = 20
 
 
 class ReplayTop(TeamTop):
-    """Plays a recording."""
+    """Plays a recording. `problem`: why it ended by itself."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "pause", "pause", priority=True),
@@ -315,6 +316,7 @@ class ReplayTop(TeamTop):
     def __init__(self, recording: ShownRecording) -> None:
         self._recording = recording
         self._looked_s = time.monotonic()
+        self.problem: RecordingError | None = None
         super().__init__(recording, lambda: recording.playback.at_us)
 
     def head(self) -> Text:
@@ -324,6 +326,9 @@ class ReplayTop(TeamTop):
         done_s = self._recording.seconds(playback.at_us) - about["from_s"]
         length_s = about["to_s"] - about["from_s"]
         text = f" {about['file']}: {done_s:.1f} of {length_s:.1f} s, {how}"
+        read_s = self._recording.read_s
+        if read_s is not None:
+            text += f", timeline read up to {read_s - about['from_s']:.0f} s"
         return Text("\n").join([super().head(), Text(text, "yellow")])
 
     def look(self) -> None:
@@ -332,8 +337,14 @@ class ReplayTop(TeamTop):
         self._recording.passed(now_s - self._looked_s)
         self._looked_s = now_s
         # Large plans take long to make: keys are answered in between.
-        while not self._recording.step(STEP_RECORDS) and time.monotonic() < now_s + LOOK_S:
-            pass
+        try:
+            while not self._recording.step(STEP_RECORDS) and time.monotonic() < now_s + LOOK_S:
+                pass
+            while not self._recording.read(STEP_RECORDS) and time.monotonic() < now_s + LOOK_S / 2:
+                pass
+        except RecordingError as error:
+            self.problem = error
+            self.exit()
         super().look()
 
     def action_pause(self) -> None:

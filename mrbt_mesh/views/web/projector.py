@@ -57,8 +57,13 @@ class RecordingProjector:
         """Play; never returns."""
         before_s = time.monotonic()
         while True:
-            with anyio.move_on_after(FRAME_US / 1e6):
-                await self._is_wished.wait()
+            frame_ends_s = before_s + FRAME_US / 1e6
+            while not self._is_wished.is_set() and time.monotonic() < frame_ends_s:
+                if self._shown.read(STEP_RECORDS):
+                    with anyio.move_on_after(frame_ends_s - time.monotonic()):
+                        await self._is_wished.wait()
+                else:
+                    await anyio.sleep(0)
             self._is_wished = anyio.Event()
             now_s = time.monotonic()
             if self.feed.pages:

@@ -73,6 +73,25 @@ def test_the_whole_timeline_is_there_at_once(recording: Recording) -> None:
     assert "took over" in timeline["why/0"]["sentence"]
 
 
+def test_the_timeline_of_a_long_recording_comes_bit_by_bit(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = items_of(shown_at(recording), TIMELINE)
+    monkeypatch.setattr("mrbt_mesh.views.replay.shown_recording.FIRST_RECORDS", 10)
+    shown = shown_at(recording)
+    reached_s, known = [shown.read_s], [len(items_of(shown, TIMELINE))]
+    while not shown.read(50):
+        shown.update(0)
+        playback = items_of(shown)["playback"]
+        reached_s.append(playback["read_s"])
+        known.append(len(items_of(shown, TIMELINE)))
+    assert len(set(reached_s)) > 3
+    assert reached_s == sorted(reached_s, key=lambda each: each or 0.0)
+    assert known == sorted(known)
+    assert known[0] < len(whole) // 4
+    assert (shown.read_s, items_of(shown, TIMELINE)) == (None, whole)
+
+
 @settings(
     max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

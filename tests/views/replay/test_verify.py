@@ -240,7 +240,7 @@ def test_a_fact_that_its_author_never_said_is_contradicted(
     verdict = verify([parse_recording(a2.path.read_bytes(), a2.path), *rest])
     assert not verdict.findings
     last = [each for each in a2.records if each.topic == FACTS][-1]
-    without = replace(a2, records=tuple(each for each in a2.records if each is not last))
+    without = replace(a2, records=tuple(each for each in a2.records if each != last))
     others = [each for each in rest if each.metadata.robot != "A2"]
     told = verify([without, *others])
     if last.data["author"] == "A2":

@@ -16,7 +16,7 @@ export class PlaybackView {
     this._slider.max = Math.ceil(recording.to_s * 100) / 100;
     byId("speed").append(...SPEEDS.map((speed) => element("option", { value: speed }, `${speed}×`)));
     const whose = recording.robot ? `what ${recording.robot} knew` : "as it was watched";
-    setText(byId("playback-hint"), `${recording.file}: ${whose}, run ${recording.run}`);
+    this._about = `${recording.file}: ${whose}, run ${recording.run}`;
     byId("playback").hidden = false;
     this._listen();
   }
@@ -62,6 +62,8 @@ export class PlaybackView {
   _draw() {
     const told = this._store.get("playback");
     if (!told) return;
+    const read = told.read_s === null ? "" : `; timeline read up to ${seconds(told.read_s)} of ${seconds(this._to)}`;
+    setText(byId("playback-hint"), this._about + read);
     const play = byId("play");
     setText(play, told.paused ? "▶" : "❚❚");
     play.setAttribute("aria-label", told.paused ? "Play" : "Pause");
