@@ -42,7 +42,7 @@ help:
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt sim estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
-	@echo "make bench-page      frame times of the live page with 2,000 nodes, and what mrbt watch --web costs"
+	@echo "make bench-page      frame times of the live page, what mrbt watch --web costs, and memory over ten minutes"
 	@echo "make bench-metrics   what it costs a robot to be measured"
 	@echo "make bench-recording what recording costs a robot, beside all that its process does"
 	@echo "make verify-recordings 200 runs of chaos, all drills, 200 forgeries: no false alarm, all named"
@@ -110,10 +110,12 @@ screenshots: $(READY) chromium
 	$(BIN)/python -m benchmarks.page pictures build/pictures
 	cp build/pictures/dead-1440x900-light.png docs/web/page-light.png
 	cp build/pictures/dead-1440x900-dark.png docs/web/page-dark.png
+	$(BIN)/python -m benchmarks.page animation docs/kill.gif
 
 bench-page: $(READY) chromium
 	$(BIN)/python -m benchmarks.page frames
 	$(BIN)/python -m benchmarks.page cost
+	$(BIN)/python -m benchmarks.page watched
 
 .PHONY: chromium
 chromium:

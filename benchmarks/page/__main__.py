@@ -1,4 +1,4 @@
-"""`python -m benchmarks.page frames|cost|watched|pictures`. Chromium is needed, but for `cost`."""
+"""`python -m benchmarks.page frames|cost|watched|pictures|animation`; Chromium, but for `cost`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from benchmarks.page import cost, frames, pictures, watched
+from benchmarks.page import animation, cost, frames, pictures, watched
 
 
 def main() -> None:
@@ -23,7 +23,12 @@ def main() -> None:
     drawn = tasks.add_parser("pictures", help="all views in all situations")
     drawn.add_argument("folder", type=Path)
     drawn.add_argument("situations", nargs="*", help="only these; default: all")
+    film = tasks.add_parser("animation", help="a robot is killed, and another one takes over")
+    film.add_argument("file", type=Path)
     given = parser.parse_args()
+    if given.task == "animation":
+        animation.make(given.file)
+        return
     if given.task == "pictures":
         pictures.make(given.folder, given.situations)
         return

@@ -25,10 +25,9 @@ def measure(seconds: float, robots: int) -> dict[str, Any]:
     """Frames of the last `LOOK_S` in ms, memory over time in MB, and processor shares."""
     folder = tempfile.TemporaryDirectory(prefix="mrbt-watched-")
     with folder, Team(Path(folder.name)) as team, chromium() as browser:
-        team.up(
-            inspection(team.folder, robots, robots), "--timeout", str(2 * seconds + 500), speed=1
-        )
-        team.wait_for_event("scan", "start")
+        mission = inspection(team.folder, robots, robots)
+        team.mrbt("up", str(mission), "--detach", "--run-dir", str(team.run_dir))
+        team.wait_for_event("scan")
         web = team.start("watch", "--web", "--run-dir", str(team.run_dir), "--port", "0")
         assert web.stdout is not None
         page = browser.new_page(viewport={"width": 1440, "height": 900})

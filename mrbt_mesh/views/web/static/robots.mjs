@@ -147,7 +147,7 @@ export class RobotsView {
   // A row leaves out what it is for.
   _drawTask(card, robot, hasTask, waits) {
     const whole = robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`;
-    const text = hasTask ? robot.local_task : robot.idle ? `free: ${robot.idle}` : "";
+    const text = hasTask ? robot.local_task : robot.idle && !this._isOver ? `free: ${robot.idle}` : "";
     const key = `${text}|${whole}|${waits}`;
     if (card.taskShown === key) return;
     card.taskShown = key;
