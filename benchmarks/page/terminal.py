@@ -17,7 +17,7 @@ from benchmarks.run import until
 from tests.support.paths import ROOT
 
 # Until the first screen is drawn, and then until all has come that robots say.
-WAIT_S, SETTLE_S, LOOK_S = 60.0, 5.0, 0.2
+WAIT_S, SETTLE_S = 60.0, 5.0
 _PAGE = """<!doctype html><meta charset="utf-8"><style>{stylesheet}
 body {{ margin: 0; background: #111; color: #ddd; display: inline-block; }}
 pre {{ margin: 8px; font: 14px/1.35 "DejaVu Sans Mono", monospace; }}</style><pre>{code}</pre>"""

@@ -13,7 +13,6 @@ ARCHITECTURE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 PICTURES = re.findall(r"^```mermaid\n(.*?)^```", ARCHITECTURE, re.DOTALL | re.MULTILINE)
 MOST_WORDS = 1_500
 _ARROW = re.compile(r"^ *(\w+(?: & \w+)*) --> (\w+(?: & \w+)*)$", re.MULTILINE)
-_LINK = re.compile(r"\]\(([^)#]+)")
 
 
 def layers_of(contract: dict[str, Any]) -> list[frozenset[str]]:

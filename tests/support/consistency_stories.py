@@ -146,10 +146,6 @@ class Story:
         event()
         return event.__name__
 
-    def coin(self, chance: float) -> bool:
-        """Drawn from the story's seed."""
-        return self._random.random() < chance
-
     def _wish(self) -> Wish | None:
         return (
             self._random.choice(self._random.choice(self.requests).wishes)

@@ -44,7 +44,7 @@ from tests.support.keys import keys_of
 PAUSE_S, AT_ONCE, LARGE_ONCE_IN = 0.02, 4, 20
 INSIDER, OBSERVER = "B1", "screen"
 # Places in the body of a heartbeat, see `wire.pack_heartbeat`.
-COUNTER, NONCE, NUMBER, FLAGS, SUSPICIONS, LEASE_REQUEST, GRANTS = 0, 1, 2, 3, 10, 12, 13
+COUNTER, NUMBER, FLAGS, SUSPICIONS, LEASE_REQUEST, GRANTS = 0, 2, 3, 10, 12, 13
 LEAVING, DEAD = 2, 3
 
 Said = Iterator[tuple[str, bytes]]

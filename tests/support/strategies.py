@@ -7,7 +7,6 @@ from dataclasses import replace
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, Memory, NodeSpec
-from mrbt_mesh.core.facts import records
 from tests.support.build import World, action, make_mission, parallel, task
 
 CONDITIONS = ("c0", "c1", "c2")
@@ -103,13 +102,6 @@ class Run:
             # Mostly what was asked for last; sometimes a straggler.
             position = max(0, len(self.seen) - 1 - choice // 3 % 6)
             world.outcome(self.seen[position], success)
-
-    def drop_obsolete(self) -> list[str]:
-        """The names that no evaluation can reach any more."""
-        before = {entry.name for entry in self.world.facts.map}
-        self.world.facts.prune()
-        kept = {entry.name for entry in self.world.facts.map}
-        return sorted(name for name in before - kept if records.OUTCOME in name)
 
 
 STEPS = st.lists(st.tuples(st.integers(0, 60), st.booleans()), max_size=25)

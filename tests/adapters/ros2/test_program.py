@@ -219,9 +219,7 @@ async def test_a_server_that_is_lost_is_not_waited_for(robot: Robot) -> None:
     ]
 
 
-async def test_what_is_not_done_in_its_time_is_cancelled(
-    robot: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_is_not_done_in_its_time_is_cancelled(robot: Robot) -> None:
     object.__setattr__(robot.file.local_tasks["go"], "within_s", 0.0)
     async with robot.performing("go", "gate") as work:
         pass

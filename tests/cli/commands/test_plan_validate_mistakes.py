@@ -288,9 +288,6 @@ OF_OTHERS = [
 ]
 
 
-RUN = RobotOptions(program="robot.py", insecure=True)
-
-
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The right files, and what is not a file that can be read."""

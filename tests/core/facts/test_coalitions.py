@@ -18,7 +18,6 @@ from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
 from tests.support.build import World, action, fallback, make_mission, refusal, sequence, task
 
 COVER = "r1:0:cover::0"
-DOSE = "r1:1:dose::0"
 TEAM = {name: {"lift": 1} for name in "ABCD"}
 
 

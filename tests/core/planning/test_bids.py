@@ -299,31 +299,6 @@ def test_the_sum_of_the_bids_is_the_greatest_there_is(data: st.DataObject) -> No
     assert total == best
 
 
-def random_step(world: World, pick: random.Random) -> None:
-    """Something befalls a team whose robots bid."""
-    robot = pick.choice(sorted(world.mission.robots))
-    requests = [r for r in world.tick().requests if world.mission.global_tasks[r.subject].needs]
-    step = pick.choice(["bid", "bid", "bid", "close", "claim", "outcome", "life"])
-    if step == "life":
-        if robot in world.alive:
-            world.die(robot)
-        else:
-            life = world.facts.members[robot].incarnation.counter + 1
-            world.join(robot, world.mission.robots[robot].capabilities, life=life)
-    elif requests and robot in world.alive:
-        request = pick.choice(requests)
-        need = pick.choice(world.mission.global_tasks[request.subject].needs)
-        place = request.activation, need.local_task
-        if step == "bid" and need.by_bid and robot not in world.facts.bids(place[0]).of(place[1]):
-            world.bid(robot, *place, pick.choice([None, -2, -1, 0, 1]))
-        elif step == "close" and need.by_bid:
-            world.close(*place, robot)
-        elif step == "claim":
-            world.claim(robot, *place, running=pick.random() < 0.5)
-        elif step == "outcome":
-            world.outcome(request.activation, pick.random() < 0.7, robot, need.local_task)
-
-
 # -- as facts ---------------------------------------------------------------------------------
 
 

@@ -15,12 +15,6 @@ from tests.support.checked_team import Team
 TICK = TimerFired()
 
 
-def paused(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
-    """What a robot writes when it is given this order."""
-    order = Order(OrderKind.PAUSE, stamp)
-    return inside.context(process.agent).replica.write([("order", order)], 0)
-
-
 def test_i9_what_was_synced_is_known_after_a_restart(team: Team) -> None:
     process: Any = team.processes[0]
     facts, checker = process.agent.view.facts.map, team.checkers.i9

@@ -19,7 +19,6 @@ from .bridge import Bridge
 from .checks import problems_of
 from .values import UnfitError
 
-VERSION = 1
 CHUNK = 65_536
 
 

@@ -12,10 +12,9 @@ import math
 import re
 from typing import Any
 
-KINDS = ("action", "srv", "msg")
 # Longer lists are cut off.
 MAX_ITEMS = 2_000
-TIME, QUATERNION = "builtin_interfaces/Time", "geometry_msgs/Quaternion"
+TIME = "builtin_interfaces/Time"
 # The fields of a result that usually hold the reason of a failure.
 REASONS = ("error_msg", "error_string", "message", "error_code")
 

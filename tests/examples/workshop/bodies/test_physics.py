@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from tests.support.paths import mission_file  # noqa: E402
 
 GRIP_X, HIGH = 2.66, 0.32
 TIP_M = 0.45
-Say = Callable[[float], dict[str, Command]]
 
 
 def put(world: World, robot: str, x: float, y: float, heading: float, **joints: float) -> None:
