@@ -12,7 +12,7 @@ import re
 import struct
 import weakref
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
@@ -131,10 +131,6 @@ class RecordedMessages(Sequence[RecordedMessage]):
     def _text(self, index: int) -> bytes:
         self._file.seek(self._places[index])
         return self._file.read(self._lengths[index])
-
-    def on(self, *topics: str) -> Iterator[RecordedMessage]:
-        """The messages of some channels, in order."""
-        return (self[index] for index, topic in enumerate(self.topics) if topic in topics)
 
     def valid_before(self, end: int) -> list[int]:
         """The indexes of the messages before this one that are still valid there.
