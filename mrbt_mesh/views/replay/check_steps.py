@@ -29,6 +29,8 @@ class StepCheck:
         self._ticket = 0
         # The claims of this step by which the robot runs something.
         self._claims: list[tuple[RecordedMessage, Claim]] = []
+        # Own outcomes, by their hashes: one that was dropped may come back from a slower robot.
+        self._outcomes: set[int] = set()
         # Robot -> its state, as recorded before this step.
         self._states: dict[str, str] = {}
 
@@ -49,7 +51,8 @@ class StepCheck:
         elif entry is not None and self._is_own(entry):
             if isinstance(entry.record, Claim) and entry.record.phase is Phase.RUNNING:
                 self._claims.append((record, entry.record))
-            elif isinstance(entry.record, Outcome):
+            elif isinstance(entry.record, Outcome) and entry.hash not in self._outcomes:
+                self._outcomes.add(entry.hash)
                 self._outcome(record, entry, entry.record)
 
     def end(self) -> None:
@@ -124,9 +127,16 @@ class StepCheck:
             for record in self._step
             if record.topic == channels.FAULTS and record.data["event"] in _STATES
         }
+        # A robot that was late takes in much at one time, and may be alive again at the end of it.
+        said = {
+            (record.data["robot"], record.data["state"])
+            for record in self._step
+            if record.topic == channels.ROBOTS
+        }
         for robot, record in faults.items():
             known = self._checked.state.robots.get(robot)
-            if known is None or known["state"] != record.data["event"]:
+            is_known = known is not None and known["state"] == record.data["event"]
+            if not is_known and (robot, record.data["event"]) not in said:
                 found = known["state"] if known is not None else "unknown"
                 self._checked.add(record, f"{robot} is {record.data['event']} here, and {found}")
         for record in self._step:

@@ -78,6 +78,14 @@ def test_no_false_alarm_in_chaos(tmp_path: Path, part: int) -> None:
         assert verdict.is_proved, (number, verdict.findings[:5], verdict.gaps)
 
 
+@pytest.mark.parametrize("number", [146, 119] if IS_LONG else [146])
+def test_what_comes_again_at_one_time_or_later_is_no_finding(tmp_path: Path, number: int) -> None:
+    """An own outcome that comes back from a slower robot; a death and a life at one time."""
+    _, manifest = record_chaos(tmp_path, number)
+    verdict = verify(read_all(tmp_path), manifest)
+    assert verdict.is_proved, (verdict.findings[:5], verdict.gaps)
+
+
 def test_a_robot_that_catches_up_has_given_up_what_its_plan_still_says(tmp_path: Path) -> None:
     mission, program = source(None).load(82)
     run_scenario(mission, program, source(None).scenario(82, mission), record=tmp_path)
