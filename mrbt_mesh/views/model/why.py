@@ -76,8 +76,13 @@ def _candidate(
     bid_problem = observer.facts.problems.get(robot, {}).get(f"bid for {type_name(local_task)}")
     if bids is not None and number is None and bid_problem is not None:
         return Candidate(robot, None, False, bid_problem)
-    idle = plan.idle.get(robot, "is joining") if plan is not None else "is joining"
-    return Candidate(robot, units, False, f"is free: {idle}" if plan is not None else idle)
+    if plan is not None and robot in plan.idle:
+        return Candidate(robot, units, False, f"is free: {plan.idle[robot]}")
+    claim = observer.claim(robot)
+    if claim is not None:
+        # A plan made from a recording may not count on it yet.
+        return Candidate(robot, units, False, f"does {claim.local_task} for {claim.global_task}")
+    return Candidate(robot, units, False, "is joining")
 
 
 def _lost(member: Member, local_task: str) -> str:

@@ -164,7 +164,8 @@ class RobotsPane(Rows):
         robots = self._shown.robots
         width = max(map(len, robots), default=0)
         names = by_urgency(robots)
-        self.show(names, [robot_text(name, robots[name], width) for name in names])
+        is_over = self._shown.team["ended"] is not None
+        self.show(names, [robot_text(name, robots[name], width, is_over) for name in names])
 
 
 class Lanes(Rows):

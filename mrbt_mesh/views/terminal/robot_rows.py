@@ -15,11 +15,13 @@ BAR_COLUMNS = 8
 TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
-def robot_text(robot: str, item: dict[str, Any], name_width: int) -> Text:
+def robot_text(robot: str, item: dict[str, Any], name_width: int, is_over: bool = False) -> Text:
     """State, task and progress; `item`: as in `TeamView`. The sign alone says that it is alive."""
     sign, style = STATE_MARKS[item["state"]]
     text = Text(no_wrap=True)
     text.append(f"{robot:{name_width}} ", "bold")
+    if is_over and item["state"] == "alive":
+        return text.append("■ ended", "dim")
     text.append(f"{sign} " if item["state"] == "alive" else f"{sign} {item['state']} ", style)
     runs = item["phase"] == "running"
     if item["local_task"] is not None:

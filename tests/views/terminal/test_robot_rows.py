@@ -35,6 +35,8 @@ def test_state_task_and_progress() -> None:
     assert beats is not None
     assert f"B2 ● do_diagnosis(5) {beats.progress}% {bar(beats.progress)}" in rows["B2"]
     assert rows["B1"].startswith("B1 ● ✘do_diagnosis: injected free: no")
+    over = robot_text("B2", shown.robots["B2"], 2, is_over=True)
+    assert over.plain == "B2 ■ ended"
 
 
 def test_what_is_lost_is_struck_out_and_said() -> None:
