@@ -10,7 +10,7 @@ from typing import Any
 import anyio
 import click
 
-from mrbt_mesh.cli.terminal import print_json, reason
+from mrbt_mesh.cli.terminal import console, print_json, reason, table
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions
@@ -56,22 +56,52 @@ def export_recording(player: Player, folder: Path) -> list[Path]:
     from mrbt_mesh.views.report.exports import write_exports
 
     shown = ShownRecording(player, player.end_us, 1.0)
-    shown.read(len(player.recording.records) + 1)
+    shown.read_all()
     try:
         return write_exports(folder, shown, shown.ends_s(player.end_us))
     except OSError as error:
         raise InputError(f"--export {folder}: cannot be written: {reason(error)}") from None
 
 
+def compare(player: Player, other: Player, as_json: bool) -> None:
+    """Print the figures of two recorded runs, and their differences."""
+    from mrbt_mesh.views.replay.comparison import called, compared
+
+    for each in (player, other):
+        for _ in each.play_to(each.end_us):
+            pass
+    names = [called(each.recording.path) for each in (player, other)]
+    found = compared(player.observer.record, other.observer.record)
+    if as_json:
+        print_json({"files": names, **found})
+        return
+    rows = table("", *names, "difference")
+    rows.add_row("result", *found["results"], "")
+    for row in found["figures"]:
+        first, second, difference = (
+            "-" if row[name] is None else f"{row[name]:{sign if row[name] else ''}g} {row['unit']}"
+            for name, sign in (("first", ""), ("second", ""), ("difference", "+"))
+        )
+        rows.add_row(row["figure"], first, second, difference)
+    console.print(rows, highlight=False)
+
+
 async def serve(
-    player: Player, at_s: float, speed: float, host: str, port: int, as_json: bool
+    player: Player,
+    other: Player | None,
+    at_s: float,
+    speed: float,
+    host: str,
+    port: int,
+    as_json: bool,
 ) -> None:
     """Serve its page until SIGINT or SIGTERM, and print the address. Raises InputError."""
     from mrbt_mesh.views.replay.shown_recording import ShownRecording
     from mrbt_mesh.views.web.projector import showing_recording
 
     shown = ShownRecording(player, time_of(player, at_s), speed)
-    async with showing_recording(shown, ViewerOptions(host, port)) as page:
+    below = ShownRecording(other, other.begin_us, 1.0) if other is not None else None
+    async with showing_recording(shown, ViewerOptions(host, port), below) as page:
         if as_json:
             print_json({"page": page})
         else:

@@ -8,6 +8,7 @@ from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.team_view import TakeoversView, TeamState
@@ -60,8 +61,8 @@ class ShownRecording:
     `read`, the others as the team was where `playback` is; and `playback`: where that is, in
     seconds, and `read_s`, up to where the timeline is there; None: all of it.
 
-    Times count from the start of the run, as on a live page, so the recording may begin before
-    0. Raises RecordingError where it is damaged.
+    Times count from the start of the run, as on a live
+    page, so the recording may begin before 0. Raises RecordingError where it is damaged.
     """
 
     def __init__(self, player: Player, at_us: int, speed: float) -> None:
@@ -97,10 +98,19 @@ class ShownRecording:
             self._timeline.put(self.changes)
         return self._is_read
 
+    def read_all(self) -> None:
+        """Read all of the timeline."""
+        self.read(len(self._reader.recording.records) + 1)
+
     @property
     def read_s(self) -> float | None:
         """Up to where the timeline is there, in seconds from the start of the run; None: all."""
         return None if self._is_read else self.seconds(self._reader.now_us)
+
+    @property
+    def whole(self) -> RunRecord:
+        """The record of the recording as far as it is read."""
+        return self._reader.observer.record
 
     def _begin_state(self) -> None:
         self._state = TeamState(self.observer, ChangeLog())

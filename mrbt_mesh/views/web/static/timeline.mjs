@@ -3,6 +3,7 @@
 import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
+import { Beside } from "./beside.mjs";
 import { ENDS, byId, contains, element, knownAt, lostText, seconds, setText, timelineLegend } from "./text.mjs";
 
 const HATCH = 9;
@@ -23,8 +24,9 @@ export class TimelineView {
     this._robots = [];
     this._all = [];
     this._wanted = "";
+    this._beside = recording?.beside ? new Beside(recording.beside, () => { this._whole(); this.draw(); }) : null;
     this._isFollowing = !recording;
-    this._span = recording ? [recording.from_s, this._end() * 1.03] : [0, FOLLOWED_S];
+    this._span = recording ? [this._begin(), this._end() * 1.03] : [0, FOLLOWED_S];
     this._gutter = LEAST_GUTTER;
     this._canvas = byId("spans");
     this._axis = byId("axis");
@@ -65,10 +67,10 @@ export class TimelineView {
 
   // The robots whose names or tasks fit what is searched; if none does, all.
   _chooseLanes() {
-    const works = [...this._store.all("work").values()];
+    const works = this._items("work").map(([, work]) => work);
     const fits = (robot) => contains(robot, this._wanted) || works.some((work) => work.robot === robot && contains(workName(work), this._wanted));
-    const found = this._all.filter(fits);
-    this._robots = found.length ? found : this._all;
+    const all = [...this._all, ...this._beside?.robots ?? []], found = all.filter(fits);
+    this._robots = found.length ? found : all;
   }
 
   search(wanted) {
@@ -84,7 +86,7 @@ export class TimelineView {
   // As wide as the longest name.
   _measureNames(context) {
     context.font = this._nameFont;
-    const widest = Math.max(0, ...this._all.map((robot) => context.measureText(`✕ ${robot}`).width));
+    const widest = Math.max(0, ...this._robots.map((robot) => context.measureText(`✕ ${robot}`).width));
     this._gutter = Math.max(LEAST_GUTTER, Math.min(MOST_GUTTER, this._width / 3, Math.ceil(widest) + 24));
   }
 
@@ -92,8 +94,22 @@ export class TimelineView {
 
   get _lane() { return this._robots.length > FEW ? LOW_LANE : LANE; }
 
+  // Those of the team, by name, and those of a run beside it.
+  _items(kind) { return [...this._store.all(kind), ...(this._beside?.items(kind) ?? []).map((item) => [null, item])]; }
+
   // Until when there is something to see; what has not ended goes on until then.
-  _end() { return this._recording ? this._recording.to_s : this._store.now(); }
+  _end() { return this._recording ? Math.max(this._recording.to_s, this._beside?.to ?? 0) : this._store.now(); }
+
+  _begin() { return Math.min(this._recording?.from_s ?? 0, this._beside?.from ?? 0); }
+
+  // What has not ended goes on until the end of its own run.
+  _endOf(item, end) { return item.beside ? this._beside.to : this._recording?.to_s ?? end; }
+
+  // Where the lanes of the run beside the team's begin.
+  _ownHeight(height) {
+    const lane = this._robots.findIndex((robot) => this._beside?.robots.includes(robot));
+    return lane < 0 ? height : lane * this._lane + 2;
+  }
 
   // Called every frame; it draws only when time has moved by a pixel.
   tick() {
@@ -153,11 +169,13 @@ export class TimelineView {
     this._measureNames(context);
     this._paintAxis(now);
     this._paintLanes(context, now, height);
-    for (const time of this._store.all("unwatched").values()) this._paintUnwatched(context, time, height);
-    for (const work of this._store.all("work").values()) this._paintWork(context, work, end);
-    for (const loss of this._store.all("loss").values()) this._paintLoss(context, loss);
-    for (const [name, fault] of this._store.all("fault")) this._paintFault(context, name, fault, end);
-    if (this._recording) this._paintAhead(context, now, height);
+    const own = this._ownHeight(height);
+    for (const [, time] of this._items("unwatched")) this._paintUnwatched(context, time, time.beside ? own : 0, time.beside ? height : own);
+    for (const [, work] of this._items("work")) this._paintWork(context, work, this._endOf(work, end));
+    for (const [, loss] of this._items("loss")) this._paintLoss(context, loss);
+    for (const [name, fault] of this._items("fault")) this._paintFault(context, name, fault, this._endOf(fault, end));
+    if (this._recording) this._paintAhead(context, now, own);
+    if (own < height) { context.fillStyle = this._colours.muted; context.fillRect(0, own - 1, this._width, 2); }
     context.fillStyle = this._colours.panel;
     context.fillRect(0, this._top, this._gutter - 4, seen);
     context.textBaseline = "middle";
@@ -189,7 +207,7 @@ export class TimelineView {
     }
   }
 
-  _ticks() { return ticks(this._span[0], this._span[1], Math.max(2, Math.floor(this._width / 110))).filter((t) => t >= Math.min(0, this._recording?.from_s ?? 0)); }
+  _ticks() { return ticks(this._span[0], this._span[1], Math.max(2, Math.floor(this._width / 110))).filter((t) => t >= this._begin()); }
 
   _tickText(time) {
     const digits = this._span[1] - this._span[0] < 4 ? 2 : this._span[1] - this._span[0] < 12 ? 1 : 0;
@@ -211,26 +229,27 @@ export class TimelineView {
     const x = this._x(now);
     if (x >= this._gutter) {
       context.strokeStyle = this._colours.running;
-      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
+      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, this._ownHeight(height)); context.stroke();
     }
   }
 
   // A time of which nothing is known: hatched, so that nobody takes it for idle.
-  _paintUnwatched(context, { from_s, to_s }, height) {
+  _paintUnwatched(context, { from_s, to_s }, top, bottom) {
+    const height = bottom - top;
     const from = Math.max(this._gutter, from_s === null ? this._gutter : this._x(from_s)), to = Math.min(this._width, this._x(to_s));
     if (to - from < 1) return;
     context.save();
-    context.beginPath(); context.rect(from, 0, to - from, height); context.clip();
+    context.beginPath(); context.rect(from, top, to - from, height); context.clip();
     context.strokeStyle = this._colours.idle;
     context.globalAlpha = 0.4;
     context.lineWidth = 1;
     context.beginPath();
     // The hatching keeps to the time, so that it moves with what it covers.
     const first = this._x(to_s) - Math.ceil((this._x(to_s) - from + height) / HATCH) * HATCH;
-    for (let x = first; x < to; x += HATCH) { context.moveTo(x, height); context.lineTo(x + height, 0); }
+    for (let x = first; x < to; x += HATCH) { context.moveTo(x, bottom); context.lineTo(x + height, top); }
     context.stroke();
     context.restore();
-    this._hits.push({ x: from, y: 0, wide: to - from, height, unwatched: true });
+    this._hits.push({ x: from, y: top, wide: to - from, height, unwatched: true });
   }
 
   // What is yet to come in a recording is pale.
@@ -402,6 +421,7 @@ export class TimelineView {
     this._canvas.addEventListener("pointerleave", () => { byId("tip").hidden = true; });
     this._canvas.addEventListener("click", (event) => {
       const hit = this._hitAt(event);
+      if (hit?.work?.beside || hit?.fault?.beside || hit?.loss?.beside) return;
       if (hit?.fault) this._chooseFault(hit.name, hit.fault);
       else if (hit?.work) this._choose({ kind: "task", name: hit.work.global_task });
       else if (hit?.loss) {
@@ -429,7 +449,7 @@ export class TimelineView {
   _set(from, to, isFollowing = false) {
     const now = this._end() ?? FOLLOWED_S;
     let long = Math.max(MOST_ZOOM_S, Math.min(to - from, Math.max(FOLLOWED_S, now * 1.2)));
-    const start = Math.max(-long * 0.05, Math.min(from, now));
+    const start = Math.max(Math.min(-long * 0.05, this._begin()), Math.min(from, now));
     this._span = [start, start + long];
     this._follow(isFollowing);
   }
@@ -440,7 +460,7 @@ export class TimelineView {
     this.draw();
   }
 
-  _whole() { this._set(this._recording?.from_s ?? 0, Math.max(5, (this._end() ?? 0) * 1.05)); }
+  _whole() { this._set(this._begin(), Math.max(5, (this._end() ?? 0) * 1.05)); }
 
   // Where a recording is; of a team, the time that is followed, or the middle of what is shown.
   moment() { return this._recording || this._isFollowing ? this._store.now() ?? 0 : (this._span[0] + this._span[1]) / 2; }
@@ -472,7 +492,7 @@ export class TimelineView {
     const tip = byId("tip"), hit = this._hitAt(event);
     tip.hidden = !hit;
     if (!hit) return;
-    setText(tip, hit.work ? workText(hit.work, this._end()) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
+    setText(tip, hit.work ? workText(hit.work, this._endOf(hit.work, this._end())) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.own_s ?? hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
       : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} ${lostText(hit.loss.local_tasks, hit.loss.reason)}`);
     const box = byId("timeline").getBoundingClientRect();
     tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
