@@ -47,22 +47,21 @@ Scalar: TypeAlias = Annotated[
 ]
 Success: TypeAlias = Annotated[
     Literal["all", "any"] | int,
-    one_of("all, any, or a number from 1", lambda v: v in ("all", "any") or _at_least(v, 1)),
+    one_of("all, any, or a number from 1", lambda v: v in ("all", "any") or _is_count(v)),
     WithJsonSchema({"anyOf": [{"enum": ["all", "any"]}, {"type": "integer", "minimum": 1}]}),
 ]
 Tries: TypeAlias = Annotated[
     int,
-    one_of("a number from 1, or -1 for no limit", lambda v: _at_least(v, 1) or _is_minus_one(v)),
+    one_of(
+        "a number from 1, or -1 for no limit",
+        lambda v: _is_count(v) or (_is_integer(v) and v == -1),
+    ),
     WithJsonSchema({"anyOf": [{"const": -1}, {"type": "integer", "minimum": 1}]}),
 ]
 
 
-def _at_least(value: Any, least: int) -> bool:
-    return _is_integer(value) and least <= value <= 1_000_000_000
-
-
-def _is_minus_one(value: Any) -> bool:
-    return _is_integer(value) and value == -1
+def _is_count(value: Any) -> bool:
+    return _is_integer(value) and 1 <= value <= 1_000_000_000
 
 
 Node: TypeAlias = Annotated[

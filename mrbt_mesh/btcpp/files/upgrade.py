@@ -48,12 +48,6 @@ _ONLY_4 = frozenset(BUILTIN) - {
 _PORTS_OF_4 = frozenset(RENAMED_PORTS["Parallel"].values())
 
 
-def is_version_3(document: Document) -> bool:
-    """Whether a file is read as one of version 3: by its `BTCPP_format`, or what it uses."""
-    version, _ = _version(document)
-    return version == 3
-
-
 def _version(document: Document) -> tuple[int, str]:
     """The version of a file, and how it is known without BTCPP_format.
 

@@ -18,16 +18,10 @@ def mark(status: Status, text: str = "") -> Text:
     return Text.assemble((sign, style), " ", (text, "dim" if status is Status.IDLE else ""))
 
 
-def render_tree(
-    tree: Tree,
-    evaluation: Evaluation,
-    notes: Mapping[int, Text],
-    *,
-    fold: bool = True,
-) -> RichTree:
-    """The tree with a mark per node; `notes` adds a text behind a node's label.
+def render_tree(tree: Tree, evaluation: Evaluation, notes: Mapping[int, Text]) -> RichTree:
+    """The tree with a mark per node, open below those that run.
 
-    With `fold`, children are shown only below nodes that run.
+    `notes` adds a text behind a node's label.
     """
 
     def add(node: Node, parent: RichTree | None) -> RichTree:
@@ -37,11 +31,10 @@ def render_tree(
             label.append("  ")
             label.append_text(notes[node.index])
         branch = RichTree(label, guide_style="dim") if parent is None else parent.add(label)
-        open_below = status is Status.RUNNING or not fold
-        if fold and node.kind is Kind.SUBTREE:
+        if node.kind is Kind.SUBTREE:
             # Its one child has the same status, and a less useful name.
             node = tree.nodes[node.children[0]]
-        if node.kind not in LEAVES and open_below:
+        if node.kind not in LEAVES and status is Status.RUNNING:
             for child in node.children:
                 add(tree.nodes[child], branch)
         return branch

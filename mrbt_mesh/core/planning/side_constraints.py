@@ -21,7 +21,6 @@ from mrbt_mesh.core.assignment.problem import (
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.planning.capabilities import RobotMasks
 from mrbt_mesh.core.planning.consistency import Consistency, Feasibility
 from mrbt_mesh.core.planning.demands import Demand, running_on
 
@@ -96,12 +95,11 @@ def feasibility(
     constraints: Sequence[Constraint],
     robots: Sequence[str],
     demands: Sequence[Group],
-    masks: RobotMasks | None = None,
 ) -> Feasibility:
     """What decides which of the requests with these demands can be kept."""
     if constraints:
         return SideConstraintCheck(constraints, robots, demands)
-    return Consistency(robots, masks)
+    return Consistency(robots)
 
 
 class SideConstraintCheck:

@@ -6,7 +6,7 @@ import pytest
 
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
-from mrbt_mesh.btcpp.files.upgrade import is_version_3, upgrade
+from mrbt_mesh.btcpp.files.upgrade import upgrade
 
 VERSION_3 = [
     "<SequenceStar><Go/></SequenceStar>",
@@ -35,17 +35,16 @@ VERSION_4 = [
 def test_version(body: str, version: int) -> None:
     text = f'<root>\n<BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     document = parse_document(text, "m.xml")
-    assert is_version_3(document) is (version == 3)
     findings = Findings()
     upgraded = upgrade(document, findings)
     assert upgraded.root.get("BTCPP_format") == "4"
-    assert not is_version_3(upgraded)
+    assert upgrade(upgraded, findings) is upgraded
     said = f"m.xml:1: root: BTCPP_format is missing; read as version {version}, "
     assert str(findings.in_order()[0]).startswith(said)
     # A file that says its version is of that version, whatever it uses.
     for said_version in (3, 4):
         named = parse_document(text.replace("<root", f"<root BTCPP_format='{said_version}'"), "m")
-        assert is_version_3(named) is (said_version == 3)
+        assert (upgrade(named, Findings()) is named) is (said_version == 4)
 
 
 def test_a_bare_name_at_an_output_port_is_an_entry() -> None:
