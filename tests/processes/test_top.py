@@ -12,7 +12,7 @@ def test_a_robot_is_looked_at_and_killed_by_keys(team: Team) -> None:
     team.wait_for_events(2, "explore")
     before = team.running()
     with Terminal("watch", "--top", "--control", environment=team.environment) as terminal:
-        robot = terminal.wait_for(r"(R\d) ● alive")[1]
+        robot = terminal.wait_for(r"(R\d) ● \w")[1]
         terminal.press("tab", "i")
         terminal.wait_for(f"T_i of {robot}")
         terminal.wait_for("T_A, how it plans: Sequence")
@@ -36,7 +36,7 @@ def test_up_shows_the_team_then_its_summary_and_a_recording_is_replayed(team: Te
     arguments = (str(EXPLORE), "--speed", "5", "--run-dir", str(team.run_dir))
     team.hold("explore")
     with Terminal("up", *arguments, environment=team.environment) as terminal:
-        terminal.wait_for(r"R\d ● alive")
+        terminal.wait_for(r"R\d ● \w")
         team.release()
         terminal.wait_for("mission succeeded")
         assert terminal.wait_for_end() == 0, terminal.text
