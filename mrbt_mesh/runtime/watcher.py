@@ -121,7 +121,7 @@ class Watcher:
         fresh = [
             r for r, p in peers.items() if p.heartbeat and (r, p.incarnation) not in self._asked
         ]
-        for robot in sorted({*replica.anti_entropy.peers_to_ask(now_us), *fresh}):
+        for robot in sorted({*replica.peers_to_ask(now_us), *fresh}):
             self._asked.add((robot, peers[robot].incarnation))
             replica.anti_entropy.mark_asked(robot, now_us)
             timeout_s = self.timing.ask_timeout_us / 1e6

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 from unittest import mock
@@ -184,9 +184,11 @@ add(
 
 
 @mutation(AntiEntropy, "peers_to_ask")
-def no_repair(original: Any, mine: AntiEntropy, now_us: int) -> list[str]:
+def no_repair(
+    original: Any, mine: AntiEntropy, now_us: int, own: Collection[bytes] = ()
+) -> list[str]:
     """Only a robot that joins asks for facts that it has missed."""
-    original(mine, now_us)
+    original(mine, now_us, own)
     return []
 
 

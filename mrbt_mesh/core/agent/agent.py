@@ -37,6 +37,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
+from mrbt_mesh.core.membership.wire import DIGEST_BYTES
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 
@@ -278,9 +279,10 @@ class Agent:
         self._heartbeats.hurry_if_probing(now_us)
 
     def _ask_who_is_due(self, now_us: int) -> None:
-        anti_entropy = self._context.replica.anti_entropy
-        if now_us >= anti_entropy.next_ask_us:
-            self._context.ask(anti_entropy.peers_to_ask(now_us), now_us)
+        context = self._context
+        if now_us >= context.replica.anti_entropy.next_ask_us:
+            digests = bytes(DIGEST_BYTES), context.members_digest()
+            context.ask(context.replica.peers_to_ask(now_us, digests), now_us)
 
     # -- the dirty check ----------------------------------------------------------------------
 

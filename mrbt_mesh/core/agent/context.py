@@ -118,11 +118,15 @@ class Context:
         data, entries = self.replica.write(facts, now_us)
         self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
 
+    def members_digest(self) -> bytes:
+        """A digest of the members as this robot sees them; zeros while it has no place."""
+        if not self.has_place:
+            return bytes(DIGEST_BYTES)
+        return self.membership.around.members_digest(self.replica.incarnation)
+
     def ask(self, peers: Iterable[str], now_us: int) -> None:
         """Ask these peers for the facts that this robot lacks."""
-        alive = bytes(DIGEST_BYTES)
-        if self.has_place:
-            alive = self.membership.around.members_digest(self.replica.incarnation)
+        alive = self.members_digest()
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)
             self._effects.append(Ask(peer, self.replica.write_pull(alive)))

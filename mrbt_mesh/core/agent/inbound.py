@@ -138,8 +138,7 @@ class Inbound:
         context = self._context
         theirs = ours = bytes(DIGEST_BYTES)
         if context.has_place and beat.report.has_joined:
-            theirs = beat.members_digest
-            ours = context.membership.around.members_digest(context.replica.incarnation)
+            theirs, ours = beat.members_digest, context.members_digest()
         mine = context.facts.map.digest() + ours
         context.replica.compare_digest(source, beat.fact_digest + theirs, now_us, mine)
 

@@ -13,7 +13,7 @@ Source: Demers et al., Epidemic algorithms for replicated database maintenance, 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from mrbt_mesh.core.membership.timing import NEVER_US, Timing
@@ -30,13 +30,14 @@ PAST_DIGESTS = 64
 
 @dataclass(slots=True)
 class _Difference:
-    """A peer whose facts differ: since when, when its last heartbeat came, and when it was asked
-    last.
+    """A peer whose facts differ: when its last heartbeat came, with which digest, since when they
+    differ, and when it was asked last.
 
     `is_behind`: its digest is one that this replica had before, so it is the one to ask.
     """
 
     heard_us: int
+    digest: bytes = b""
     since_us: int | None = None
     asked_us: int | None = None
     is_behind: bool = False
@@ -77,6 +78,7 @@ class AntiEntropy:
         """This robot was late by `lag_us`: what it lacks, and answers, may wait unread."""
         self.changed_us += lag_us
         for difference in self._differences.values():
+            difference.heard_us += lag_us
             if difference.since_us is not None:
                 difference.since_us += lag_us
             if difference.asked_us is not None:
@@ -93,7 +95,7 @@ class AntiEntropy:
         difference = self._differences.get(peer)
         if difference is None:
             difference = self._differences[peer] = _Difference(now_us)
-        difference.heard_us = now_us
+        difference.heard_us, difference.digest = now_us, digest
         before = (difference.since_us, difference.is_behind)
         difference.is_behind = digest in self._past_digests
         if difference.since_us is None:
@@ -101,9 +103,18 @@ class AntiEntropy:
         if before != (difference.since_us, difference.is_behind):
             self._ask_from(now_us + self._repair_us)
 
-    def peers_to_ask(self, now_us: int) -> list[str]:
-        """Peers to ask now: their facts have differed for a while, or their answer is overdue."""
+    def peers_to_ask(self, now_us: int, mine: Collection[bytes] = ()) -> list[str]:
+        """Peers to ask now: their facts have differed for a while, or their answer is overdue.
+
+        `mine`: digests that a heartbeat of a peer with the same facts would have now. What a peer
+        had by its last heartbeat may have arrived since then.
+        """
         if now_us < self.next_ask_us:
+            return []
+        for peer, difference in list(self._differences.items()):
+            if difference.digest in mine or self._is_outdated(difference, now_us):
+                self.forget(peer)
+        if not self._differences:
             return []
         due = []
         # Peers that have to wait for others are looked at again soon.
@@ -183,14 +194,25 @@ class AntiEntropy:
     def _ask_from(self, at_us: int) -> None:
         self._not_before_us = self.next_ask_us = min(self._not_before_us, at_us)
 
+    def _is_outdated(self, difference: _Difference, now_us: int) -> bool:
+        """Whether facts have changed since the peer's last heartbeat, and it sends none regularly.
+
+        If they still differ, the neighbours of the one or the other hear of it.
+        """
+        is_overdue = now_us >= difference.heard_us + self._timing.overdue_us
+        return self.changed_us > difference.heard_us and is_overdue
+
     def _deadline_us(self, difference: _Difference) -> int | None:
         """When to ask. What has just changed here is probably on its way there, and the other way
-        round; but a team whose facts change all the time is repaired all the same.
+        round; and whether facts that have changed since the peer's last heartbeat still differ, its
+        next one shows. But a team whose facts change all the time is repaired all the same.
         """
         if difference.since_us is None:
             return None
         wait_us = self._ask_timeout_us if difference.is_behind else self._repair_us
         calm_us = max(difference.since_us, self.changed_us) + wait_us
+        if self.changed_us > difference.heard_us:
+            calm_us = max(calm_us, difference.heard_us + self._timing.overdue_us)
         calm_us = min(calm_us, difference.since_us + max(wait_us, 4 * self._repair_us))
         if difference.asked_us is not None:
             return max(calm_us, difference.asked_us + self._ask_timeout_us)

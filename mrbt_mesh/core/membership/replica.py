@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, make_entry
@@ -166,6 +166,13 @@ class Replica:
         """
         own = self.facts.map.digest() if mine is None else mine
         self.anti_entropy.compare(peer, digest, own, now_us)
+
+    def peers_to_ask(self, now_us: int, more: Collection[bytes] = (b"",)) -> list[str]:
+        """The peers to ask now; `more`: what the digests of equal facts may be followed by."""
+        if now_us < self.anti_entropy.next_ask_us:
+            return []
+        own = self.facts.map.digest()
+        return self.anti_entropy.peers_to_ask(now_us, [own + each for each in more])
 
     def write_pull(self, alive: bytes = bytes(DIGEST_BYTES)) -> bytes:
         """The question for what others have and this replica lacks; `alive`: of its alive set."""

@@ -30,8 +30,9 @@ def test_facts_that_came_to_agree_by_themselves_are_not_asked_for() -> None:
 
 def test_a_team_that_is_never_quiet_is_repaired_all_the_same() -> None:
     mine = replica("A")
-    mine.compare_digest("B", b"another!", 0)
     for now_us in range(0, 4 * TIMING.repair_us + 1, TIMING.repair_us // 2):
+        if now_us % TIMING.heartbeat_us == 0:
+            mine.compare_digest("B", b"another!", now_us)
         mine.write([("claim", NO_CLAIM)], now_us)
     assert mine.anti_entropy.peers_to_ask(4 * TIMING.repair_us) == ["B"]
 
@@ -131,3 +132,21 @@ def test_a_peer_that_was_behind_and_now_holds_something_else_is_asked_soon() -> 
     mine.compare_digest("B", b"another!", TIMING.repair_us)
     assert mine.anti_entropy.next_ask_us <= 2 * TIMING.repair_us
     assert mine.anti_entropy.peers_to_ask(mine.anti_entropy.next_ask_us) == ["B"]
+
+
+def test_a_peer_whose_facts_have_arrived_since_its_last_heartbeat_is_not_asked_for_them() -> None:
+    mine, ahead = replica("A"), replica("B")
+    data, _ = ahead.write([("claim", NO_CLAIM)], 0)
+    mine.compare_digest("B", ahead.facts.map.digest(), 0)
+    mine.receive("B", data, 1)
+    assert mine.peers_to_ask(TIMING.ask_timeout_us) == []
+    assert mine.anti_entropy.next_ask_us == NEVER_US
+
+
+def test_a_peer_that_sends_no_heartbeat_after_facts_have_changed_is_not_asked() -> None:
+    mine = replica("A")
+    mine.compare_digest("B", b"another!", 0)
+    mine.write([("claim", NO_CLAIM)], 1)
+    assert mine.anti_entropy.peers_to_ask(TIMING.repair_us + 1) == []
+    assert mine.anti_entropy.peers_to_ask(TIMING.overdue_us) == []
+    assert mine.anti_entropy.next_ask_us == NEVER_US
