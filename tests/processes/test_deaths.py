@@ -28,7 +28,7 @@ def test_all_views_show_the_same_times_of_a_death(team: Team) -> None:
     watched = f"127.0.0.1:{port}"
     team.wait_until(lambda: page(watched).get(("mrbt_team_observer_caught_up",)), "it is watched")
     with Terminal("watch", "--top", environment=team.environment) as terminal:
-        terminal.wait_for(rf"{victim['robot']} ● alive")
+        terminal.wait_for(rf"{victim['robot']} ● ")
         team.mrbt("kill", victim["robot"])
         team.wait_for_replacement(victim)
         team.wait_for_line(f"{victim['robot']} is dead")
