@@ -28,7 +28,7 @@ from mrbt_mesh.runtime.user_code import (
 )
 
 # A step in which the watchdog finds the loop this many times in a row blocks it.
-LOOKS = 5
+LOOKS = 2
 # If the exception of a failed task has not been retrieved by then, it will not be.
 UNSEEN_S = 1.0
 # A task that the function has started, and that is not awaited, has failed.
