@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from mrbt_mesh.recording.channels import FAULTS
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.member_keys import Manifest
 from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
-from mrbt_mesh.views.replay.findings import Verification
+from mrbt_mesh.views.replay.findings import GapKind
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.forger import FORGERIES, Cast, Run, behind_signatures, forged, written_again
 from tests.support.recorded import read_all, record_chaos
@@ -55,19 +55,26 @@ def measure(
     """Count; `drills`: all, quick or none."""
     with tempfile.TemporaryDirectory(prefix="mrbt-verified-") as name:
         folder = Path(name)
-        alarms = list(_simulated(range(seed, seed + honest), folder))
+        alarms, unseen = [], []
+        for name, doubts, ends in _simulated(range(seed, seed + honest), folder):
+            if doubts:
+                alarms.append((name, doubts))
+            elif ends:
+                unseen.append(name)
         held, real = _drills(drills, folder)
         runs = [*_again(seed, folder), *real[:FORGED_RUNS]]
         passed, table = _forge(runs, forged, seed, folder)
     real_alarms = [each for each in held if each[1]]
     text = (
         f"{honest} honest simulated runs with random faults (`mrbt sim chaos --generated --seeds`, "
-        f"from {seed}): {len(alarms)} false alarms.\n\n{len(held)} honest runs of drills on real "
-        f"processes: {len(real_alarms)} false alarms."
+        f"from {seed}): {len(alarms)} false alarms. In {len(unseen)} of them robots died when no "
+        "other was left to notice, and verify says that their ends are not proved.\n\n"
+        f"{len(held)} honest runs of drills on real processes: {len(real_alarms)} false alarms."
     )
     return {
         "tables": {"honest": text, "forged": table},
         "false_alarms": [*alarms, *real_alarms],
+        "unseen_ends": unseen,
         "unnamed": passed,
     }
 
@@ -75,23 +82,29 @@ def measure(
 # -- honest runs --------------------------------------------------------------------------------
 
 
-def _verified(seed: int, folder: Path) -> str:
-    """What is not proved of a simulated run."""
+def _verified(seed: int, folder: Path) -> tuple[str, str]:
+    """What is not proved of a simulated run: in general, and of how recordings end.
+
+    A recording without an end is that of a robot that was killed: nobody has changed it.
+    """
     with tempfile.TemporaryDirectory(dir=folder) as name:
         _, manifest = record_chaos(Path(name), seed)
-        return _doubts(verify(read_all(Path(name)), manifest))
+        verdict = verify(read_all(Path(name)), manifest)
+    ends = [gap for gap in verdict.gaps if gap.kind is GapKind.END]
+    others = [gap for gap in verdict.gaps if gap.kind is not GapKind.END]
+    return _lines([*verdict.findings, *others]), _lines(ends)
 
 
-def _doubts(verdict: Verification) -> str:
-    return "\n".join(map(str, [*verdict.findings[:5], *verdict.gaps[:5]]))
+def _lines(doubts: Sequence[object]) -> str:
+    return "\n".join(map(str, doubts[:5]))
 
 
-def _simulated(seeds: Iterable[int], folder: Path) -> Iterator[tuple[str, str]]:
+def _simulated(seeds: Iterable[int], folder: Path) -> Iterator[tuple[str, str, str]]:
     calls = [(seed, partial(_verified, seed, folder)) for seed in seeds]
-    for seed, doubts in in_processes(calls, CORES):
-        if doubts:
-            say(f"seed {seed}: {doubts}")
-            yield f"seed {seed}", doubts
+    for seed, (doubts, ends) in in_processes(calls, CORES):
+        if doubts or ends:
+            say(f"seed {seed}: {doubts or ends}")
+        yield f"seed {seed}", doubts, ends
 
 
 def _drills(which: str, folder: Path) -> tuple[list[tuple[str, str]], list[KeyedRun]]:
