@@ -1,0 +1,148 @@
+"""From an order of tasks to a schedule: each task in turn takes the robots that suit it best.
+
+A serial schedule generation scheme (Kolisch, 1996): every order leads to a schedule that can be
+carried out. So a search looks through orders, and coalitions follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import itemgetter
+from typing import NamedTuple, TypeAlias
+
+from mrbt_mesh.core.scheduling.problem import Schedule, SchedulingProblem, Step, cost_of
+
+
+class Dispatched(NamedTuple):
+    """The schedule that an order leads to, and its cost."""
+
+    schedule: Schedule
+    cost: int
+
+
+# What a robot could do for a task: (when it would end, when it is there, robot).
+Offer: TypeAlias = tuple[int, int, int]
+_THERE_MS, _ROBOT = itemgetter(1), itemgetter(2)
+
+
+class Dispatcher:
+    """Turns orders of a problem's tasks into schedules.
+
+    Raises ValueError for a problem whose tasks lack robots, or are after one another in a circle.
+    """
+
+    def __init__(self, problem: SchedulingProblem) -> None:
+        self._problem = problem
+        self._needs = [
+            [(need.robots, sorted(need.work_ms.items())) for need in task.needs]
+            for task in problem.tasks
+        ]
+        # Needs that fewer robots can serve have their turn earlier.
+        self._turns = [
+            [
+                index
+                for _, index in sorted((len(able), index) for index, (_, able) in enumerate(needs))
+            ]
+            for needs in self._needs
+        ]
+        # Whether some robot could serve several needs of the task.
+        self._overlap = [
+            len({robot for need in task.needs for robot in need.work_ms})
+            < sum(len(need.work_ms) for need in task.needs)
+            for task in problem.tasks
+        ]
+        self._has_precedence = any(task.after for task in problem.tasks)
+        self._free_ms: list[int] = []
+        self._at: list[int] = []
+        self.dispatch(range(len(problem.tasks)))
+
+    def dispatch(self, order: Sequence[int]) -> Dispatched:
+        """Give robots to each task, in this order; a task after others has its turn after them.
+
+        A task takes the robots with which it ends earliest, and of those for whom that makes no
+        difference the ones that arrive last: they wait least.
+        """
+        problem = self._problem
+        self._free_ms = free_ms = list(problem.free_ms)
+        self._at = at = list(problem.at)
+        ended_ms: dict[int, int] = {}
+        steps = []
+        for number in self._feasible(order) if self._has_precedence else order:
+            task = problem.tasks[number]
+            leaves_ms = task.ready_ms
+            for each in task.after:
+                leaves_ms = max(leaves_ms, ended_ms[each])
+            chosen = self._choose(number, leaves_ms)
+            if task.is_together:
+                last_ms = max([each[1] for offers in chosen for each in offers])
+                last_ms += max([each[0] - each[1] for offers in chosen for each in offers])
+            else:
+                last_ms = max([each[0] for offers in chosen for each in offers])
+            for offers in chosen:
+                for end_ms, _, robot in offers:
+                    free_ms[robot] = last_ms if task.is_together else end_ms
+                    at[robot] = task.place
+            ended_ms[number] = last_ms
+            steps.append(Step(number, tuple([tuple(map(_ROBOT, offers)) for offers in chosen])))
+        return Dispatched(tuple(steps), cost_of(problem, free_ms, at, [*ended_ms.values()]))
+
+    def _choose(self, number: int, leaves_ms: int) -> list[list[Offer]]:
+        """For each need of a task the offers that it takes, of robots that may leave by then."""
+        overlaps, is_together = self._overlap[number], self._problem.tasks[number].is_together
+        needs = self._needs[number]
+        every, taken = dict[int, list[Offer]](), set[int]()
+        chosen: list[list[Offer]] = [[] for _ in needs]
+        there_ms = work_ms = 0
+        for index in self._turns[number]:
+            count, able = needs[index]
+            offers = self._offers(number, able, leaves_ms)
+            if overlaps:
+                offers = [offer for offer in offers if offer[2] not in taken]
+            if len(offers) < count:
+                raise ValueError(f"task {number} lacks robots")
+            first = [min(offers)] if count == 1 else sorted(offers)[:count]
+            if overlaps:
+                taken.update(map(_ROBOT, first))
+            for offer in first:
+                there_ms = max(there_ms, offer[1])
+                work_ms = max(work_ms, offer[0] - offer[1])
+            every[index], chosen[index] = offers, first
+        if not is_together or overlaps:
+            return chosen
+        return [
+            _arriving_last(every[index], len(first), there_ms, work_ms)
+            for index, first in enumerate(chosen)
+        ]
+
+    def _offers(self, number: int, able: Sequence[tuple[int, int]], leaves_ms: int) -> list[Offer]:
+        place = self._problem.tasks[number].place
+        free_ms, at, travel_ms = self._free_ms, self._at, self._problem.travel_ms
+        offers = []
+        for robot, work_ms in able:
+            there_ms = free_ms[robot]
+            if there_ms < leaves_ms:
+                there_ms = leaves_ms
+            there_ms += travel_ms[robot][at[robot]][place]
+            offers.append((there_ms + work_ms, there_ms, robot))
+        return offers
+
+    def _feasible(self, order: Sequence[int]) -> list[int]:
+        """The order, with each task behind those that it is after."""
+        tasks, waiting, found = self._problem.tasks, list(order), list[int]()
+        done = set[int]()
+        while waiting:
+            ready = [each for each in waiting if done.issuperset(tasks[each].after)]
+            if not ready:
+                raise ValueError(f"tasks {waiting} are after one another in a circle")
+            waiting.remove(ready[0])
+            done.add(ready[0])
+            found.append(ready[0])
+        return found
+
+
+def _arriving_last(offers: Sequence[Offer], count: int, there_ms: int, work_ms: int) -> list[Offer]:
+    """Of the robots that neither delay the work nor make it longer, those that arrive last."""
+    fitting = [each for each in offers if each[1] <= there_ms and each[0] - each[1] <= work_ms]
+    if count == 1:
+        return [max(fitting, key=_THERE_MS)]
+    return sorted(fitting, key=_THERE_MS, reverse=True)[:count]

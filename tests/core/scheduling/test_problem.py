@@ -1,0 +1,90 @@
+"""What schedules come to, by examples that can be followed by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mrbt_mesh.core.scheduling.problem import (
+    Course,
+    Objective,
+    Schedule,
+    SchedulingNeed,
+    SchedulingProblem,
+    SchedulingTask,
+    Step,
+    course_of,
+)
+
+# Three places on a line, a second apart; robot 0 starts at the first one, robot 1 at the last one.
+WAYS_MS = [[0, 1_000, 2_000], [1_000, 0, 1_000], [2_000, 1_000, 0]]
+BOTH = {0: 500, 1: 700}
+PROBLEM = SchedulingProblem(
+    tasks=(
+        SchedulingTask(1, (SchedulingNeed(1, {0: 500}), SchedulingNeed(1, {1: 700}))),
+        SchedulingTask(0, (SchedulingNeed(1, BOTH),)),
+        SchedulingTask(2, (SchedulingNeed(2, BOTH),), after=(0,)),
+    ),
+    free_ms=(0, 100),
+    at=(0, 2),
+    travel_ms=(WAYS_MS, WAYS_MS),
+    home=(0, 2),
+)
+SCHEDULE: Schedule = (Step(0, ((0,), (1,))), Step(1, ((0,),)), Step(2, ((0, 1),)))
+
+
+def test_robots_of_a_task_wait_for_one_another_and_end_together() -> None:
+    # Task 0: robot 1 is there at 1.1 s, and works for 0.7 s; both go on at 1.8 s. Robot 0 is at
+    # place 0 at 2.8 s, works until 3.3 s, is at place 2 at 5.3 s; both work there until 6.0 s;
+    # robot 0 is home at 8.0 s.
+    assert course_of(PROBLEM, SCHEDULE) == Course(
+        (1_100, 2_800, 5_300), (1_800, 3_300, 6_000), 8_000
+    )
+
+
+def test_robots_that_need_not_be_together_begin_when_they_are_there() -> None:
+    apart = tuple(replace(task, is_together=False) for task in PROBLEM.tasks)
+    # Robot 0 works at place 1 from 1.0 to 1.5 s, robot 1 from 1.1 to 1.8 s. Nobody sets out for
+    # task 2 before that: robot 1 is there at 2.8 s; robot 0 works at place 0 from 2.5 to 3.0 s, and
+    # at place 2 from 5.0 to 5.5 s.
+    assert course_of(replace(PROBLEM, tasks=apart), SCHEDULE) == Course(
+        (1_000, 2_500, 2_800), (1_800, 3_000, 5_500), 7_500
+    )
+
+
+@pytest.mark.parametrize(
+    ("objective", "home", "cost"),
+    [
+        (Objective.MAKESPAN, (None, None), 6_000),
+        (Objective.MAKESPAN, (None, 1), 7_000),
+        (Objective.MEAN_COMPLETION, (0, 2), 1_800 + 3_300 + 6_000),
+    ],
+)
+def test_the_cost_is_by_the_objective(
+    objective: Objective, home: tuple[int | None, ...], cost: int
+) -> None:
+    problem = replace(PROBLEM, objective=objective, home=home)
+    assert course_of(problem, SCHEDULE).cost == cost
+
+
+def test_nobody_sets_out_before_a_task_is_ready() -> None:
+    late = (*PROBLEM.tasks[:1], replace(PROBLEM.tasks[1], ready_ms=5_000), PROBLEM.tasks[2])
+    assert course_of(replace(PROBLEM, tasks=late), SCHEDULE).begins_ms == (1_100, 6_000, 8_500)
+
+
+@pytest.mark.parametrize(
+    ("schedule", "problem"),
+    [
+        (SCHEDULE[:2], "a schedule of 2 of 3 tasks"),
+        ((*SCHEDULE, SCHEDULE[0]), "task 0 is unknown or occurs twice"),
+        ((Step(3, ()), *SCHEDULE), "task 3 is unknown or occurs twice"),
+        ((SCHEDULE[2], *SCHEDULE[:2]), "task 2 comes before one that it is after"),
+        ((Step(0, ((1,), (1,))), *SCHEDULE[1:]), "task 0 needs other robots"),
+        ((Step(0, ((0,),)), *SCHEDULE[1:]), "task 0 needs other robots"),
+        ((*SCHEDULE[:2], Step(2, ((0, 0),))), "task 2 needs other robots"),
+    ],
+)
+def test_a_schedule_of_another_problem_is_refused(schedule: Schedule, problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        course_of(PROBLEM, schedule)
