@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 FRAME_S = 0.1
 CATCH_UP_S = 1.0
 LOOK_S = 0.2
-# A recording of this size takes seconds to read.
+# Recordings of this size take seconds to read.
 LARGE_MB = 2.0
 TERMINAL_VIEW = "top"
 
@@ -76,15 +76,27 @@ async def show_machine(name: str, views: ChosenViews, show: ShowOptions) -> int:
     assert isinstance(viewer, plugins.MachineViewer)
     with anyio.move_on_after(show.timeout):
         async with viewer.showing_machine(views.options) as address:
-            if show.as_json:
-                print_json({name: address})
-            else:
-                click.echo(f"{name}: {address}")
-            sys.stdout.flush()
-            with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-                async for _ in signals:
-                    break
+            await served_until_interrupted(name, address, show.as_json)
     return SUCCESS
+
+
+async def served_until_interrupted(name: str, address: str, as_json: bool) -> None:
+    """Print the address at which something is served, and wait for SIGINT or SIGTERM."""
+    if as_json:
+        print_json({name: address})
+    else:
+        click.echo(f"{name}: {address}")
+    sys.stdout.flush()
+    with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
+        async for _ in signals:
+            break
+
+
+def say_if_large(files: Iterable[Path]) -> None:
+    """Say that recordings are read, on stderr, if that takes seconds."""
+    size_mb = sum(file.stat().st_size / 1e6 for file in files if file.exists())
+    if size_mb >= LARGE_MB:
+        click.echo(f"reading {size_mb:.0f} MB of recordings ...", err=True)
 
 
 def past_of(team: Team | None) -> Callable[[Observer], None] | None:
@@ -95,10 +107,7 @@ def past_of(team: Team | None) -> Callable[[Observer], None] | None:
     living = team.living()
 
     def tell(observer: Observer) -> None:
-        files = [*observer_files(path), *robot_files(path)]
-        size_mb = max((file.stat().st_size / 1e6 for file in files), default=0.0)
-        if size_mb >= LARGE_MB:
-            click.echo(f"reading what is recorded of the run, {size_mb:.0f} MB ...", err=True)
+        say_if_large([*observer_files(path), *robot_files(path)])
         tell_past(observer, path, started_unix_s, living)
 
     return tell

@@ -257,7 +257,7 @@ class MessageEncoder:
 
     @property
     def head(self) -> RecordingHead:
-        """What stands for all messages so far."""
+        """The number and the check of the last message, which covers all messages so far."""
         return RecordingHead(self.number, self._check)
 
     def sign(self, keys: Keys, is_end: bool) -> dict[str, Any]:

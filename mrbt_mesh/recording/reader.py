@@ -38,8 +38,8 @@ from mrbt_mesh.recording.messages import (
 )
 from mrbt_mesh.recording.metadata import METADATA, RunMetadata
 
-# Opcode and length of a record; a message's channel, number and times before its data.
 BUFFER_BYTES = 1 << 16
+# Opcode and length of a record; a message's channel, number and times before its data.
 _FRAME, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 CHECK_LENGTH = len(',"check":""}') + 2 * CHECK_BYTES
 _CHECK = re.compile(rb',"check":"([0-9a-f]{%d})"\}' % (2 * CHECK_BYTES))

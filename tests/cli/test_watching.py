@@ -38,5 +38,5 @@ def test_it_says_that_it_reads_a_large_recording(
     with (tmp_path / "run.mcap").open("wb") as file:
         file.truncate(3_000_000)
     tell(cast(Any, None))
-    assert "reading what is recorded of the run, 3 MB" in capsys.readouterr().err
+    assert "reading 3 MB of recordings" in capsys.readouterr().err
     assert told == [tmp_path, tmp_path]

@@ -124,8 +124,8 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class RecordingHead:
-    """How far a robot's process has signed its recording: up to the message of this number, whose
-    check stands for all before it.
+    """How far a robot's process has signed its recording: up to the message of this number. Its
+    check covers all messages before it.
     """
 
     number: int

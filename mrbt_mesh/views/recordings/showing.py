@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import signal
-import sys
 from pathlib import Path
 from typing import Any
 
-import anyio
 import click
 
 from mrbt_mesh.cli.terminal import console, print_json, reason, table
+from mrbt_mesh.cli.watching import say_if_large, served_until_interrupted
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions
@@ -55,6 +53,7 @@ def export_recording(player: Player, folder: Path) -> list[Path]:
     from mrbt_mesh.views.replay.shown_recording import ShownRecording
     from mrbt_mesh.views.report.exports import write_exports
 
+    say_if_large([player.recording.path])
     shown = ShownRecording(player, player.end_us, 1.0)
     shown.read_all()
     try:
@@ -67,6 +66,7 @@ def compare(player: Player, other: Player, as_json: bool) -> None:
     """Print the figures of two recorded runs, and their differences."""
     from mrbt_mesh.views.replay.comparison import called, compared
 
+    say_if_large([player.recording.path, other.recording.path])
     for each in (player, other):
         for _ in each.play_to(each.end_us):
             pass
@@ -102,11 +102,4 @@ async def serve(
     shown = ShownRecording(player, time_of(player, at_s), speed)
     below = ShownRecording(other, other.begin_us, 1.0) if other is not None else None
     async with showing_recording(shown, ViewerOptions(host, port), below) as page:
-        if as_json:
-            print_json({"page": page})
-        else:
-            click.echo(f"page: {page}")
-        sys.stdout.flush()
-        with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-            async for _ in signals:
-                break
+        await served_until_interrupted("page", page, as_json)

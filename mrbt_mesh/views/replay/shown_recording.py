@@ -15,7 +15,7 @@ from mrbt_mesh.views.model.team_view import TakeoversView, TeamState
 from mrbt_mesh.views.model.timeline import TimelineView
 
 SLOWEST, FASTEST = 0.01, 1000.0
-# Of the timeline, so much is there at once: about a second of work.
+# How much of the timeline is read before anything is shown: about a second of work.
 FIRST_RECORDS = 2_000
 
 
@@ -61,8 +61,8 @@ class ShownRecording:
     `read`, the others as the team was where `playback` is; and `playback`: where that is, in
     seconds, and `read_s`, up to where the timeline is there; None: all of it.
 
-    Times count from the start of the run, as on a live
-    page, so the recording may begin before 0. Raises RecordingError where it is damaged.
+    Times count from the start of the run, as on a live page, so the recording may begin before 0.
+    Raises RecordingError where it is damaged.
     """
 
     def __init__(self, player: Player, at_us: int, speed: float) -> None:
@@ -92,7 +92,7 @@ class ShownRecording:
             yield
 
     def read(self, records: int) -> bool:
-        """Read the timeline of at most so many more records; whether that was all."""
+        """Read the timeline of `records` more records; whether all of it is read now."""
         if not self._is_read:
             self._is_read = sum(1 for _ in islice(self._reading, records)) < records
             self._timeline.put(self.changes)
