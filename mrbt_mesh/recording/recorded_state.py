@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -153,8 +152,3 @@ def team_state(
         "alive": pack_alive(alive),
         "plan": plan,
     }
-
-
-def state_text(state: Mapping[str, Any]) -> str:
-    """The same state is the same text."""
-    return json.dumps(state, sort_keys=True, indent=2)

@@ -11,12 +11,13 @@ from mrbt_mesh.recording.folder import observer_file, robot_file, robot_files
 from mrbt_mesh.recording.messages import unpack_fact
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.recording.recorded_state import state_text, team_state
+from mrbt_mesh.recording.recorded_state import team_state
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.watcher import watching
+from tests.support.recorded import state_text
 from tests.support.team import EXPLORE, Team
 
 

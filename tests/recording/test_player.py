@@ -20,11 +20,10 @@ from mrbt_mesh.recording.reader import (
     parse_recording,
     read_recording,
 )
-from mrbt_mesh.recording.recorded_state import state_text
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
 from tests.support.paths import EXAMPLES
-from tests.support.recorded import record_example
+from tests.support.recorded import record_example, state_text
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.recording.channels import ACTIONS, FAULTS, LIFE
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.reader import Recording, read_recording
-from mrbt_mesh.recording.recorded_state import RecordedState, state_text, team_state
+from mrbt_mesh.recording.recorded_state import RecordedState, team_state
 from mrbt_mesh.sim import AgentOptions, Kill, SimulationResult
-from tests.support.recorded import record_example
+from tests.support.recorded import record_example, state_text
 from tests.support.runs import example
 
 

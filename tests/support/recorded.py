@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.recording.folder import observer_files, robot_files
@@ -60,3 +63,8 @@ def record_chaos(folder: Path, seed: int) -> tuple[dict[str, MemberKeys], Manife
 def read_all(folder: Path) -> list[Recording]:
     """The recordings of one run: its robots', then the observer's."""
     return [read_recording(path) for path in [*robot_files(folder), *observer_files(folder)]]
+
+
+def state_text(state: Mapping[str, Any]) -> str:
+    """The same state is the same text."""
+    return json.dumps(state, sort_keys=True, indent=2)
