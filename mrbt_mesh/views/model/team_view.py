@@ -15,7 +15,7 @@ from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.mission_view import in_units
 from mrbt_mesh.views.model.own_trees import running_tree
 from mrbt_mesh.views.model.timeline import TimelineView
-from mrbt_mesh.views.model.why import fault_sentence, why_takeover
+from mrbt_mesh.views.model.why import fault_sentence, takeover_told, why_takeover
 
 # A team that has another plan than a moment ago agrees within this time.
 AGREED_US = 500_000
@@ -204,13 +204,16 @@ class TeamState:
 class TakeoversView:
     """Puts `why/N` into a log: the explanation of takeover N.
 
-    It is made at once, since the reasons change later; its times follow what is known of them.
+    It is made at once, since the reasons change later; its times follow what is known of them. Of
+    takeovers before this was made the reasons are not known.
     """
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         # Takeover -> its sentence with the times, and the whole answer.
         self._explained: dict[int, tuple[str, dict[str, Any]]] = {}
+        major = observer.record.major
+        self._past = {i for i, fault in enumerate(major) if fault.reassigned_us is not None}
 
     def put(self, log: ChangeLog) -> None:
         """Explain what has happened since."""
@@ -222,7 +225,8 @@ class TakeoversView:
             if times == before:
                 continue
             if not answer:
-                answer = why_takeover(self._observer, fault)
+                explain = takeover_told if index in self._past else why_takeover
+                answer = explain(self._observer, fault)
             else:
                 answer = answer | {"sentence": times + answer["sentence"].removeprefix(before)}
             self._explained[index] = times, answer

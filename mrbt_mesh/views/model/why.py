@@ -214,12 +214,11 @@ def _needed(need: Need) -> str:
 
 def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
     """Why the replacement took over, as things stand now: ask when it has just happened."""
-    held: Claim | None = fault.held
-    subject = f"takeover of {held.local_task}" if held else f"death of {fault.robot}"
+    told, held = takeover_told(observer, fault), fault.held
     if held is None:
-        return _answer(subject, fault_sentence(observer, fault), [])
+        return told
     found = candidates(observer, held.activation, held.local_task)
-    sentence = fault_sentence(observer, fault)
+    sentence = told["sentence"]
     if fault.replacement is not None:
         own = next((each for each in found if each.robot == fault.replacement), None)
         # The plan may still be the one before the death.
@@ -229,7 +228,14 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
         if own is not None and own.performance is not None:
             sentence += f" {fault.replacement} does it with {own.performance:g}."
         sentence += f" {_others(found, fault.replacement)}"
-    return _answer(subject, sentence, found, held.local_task)
+    return _answer(told["subject"], sentence, found, held.local_task)
+
+
+def takeover_told(observer: Observer, fault: MajorFault) -> dict[str, Any]:
+    """A takeover without its reasons, which are not known any more."""
+    held: Claim | None = fault.held
+    subject = f"takeover of {held.local_task}" if held else f"death of {fault.robot}"
+    return _answer(subject, fault_sentence(observer, fault), [])
 
 
 def fault_sentence(observer: Observer, fault: MajorFault) -> str:

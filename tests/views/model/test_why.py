@@ -8,6 +8,8 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import simulate
+from mrbt_mesh.views.model.changes import ChangeLog
+from mrbt_mesh.views.model.team_view import TakeoversView
 from mrbt_mesh.views.model.why import candidates, why_robot, why_takeover, why_task
 from tests.support.paths import mission_file
 from tests.support.watched import COVER, WELD, watched
@@ -45,6 +47,16 @@ def test_a_dead_robot_and_who_took_over() -> None:
     assert told["subject"] == "takeover of weld"
     assert "B does it with 0.5." in told["sentence"]
     assert "A (1) is dead" in told["sentence"]
+
+
+def test_of_a_takeover_before_the_view_was_opened_the_reasons_are_not_known() -> None:
+    observer = observed("kill A", "pass 300")
+    log = ChangeLog()
+    TakeoversView(observer).put(log)
+    told = log.since(0)["why/0"]
+    assert "B took over its weld after " in told["sentence"]
+    assert told["groups"] == []
+    assert "is dead" not in told["sentence"]
 
 
 def test_a_robot_that_held_nothing_is_replaced_by_nobody() -> None:
