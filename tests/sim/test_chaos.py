@@ -71,6 +71,10 @@ def test_no_invariant_breaks_where_scarce_robots_are_spared() -> None:
         assert not judge(sparing, program, scenario).violations, f"seed {seed}"
 
 
+def test_a_robot_whose_journal_fails_owes_no_bid_for_an_exclusive_task() -> None:
+    check(None, range(1_647, 1_648))
+
+
 def test_every_invariant_is_checked_in_a_few_seeds() -> None:
     checked = check(None, SAMPLE)
     assert checked.keys() == ALL

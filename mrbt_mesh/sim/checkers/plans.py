@@ -65,7 +65,8 @@ def bids_first(run: RunFindings, agent: AgentView, claim: Claim) -> None:
     Unless the time for bids is over, or another robot already works on the activation.
     """
     facts, activation = agent.facts, claim.activation
-    needs = agent.mission.global_tasks[claim.global_task].needs
+    task = agent.mission.global_tasks[claim.global_task]
+    needs = task.needs
     alive = {r: life for r, life in agent.alive().items() if r in facts.members}
     others = [facts.valid_claim(robot) for robot in alive if robot != agent.robot]
     at_work = [each for each in others if each is not None and each.phase > Phase.CLAIMED]
@@ -82,6 +83,8 @@ def bids_first(run: RunFindings, agent: AgentView, claim: Claim) -> None:
             member, life = facts.members[robot]
             able = capability(member, need.local_task) is not None
             is_asked = able and life == alive[robot] and not member.is_leaving
+            # Only robots whose journals can be written begin an exclusive task.
+            is_asked &= member.may_promise or not task.exclusive
             if is_asked and not lacked(facts, activation, robot):
                 text = f"{agent.robot} claims {claim.local_task} of {activation}"
                 run.violation("I7", f"{text} without a bid of {robot}")
