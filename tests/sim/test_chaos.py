@@ -75,6 +75,10 @@ def test_a_robot_whose_journal_fails_owes_no_bid_for_an_exclusive_task() -> None
     check(None, range(1_647, 1_648))
 
 
+def test_a_journal_that_is_read_late_may_hold_what_the_team_has_gone_beyond() -> None:
+    check(None, range(1_656, 1_657))
+
+
 def test_every_invariant_is_checked_in_a_few_seeds() -> None:
     checked = check(None, SAMPLE)
     assert checked.keys() == ALL

@@ -38,7 +38,7 @@ class Resumption:
     def booted(self, process: SimProcess, agent: AgentView) -> None:
         """A process has begun, and has read its journal if it could."""
         if process.has_read_journal:
-            self._check_restored(process, agent)
+            self._check_restored(process, agent, has_pruned=False)
 
     def synced(self, process: SimProcess, changes: Changes) -> None:
         """A process has put this on its disk."""
@@ -49,10 +49,11 @@ class Resumption:
             else:
                 synced[key] = entry
 
-    def _check_restored(self, process: SimProcess, agent: AgentView) -> None:
+    def _check_restored(self, process: SimProcess, agent: AgentView, has_pruned: bool) -> None:
+        """`has_pruned`: it may have dropped again what its team has gone beyond meanwhile."""
         for entry in self._synced.get(process.robot, {}).values():
             self._run.checks["I9"] += 1
-            if not stands(agent, entry):
+            if not stands(agent, entry) and not (has_pruned and is_obsolete(agent, entry)):
                 text = (
                     f"{agent.robot} had synced {entry.name} {entry.version}, but starts without it"
                 )
@@ -61,7 +62,7 @@ class Resumption:
     def handled(self, process: SimProcess, event: Input, effects: Iterable[Effect]) -> None:
         if isinstance(event, JournalOpened):
             assert process.agent is not None
-            self._check_restored(process, process.agent.view)
+            self._check_restored(process, process.agent.view, has_pruned=True)
         written: dict[tuple[str, str], Entry] = {}
         for effect in effects:
             if isinstance(effect, Persist) and effect.at_once:
