@@ -49,8 +49,14 @@ def write_mission(folder: Path, robots: int) -> Path:
 
 
 def workers(run: Run) -> dict[str, str]:
-    """Area -> the robot that started there last."""
-    return {line["args"][0]: line["robot"] for line in run.events() if line["event"] == "start"}
+    """Area -> the robot at work there; during the launch some begin and are cancelled."""
+    areas: dict[str, str] = {}
+    for line in run.events():
+        if line["event"] == "start":
+            areas[line["robot"]] = line["args"][0]
+        else:
+            areas.pop(line["robot"], None)
+    return {area: robot for robot, area in areas.items()}
 
 
 def rest(run: Run, found: Size) -> None:
