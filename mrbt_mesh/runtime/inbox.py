@@ -16,7 +16,13 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
-from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, QueryReceived
+from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
+    Input,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
 from mrbt_mesh.core.membership.wire import MessageKind, urgent_part
 from mrbt_mesh.runtime.fencing import boottime_us
 
@@ -65,6 +71,12 @@ class Inbox:
                     self._quiet[key] = boottime_us(), event
                     return True
                 self._quiet.pop(key, None)
+            if isinstance(event, TokenChanged):
+                # What came before the change must not seem to have come after it.
+                before = f"beat/{event.robot}"
+                if before in self._quiet:
+                    _, beat = self._quiet.pop(before)
+                    self._waiting[before], self._bytes = beat, self._bytes + _size(beat)
             self._number += 1
             slot: Any = self._number if key is None else key
             self._bytes += _size(event) - _size(self._waiting.pop(slot, None))

@@ -28,7 +28,7 @@ import contextlib
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import zenoh
@@ -63,6 +63,9 @@ REOPEN_CLOSE_TIMEOUT_S = 1.0
 ROUTER_WAIT_S, OBSERVER_WAIT_S, ROUTER_RETRY_S = 30.0, 3.0, 0.25
 # How long a router may take to list its links, and the largest list.
 ROUTER_ANSWER_S = 0.5
+# A router ends a token before it forgets the link: while it lists that, it is asked again after
+# these times.
+ROUTER_AGAIN_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 MAX_ROUTER_ANSWER_BYTES = 1 << 20
 NO_ROUTER = "direct"
 # Why something is not looked at.
@@ -91,7 +94,8 @@ class ZenohTransport:
         self._queries: dict[int, zenoh.Query] = {}
         self._query_number = 0
         self._lock = threading.Lock()
-        self._asked: list[AskRouter] = []
+        # By how often they were asked before.
+        self._asked: dict[int, list[AskRouter]] = {}
         self._heard_us: dict[str, int] = {}
         self._holders = TokenHolders(life_of)
         self._token_subscriber: zenoh.Subscriber[Any] | None = None
@@ -261,24 +265,33 @@ class ZenohTransport:
         except zenoh.ZError:
             give(AnswerReceived(peer, None), None)
 
-    def ask_router(self, effect: AskRouter) -> None:
-        """Ask a router; call it in the event loop.
+    def ask_router(self, effect: AskRouter, times: int = 0) -> None:
+        """Ask a router, which was asked `times` before; call it in the event loop.
 
         When a router dies, the tokens of all its clients end at once: what is asked in one turn of
         the loop is one question.
         """
-        self._asked.append(effect)
-        if len(self._asked) == 1:
-            asyncio.get_running_loop().call_soon(self._ask_routers)
+        asked = self._asked.setdefault(times, [])
+        asked.append(effect)
+        if len(asked) == 1:
+            loop = asyncio.get_running_loop()
 
-    def _ask_routers(self) -> None:
-        asked, self._asked = self._asked, []
-        self.ask_routers(asked)
+            def again(effect: AskRouter) -> None:
+                with contextlib.suppress(RuntimeError):  # the loop has been closed
+                    loop.call_soon_threadsafe(
+                        loop.call_later, ROUTER_AGAIN_S[times], self.ask_router, effect, times + 1
+                    )
 
-    def ask_routers(self, asked: Sequence[AskRouter]) -> None:
+            more = again if times < len(ROUTER_AGAIN_S) else None
+            loop.call_soon(lambda: self.ask_routers(self._asked.pop(times), more))
+
+    def ask_routers(
+        self, asked: Sequence[AskRouter], again: Callable[[AskRouter], None] | None = None
+    ) -> None:
         """Ask which links routers have: RouterAnswered is delivered for each robot.
 
-        All routers are asked, once for all robots: one may have a link to another router by now.
+        All routers are asked, once for all robots: one may have a link to another router by now. If
+        the robot's own router lists a link to it, `again` is called instead.
         """
         session = self._session
         links: dict[str, frozenset[str]] = {}
@@ -289,15 +302,15 @@ class ZenohTransport:
                 links.update(linked_sessions(payload.to_bytes()))
 
         def on_end() -> None:
-            for robot, incarnation, is_linked in found():
-                self._deliver(RouterAnswered(robot, incarnation, is_linked), None)
-
-        def found() -> Iterator[tuple[str, Incarnation, bool | None]]:
             for ask in asked:
                 session_id = self._holders.last_session(ask.robot, ask.incarnation)
-                is_linked = any(session_id in sessions for sessions in links.values())
-                known = is_linked or (ask.router in links and session_id != "")
-                yield ask.robot, ask.incarnation, is_linked if known else None
+                at = [router for router in sorted(links) if session_id in links[router]]
+                if ask.router in at and again is not None:
+                    again(ask)
+                    continue
+                is_known = bool(at) or (ask.router in links and session_id != "")
+                answer = bool(at) if is_known else None
+                self._deliver(RouterAnswered(ask.robot, ask.incarnation, answer), None)
 
         try:
             if session is None:

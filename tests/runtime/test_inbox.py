@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, QueryReceived
+from mrbt_mesh.core.agent.inputs import (
+    AnswerReceived,
+    Input,
+    MessageReceived,
+    QueryReceived,
+    TokenChanged,
+)
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import (
     MAX_MESSAGE_BYTES,
@@ -139,6 +145,14 @@ def test_the_same_suspicions_are_no_news_unless_they_ask_for_some(quiet: Inbox) 
     for _ in range(2):
         quiet.put(asking, "beat/A")
         assert quiet.take() == [asking]
+
+
+def test_a_heartbeat_that_came_before_its_robots_token_ended_is_taken_before(quiet: Inbox) -> None:
+    quiet.put(received(BEAT_8), "beat/A")
+    lost = TokenChanged("A", FIRST, False, "r1")
+    quiet.put(lost, "token/A/1")
+    assert quiet.take() == [received(BEAT_8), lost]
+    assert quiet.take_quiet(0) == []
 
 
 @pytest.mark.parametrize("data", [b"", b"\xc1", b"\x90", bytes(5_000)])

@@ -148,25 +148,53 @@ def answer(router: str, *sessions: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("answers", "is_linked"),
+    ("answers", "is_linked", "is_asked_again"),
     [
-        ([answer("r1", "bb"), answer("r2")], False),
-        ([answer("r1", "aa", "bb"), answer("r2")], True),
-        ([answer("r1", "bb"), answer("r2", "aa")], True),
-        ([answer("r2", "bb")], None),
-        ([b"{", b"[]", b'{"zid": "r1"}', b'{"zid": "r1", "sessions": [1]}'], None),
-        ([b"x" * (zenoh_transport.MAX_ROUTER_ANSWER_BYTES + 1)], None),
-        ([], None),
+        ([answer("r1", "bb"), answer("r2")], False, False),
+        ([answer("r1", "aa", "bb"), answer("r2")], True, True),
+        ([answer("r1", "bb"), answer("r2", "aa")], True, False),
+        ([answer("r2", "bb")], None, False),
+        ([b"{", b"[]", b'{"zid": "r1"}', b'{"zid": "r1", "sessions": [1]}'], None, False),
+        ([b"x" * (zenoh_transport.MAX_ROUTER_ANSWER_BYTES + 1)], None, False),
+        ([], None, False),
     ],
 )
 def test_what_routers_say_of_a_robot_whose_token_is_gone(
-    monkeypatch: pytest.MonkeyPatch, answers: list[bytes], is_linked: bool | None
+    monkeypatch: pytest.MonkeyPatch,
+    answers: list[bytes],
+    is_linked: bool | None,
+    is_asked_again: bool,
 ) -> None:
+    heard = with_routers(monkeypatch, [answers, answers])
+    again: list[AskRouter] = []
+    asked = AskRouter("A1", LIFE, "r1")
+    heard.transport.ask_routers([asked], again.append)
+    assert again == [asked] * is_asked_again
+    heard.transport.ask_routers([asked])
+    assert heard.inputs[1:] == [RouterAnswered("A1", LIFE, is_linked)] * (2 - is_asked_again)
+
+
+async def test_a_router_that_still_lists_the_link_of_a_killed_robot_is_asked_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    linked, ended = [answer("r1", "aa", "bb")], [answer("r1", "bb")]
+    heard = with_routers(monkeypatch, [linked, linked, ended])
+    monkeypatch.setattr(zenoh_transport, "ROUTER_AGAIN_S", (0, 0, 0))
+    heard.transport.ask_router(AskRouter("A1", LIFE, "r1"))
+    async with asyncio.timeout(30):
+        while len(heard.inputs) < 2:
+            await asyncio.sleep(0)
+    assert heard.inputs[1:] == [RouterAnswered("A1", LIFE, False)]
+
+
+def with_routers(monkeypatch: pytest.MonkeyPatch, turns: list[list[bytes]]) -> Heard:
+    """A transport that has heard A1's token; routers answer so, one turn after the other."""
+
     class Session:
         def get(self, selector: str, handler: tuple[Any, Any], **_: Any) -> None:
             assert selector == "@/*/router"
             on_reply, on_end = handler
-            for data in answers:
+            for data in turns.pop(0):
                 payload = zenoh.ZBytes(data)
                 on_reply(SimpleNamespace(ok=SimpleNamespace(payload=payload)))
             on_end()
@@ -178,14 +206,14 @@ def test_what_routers_say_of_a_robot_whose_token_is_gone(
     heard = Heard()
     heard.token(PUT, "A1/3/n/aa/r1")
     heard.transport._session = Session()  # type: ignore[assignment]
-    heard.transport.ask_routers([AskRouter("A1", LIFE, "r1")])
-    assert heard.inputs[-1] == RouterAnswered("A1", LIFE, is_linked)
+    return heard
 
 
-def test_a_closed_session_asks_nobody() -> None:
+async def test_a_closed_session_asks_nobody() -> None:
     heard = Heard()
-    asked = [AskRouter("A1", LIFE, "r1"), AskRouter("C1", LIFE, "r1")]
-    heard.transport.ask_routers(asked)
+    for robot in ("A1", "C1"):
+        heard.transport.ask_router(AskRouter(robot, LIFE, "r1"))
+    await asyncio.sleep(0)
     assert heard.inputs == [RouterAnswered(robot, LIFE, None) for robot in ("A1", "C1")]
 
 
@@ -273,7 +301,7 @@ async def test_what_is_asked_in_one_turn_of_the_loop_is_one_question(
     transport = ZenohTransport(TransportConfig("team", "A1"), lambda *_: True, LIVES.get)
     asked: list[list[str]] = []
     monkeypatch.setattr(
-        transport, "ask_routers", lambda asks: asked.append([each.robot for each in asks])
+        transport, "ask_routers", lambda asks, _: asked.append([each.robot for each in asks])
     )
     for robots in (["A1", "B1"], ["C1"]):
         for robot in robots:
