@@ -29,6 +29,7 @@ from mrbt_mesh.core.mission.program_trees import (
     program_trees_from_json,
     program_trees_to_json,
 )
+from mrbt_mesh.core.mission.travel import Travel
 
 MICRO = 1_000_000
 MAX_PERFORMANCE = 1_000_000 * MICRO
@@ -267,7 +268,8 @@ class Mission:
     default robot program, relative to the mission file. It, `costs` and `solver` are no part of
     the digest: robots with different solvers make the same plans. `local_trees`: those of ground
     local tasks that are trees of others; `local_conditions`: those that these trees may read;
-    `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees.
+    `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
+    where nothing is said of places.
     """
 
     name: str
@@ -287,6 +289,7 @@ class Mission:
     local_trees: Mapping[LocalTaskId, Tree] = field(default_factory=dict)
     local_conditions: Mapping[str, ConditionType] = field(default_factory=dict)
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
+    travel: Travel | None = None
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -403,6 +406,7 @@ class Mission:
             "local_trees": local_trees,
             "local_conditions": {c.name: c.to_json() for c in self.local_conditions.values()},
             "program_trees": program_trees,
+            "travel": self.travel.to_json() if self.travel is not None else None,
         }
         return {name: value for name, value in optional.items() if value} | {
             "compiled": COMPILED_VERSION,
@@ -465,6 +469,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             },
             local_conditions=conditions_from_json(data.get("local_conditions", {})),
             program_trees=program_trees_from_json(data.get("program_trees", {})),
+            travel=Travel.from_json(data["travel"]) if "travel" in data else None,
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error
