@@ -8,6 +8,7 @@ import gc
 import json
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from mrbt_mesh.core.agent.effects import (
     Publish,
     Reply,
     RequestBid,
+    SearchSchedule,
     StartAction,
     Stop,
 )
@@ -38,6 +40,7 @@ from mrbt_mesh.core.agent.inputs import (
     LeaveRequested,
     PlanMade,
     RecordingSigned,
+    ScheduleFound,
     TimerFired,
     together,
 )
@@ -78,6 +81,7 @@ LOOKS_PER_LEASE = 8
 # An answer is awaited for this many times the pause before the next question.
 LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
+SEARCH_NICENESS = 10
 # Inputs from others wait no longer than this to be taken in together.
 MAX_SPACING_US = 20_000
 # A link is silent when this many beats are missing, but not before a dead one lost its lease.
@@ -419,6 +423,8 @@ class Driver:
                 self._transport.reply(query, pages)
             case MakePlan():
                 self._group.start_soon(self._make_plan, effect)
+            case SearchSchedule():
+                threading.Thread(target=self._search_schedule, args=(effect,), daemon=True).start()
             case DeclareToken(incarnation):
                 self._transport.declare_token(incarnation)
             case Log(level, event, fields):
@@ -440,6 +446,12 @@ class Driver:
             if effect.number == 1 and not self._setup.is_guest:
                 gc.freeze()  # as at the start: now the facts of the team are there too
             self.submit(PlanMade(effect.number, plan))
+
+    def _search_schedule(self, effect: SearchSchedule) -> None:
+        # Of this thread alone: what the robot does goes first.
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), SEARCH_NICENESS)
+        found = ScheduleFound(effect.number, effect.find().schedule)
+        self._from_thread(self.submit, found)
 
     # -- actions.Host ---------------------------------------------------------------------
 

@@ -45,6 +45,7 @@ class Process:
     router: str = ""
     tickets: list[int] = field(default_factory=list)
     asked: list[fx.RequestBid] = field(default_factory=list)
+    searches: list[fx.SearchSchedule] = field(default_factory=list)
     stops_at_once: bool = True
     is_sealed: bool = False
     # While its disk syncs nothing: the number of what it is to sync last.
@@ -223,6 +224,8 @@ class Team:
             case fx.RequestBid(_, _, local_task):
                 process.asked.append(effect)
                 self._tell(process, f"is asked to bid for {local_task}")
+            case fx.SearchSchedule():
+                process.searches.append(effect)
             case fx.Stop(code, reason):
                 self._tell(process, f"stops with {code}: {reason}")
                 self.processes.pop(process.name, None)
@@ -343,5 +346,7 @@ def latch_text(kind: str, parts: list[str], value: object) -> str:
             return f"problem of {parts[0]}: {text}"
         case "attempt", number:
             return f"attempt {number}"
+        case "schedule", [*steps]:
+            return f"a schedule of {len(steps)} tasks"
     scope = parse_activation(parts[0])
     return f"{kind} {scope.subject or f'node {scope.node}'}"

@@ -31,6 +31,7 @@ from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
@@ -77,6 +78,7 @@ class Agent:
         self._reports = reports = Reports(context, planner, executor, schedule)
         self._health = health = Health(context)
         self._bidder = bidder = Bidder(context, health)
+        self._scheduler = scheduler = Scheduler(context)
         self._lifecycle = Lifecycle(context, planner, self._leased, duplicates, schedule)
         self._heartbeats = Heartbeats(context, schedule, tree, self._leased)
         self._commands = Commands(context, planner, reports, health)
@@ -106,6 +108,7 @@ class Agent:
             inputs.ProblemFound: health.problem_found,
             inputs.LeaveRequested: lambda _, now: reports.leave(now),
             inputs.PlanMade: planner.made,
+            inputs.ScheduleFound: lambda e, now: scheduler.found(e, planner.plan, now),
             inputs.JournalSynced: self._journal_synced,
             inputs.JournalReported: health.journal_reported,
             inputs.JournalOpened: health.journal_opened,
@@ -232,6 +235,7 @@ class Agent:
             return
         if mission.has_bids:
             self._bidder.ask(plan)
+        self._scheduler.follow(plan)
         self._executor.perform(plan, now_us)
         if leased is not None:
             leased.request()

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.scheduling.dispatch import Dispatched
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +94,14 @@ class MakePlan:
 
 
 @dataclass(frozen=True, slots=True)
+class SearchSchedule:
+    """Call `find` in another thread, at low priority; answered by ScheduleFound of that number."""
+
+    number: int
+    find: Callable[[], Dispatched] = field(repr=False, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
 class CancelAction:
     """Stop the action; answered by ActionStopped, or ActionFinished if it was quicker."""
 
@@ -146,6 +155,7 @@ Effect: TypeAlias = (
     | Reply
     | StartAction
     | MakePlan
+    | SearchSchedule
     | CancelAction
     | RequestBid
     | DeclareToken

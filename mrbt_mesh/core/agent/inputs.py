@@ -11,6 +11,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope
 from mrbt_mesh.core.membership.wire import MessageKind, Position, RecordingHead
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.scheduling.problem import Schedule
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,6 +219,14 @@ class PlanMade:
 
 
 @dataclass(frozen=True, slots=True)
+class ScheduleFound:
+    """The schedule that SearchSchedule of this number asked for."""
+
+    number: int
+    schedule: Schedule
+
+
+@dataclass(frozen=True, slots=True)
 class JournalSynced:
     """The entries of Persist of this number are on disk, and all before them."""
 
@@ -276,6 +285,7 @@ Input: TypeAlias = (
     | LeaveRequested
     | TimerFired
     | PlanMade
+    | ScheduleFound
     | JournalSynced
     | JournalReported
     | JournalOpened

@@ -24,6 +24,7 @@ from mrbt_mesh.core.facts.values import (
 )
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
+from mrbt_mesh.core.mission.travel import MAX_HORIZON
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
@@ -53,6 +54,28 @@ def _read_members(value: Any) -> tuple[CoalitionMember, ...]:
 
 def _write_members(members: tuple[CoalitionMember, ...]) -> list[Any]:
     return [member.to_value() for member in members]
+
+
+def _read_steps(value: Any) -> tuple[ProposedStep, ...]:
+    if not isinstance(value, list) or len(value) > MAX_HORIZON:
+        raise ValueError(f"a list of steps expected, found {shown(value)}")
+    return tuple(map(ProposedStep.parse, value))
+
+
+def _write_steps(steps: tuple[ProposedStep, ...]) -> list[Any]:
+    return [step.to_value() for step in steps]
+
+
+def _read_robots(value: Any) -> tuple[tuple[str, ...], ...]:
+    if not isinstance(value, list) or not all(isinstance(each, list) for each in value):
+        raise ValueError(f"lists of robots expected, found {shown(value)}")
+    if sum(map(len, value)) > MAX_ROBOTS:
+        raise ValueError(f"at most {MAX_ROBOTS} robots expected")
+    return tuple(tuple(map(read_text, each)) for each in value)
+
+
+def _write_robots(robots: tuple[tuple[str, ...], ...]) -> list[Any]:
+    return [list(each) for each in robots]
 
 
 def _read_revisions(value: Any) -> tuple[int, ...]:
@@ -174,6 +197,21 @@ class NoClaim(Record):
 def parse_claim(value: Any) -> Claim | NoClaim:
     """A claim, or NoClaim for None."""
     return NoClaim() if value is None else Claim.parse(value)
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedStep(Record):
+    """One task of a proposed schedule, and the robots for each of its needs."""
+
+    activation: _Name
+    robots: Annotated[tuple[tuple[str, ...], ...], Plain(_read_robots, _write_robots)]
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal(Record):
+    """A schedule that the author proposes: each robot does its tasks in this order."""
+
+    steps: Annotated[tuple[ProposedStep, ...], Plain(_read_steps, _write_steps)]
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -401,6 +439,8 @@ DONE = "done"
 BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
+# The author's proposal of a schedule.
+SCHEDULE = "schedule"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
 BID_KINDS = frozenset({BID, CLOSED})
@@ -420,6 +460,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     COALITION: (Coalition.parse, (3,)),
     BID: (Bid.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
+    SCHEDULE: (Proposal.parse, (1,)),
     **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }

@@ -25,6 +25,8 @@ from mrbt_mesh.core.facts.records import (
     NoClaim,
     Order,
     OrderKind,
+    Phase,
+    Proposal,
     RobotProblem,
 )
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
@@ -85,6 +87,7 @@ class TeamFacts:
         self.conditions = Conditions(mission)
         self.activations: dict[str, ActivationFacts] = {}
         self.problems: dict[str, dict[str, str]] = {}
+        self.proposals: dict[str, Proposal] = {}
         self.max_stamp = 0
         self.changes = 0
         self.outcome_changes = 0
@@ -156,6 +159,20 @@ class TeamFacts:
         """The robot's claim if the incarnation that made it is the robot's newest one."""
         held, known = self.claims.get(robot), self.members.get(robot)
         return held.claim if held and known and held.incarnation == known.incarnation else None
+
+    def place_of(self, robot: str) -> str:
+        """Where a robot is, or set out from; empty if that is not known."""
+        travel, claim = self.mission.travel, self.valid_claim(robot)
+        if travel is None:
+            return ""
+        start = travel.start.get(robot, "")
+        if claim is not None and claim.phase is not Phase.CLAIMED:
+            return travel.at.get(claim.local_task, start)
+        return start
+
+    def under_way(self, robot: str) -> str:
+        """Where a robot is on its way to; empty if it is not."""
+        return ""
 
     def claimants(self, activation: str, local_task: str) -> list[str]:
         """The robots with a valid claim on this local task of this activation."""
@@ -307,13 +324,18 @@ class TeamFacts:
             case MissionResult():
                 self._results[author] = record
             case RobotProblem(text):
-                known = self.problems.setdefault(author, {})
-                known.pop(entry.parts[1], None)
-                if text:
-                    known[entry.parts[1]] = text
+                self._add_problem(author, entry.parts[1], text)
+            case Proposal():
+                self.proposals[author] = record
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)
+
+    def _add_problem(self, author: str, subject: str, text: str) -> None:
+        known = self.problems.setdefault(author, {})
+        known.pop(subject, None)
+        if text:
+            known[subject] = text
 
     def _add_to_activation(self, entry: Entry) -> None:
         kind, name = entry.parts[:2]

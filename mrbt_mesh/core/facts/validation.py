@@ -15,6 +15,7 @@ from mrbt_mesh.core.facts.records import (
     CoalitionId,
     ConditionValue,
     ExpressionRevision,
+    Proposal,
 )
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
@@ -40,6 +41,8 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return _refuse_expression(entry, parts[1], mission)
     if parts[0] in ACTIVATION_KINDS:
         return _refuse_of_activation(entry, parts, mission, run)
+    if parts[0] == records.SCHEDULE:
+        return _refuse_proposal(entry, mission, run)
     if parts[0] == records.RESULT and mission.ends is MissionEnd.NEVER:
         return "this mission never ends"
     return None
@@ -75,10 +78,39 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     return None
 
 
+def _refuse_proposal(entry: Entry, mission: Mission, run: str) -> str | None:
+    """Every step must be of an action; whether it fits the facts is found out by each plan."""
+    record = entry.record
+    assert isinstance(record, Proposal)
+    if mission.travel is None:
+        return "this mission has no schedules"
+    for step in record.steps:
+        reason = _refuse_name(records.OUTCOME, step.activation, mission, run)
+        if reason is not None:
+            return reason
+    return None
+
+
 def _refuse_of_activation(
     entry: Entry, parts: tuple[str, ...], mission: Mission, run: str
 ) -> str | None:
     kind, text = parts[0], parts[1]
+    reason = _refuse_name(kind, text, mission, run)
+    if reason is not None:
+        return reason
+    activation = parse_activation(text)
+    if kind == records.CHILD_RESULT:
+        node = mission.tree.nodes[activation.node]
+        positions = map(str, range(len(node.children)))
+        if node.memory is Memory.NONE or parts[2] not in positions:
+            return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
+    if ACTIVATION_KINDS[kind] == {Kind.ACTION}:
+        return _refuse_of_task(entry, parts, mission.global_tasks[activation.subject])
+    return None
+
+
+def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None:
+    """Why this is no activation of this run to which an entry of this kind could belong."""
     try:
         activation = parse_activation(text)
     except ValueError:
@@ -87,13 +119,6 @@ def _refuse_of_activation(
         return f"{text!r:.80} belongs to another run"
     if str(activation) != text or not _could_exist(kind, activation, mission):
         return f"{text!r:.80} names no node of this mission's tree"
-    if kind == records.CHILD_RESULT:
-        node = mission.tree.nodes[activation.node]
-        positions = map(str, range(len(node.children)))
-        if node.memory is Memory.NONE or parts[2] not in positions:
-            return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
-    if ACTIVATION_KINDS[kind] == {Kind.ACTION}:
-        return _refuse_of_task(entry, parts, mission.global_tasks[activation.subject])
     return None
 
 

@@ -5,7 +5,7 @@ A mission without places has no `Travel`, and nothing of it costs that anything.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
 from typing import Any
@@ -38,6 +38,9 @@ class Travel:
     objective: Objective = Objective.MAKESPAN
     has_way_back: bool = False
     horizon: int = 100
+    _tables: dict[str, Sequence[Sequence[int]]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def way_ms(self, robot_type: str, origin: str, goal: str) -> int:
         """How long a robot of this type needs from one place to another."""
@@ -49,6 +52,15 @@ class Travel:
         (x1, y1), (x2, y2) = self.places[origin], self.places[goal]
         distance = isqrt((x1 - x2) ** 2 + (y1 - y2) ** 2)
         return -(-1_000 * distance // self.speeds[robot_type])
+
+    def table(self, robot_type: str) -> Sequence[Sequence[int]]:
+        """`way_ms` of all places, in the order of `places`: from each to each."""
+        found = self._tables.get(robot_type)
+        if found is None:
+            names = list(self.places)
+            found = [[self.way_ms(robot_type, a, b) for b in names] for a in names]
+            self._tables[robot_type] = found
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; `from_json` takes it back."""

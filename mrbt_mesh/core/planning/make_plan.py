@@ -34,6 +34,7 @@ from mrbt_mesh.core.planning.pending_failures import pending_failures
 from mrbt_mesh.core.planning.per_robot import pending_losses
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
 from mrbt_mesh.core.planning.scarcity import spare_scarce
+from mrbt_mesh.core.planning.schedules import Lookahead, by_schedule, look_ahead
 from mrbt_mesh.core.planning.side_constraints import SideConstraintCheck, side_constraints
 
 PlanFunction: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
@@ -46,9 +47,9 @@ class ConsistentRequests:
     """What *Check Consistency* finds: which requests of T_G can be served together.
 
     `rest_reason`: why no robot is to work at all, empty if they are. `bids`: the demands of the
-    requests, and what the bids make of them. `offered`: the demands with the robots that may be
-    assigned to them. `kept`: indices of the requests that are served. `pinned`: robots at work that
-    go on -> index of their request.
+    requests, and what the bids make of them. `ahead`: what schedules are made for, if the mission
+    travels. `offered`: the demands with the robots that may be assigned to them. `kept`: indices of
+    the requests that are served. `pinned`: robots at work that go on -> index of their request.
     """
 
     evaluation: Evaluation
@@ -57,6 +58,7 @@ class ConsistentRequests:
     capabilities: Capabilities
     rest_reason: str
     bids: Bids = field(default_factory=lambda: Bids(()))
+    ahead: Lookahead | None = None
     obstacles: Mapping[int, str] = field(default_factory=dict)
     offered: Sequence[Group] = ()
     kept: Sequence[int] = ()
@@ -118,6 +120,10 @@ def check_consistency(
     offered: Sequence[Group] = bids.groups
     if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
         offered = spare_scarce(facts, evaluation, bids.groups, team)
+    ahead = None
+    if mission.travel is not None:
+        ahead = look_ahead(facts, evaluation, capabilities)
+        offered = by_schedule(ahead, offered)
     kept, pinned = kept_requests(
         facts,
         offered,
@@ -129,7 +135,7 @@ def check_consistency(
         obstacles,
     )
     return ConsistentRequests(
-        evaluation, order, ended, capabilities, "", bids, obstacles, offered, kept, pinned
+        evaluation, order, ended, capabilities, "", bids, ahead, obstacles, offered, kept, pinned
     )
 
 
@@ -182,10 +188,12 @@ def assign_agents(
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
     idle = _why_idle([r for r in team if r not in assignments], demands, offered, served, held)
+    if found.ahead is not None:
+        idle |= _what_is_next(found.ahead, idle)
     return Plan(
         evaluation,
         order,
-        _with_leaders(facts, assignments, team),
+        _with_leaders(facts, assignments, team, found.ahead),
         idle | outside,
         tuple(waiting.values()),
         found.is_consistent,
@@ -194,6 +202,7 @@ def assign_agents(
         demands,
         tuple(pending.values()),
         pending_losses(facts, team) if mission.per_robot.leaves else (),
+        ahead=found.ahead,
     )
 
 
@@ -298,12 +307,19 @@ def _limited(
 
 
 def _with_leaders(
-    facts: TeamFacts, assignments: Mapping[str, RobotAssignment], team: Mapping[str, Worker]
+    facts: TeamFacts,
+    assignments: Mapping[str, RobotAssignment],
+    team: Mapping[str, Worker],
+    ahead: Lookahead | None,
 ) -> dict[str, RobotAssignment]:
-    """Name the leader where a task is carried out by a coalition: that of the standing one,
-    else the first robot that the plan has on the activation.
+    """Name the leader where a task is carried out by a coalition: that of the standing one, else
+    the first robot that the schedule in force has on the activation, else that of the plan.
     """
     leaders: dict[str, tuple[str, int]] = {}
+    scheduled = {}
+    if ahead is not None:
+        steps = ((ahead.opens[step.task].request, step) for step in ahead.schedule or ())
+        scheduled = {request.activation: ahead.members(step)[0] for request, step in steps}
     result = {}
     for robot, assignment in assignments.items():
         task, activation = facts.mission.global_tasks[assignment.global_task], assignment.activation
@@ -311,7 +327,8 @@ def _with_leaders(
             if activation not in leaders:
                 token = coalition_at_work(facts, task, activation, incarnations(team))
                 number = facts.coalitions(activation).round_number(facts.grantors, token)
-                leaders[activation] = (token.leader if token is not None else robot, number)
+                first = scheduled.get(activation, robot)
+                leaders[activation] = (token.leader if token is not None else first, number)
             leader, number = leaders[activation]
             assignment = replace(assignment, leader=leader, round=number)
         result[robot] = assignment
@@ -350,6 +367,16 @@ def _why_idle(
         else:
             reasons[robot] = f"{', '.join(names)}: waits for robots"
     return reasons
+
+
+def _what_is_next(ahead: Lookahead, idle: Collection[str]) -> dict[str, str]:
+    """For robots that the schedule in force has on something later: what."""
+    opens = ahead.opens
+    return {
+        robot: f"next in the schedule: {opens[step.task].request.subject}"
+        for robot, step in ahead.next_steps.items()
+        if robot in idle
+    }
 
 
 def _able_requests(robots: Sequence[str], demands: Sequence[Group]) -> dict[str, list[int]]:

@@ -20,6 +20,7 @@ from mrbt_mesh.core.facts.records import OrderKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd
 from mrbt_mesh.core.planning.demands import Group
 from mrbt_mesh.core.planning.per_robot import PendingLoss
+from mrbt_mesh.core.planning.schedules import Lookahead
 
 # How many robots are listed by name.
 _SHOWN = 3
@@ -184,7 +185,8 @@ class DemandBounds:
 class Plan:
     """`assignments` by robot; `idle`: why a robot has none; the rest is in tree order.
 
-    The demands are the input of the plan and no part of its content.
+    The demands, and what lies `ahead` in a mission that travels, are the input of the plan and no
+    part of its content.
 
     What the leaves of T_A return (paper, section V): *Check Consistency* holds if `consistent`, so
     unless there are requests and none of them can be served; *Assign Agents* succeeds if
@@ -207,6 +209,7 @@ class Plan:
     pending_failures: tuple[PendingFailure, ...] = ()
     pending_losses: tuple[PendingLoss, ...] = ()
     ended: Status | None = None
+    ahead: Lookahead | None = field(default=None, compare=False, repr=False)
 
     @cached_property
     def result(self) -> Status:

@@ -10,7 +10,13 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
-from mrbt_mesh.core.scheduling.problem import Schedule, SchedulingProblem, Step, cost_of
+from mrbt_mesh.core.scheduling.problem import (
+    Schedule,
+    SchedulingNeed,
+    SchedulingProblem,
+    Step,
+    cost_of,
+)
 
 
 class Dispatched(NamedTuple):
@@ -36,14 +42,6 @@ class Dispatcher:
         self._needs = [
             [(need.robots, sorted(need.work_ms.items())) for need in task.needs]
             for task in problem.tasks
-        ]
-        # Needs that fewer robots can serve have their turn earlier.
-        self._turns = [
-            [
-                index
-                for _, index in sorted((len(able), index) for index, (_, able) in enumerate(needs))
-            ]
-            for needs in self._needs
         ]
         # Whether some robot could serve several needs of the task.
         self._overlap = [
@@ -81,37 +79,37 @@ class Dispatcher:
             for offers in chosen:
                 for end_ms, _, robot in offers:
                     free_ms[robot] = last_ms if task.is_together else end_ms
-                    at[robot] = task.place
+                    if task.place is not None:
+                        at[robot] = task.place
             ended_ms[number] = last_ms
             steps.append(Step(number, tuple([tuple(map(_ROBOT, offers)) for offers in chosen])))
         return Dispatched(tuple(steps), cost_of(problem, free_ms, at, [*ended_ms.values()]))
 
     def _choose(self, number: int, leaves_ms: int) -> list[list[Offer]]:
         """For each need of a task the offers that it takes, of robots that may leave by then."""
-        overlaps, is_together = self._overlap[number], self._problem.tasks[number].is_together
         needs = self._needs[number]
-        every, taken = dict[int, list[Offer]](), set[int]()
-        chosen: list[list[Offer]] = [[] for _ in needs]
+        every = [self._offers(number, able, leaves_ms) for _, able in needs]
+        counts = [count for count, _ in needs]
+        if self._overlap[number]:
+            found = match([sorted(offers) for offers in every], counts)
+            if found is None:
+                raise ValueError(f"task {number} lacks robots")
+            return found
         there_ms = work_ms = 0
-        for index in self._turns[number]:
-            count, able = needs[index]
-            offers = self._offers(number, able, leaves_ms)
-            if overlaps:
-                offers = [offer for offer in offers if offer[2] not in taken]
+        chosen: list[list[Offer]] = []
+        for count, offers in zip(counts, every, strict=True):
             if len(offers) < count:
                 raise ValueError(f"task {number} lacks robots")
             first = [min(offers)] if count == 1 else sorted(offers)[:count]
-            if overlaps:
-                taken.update(map(_ROBOT, first))
             for offer in first:
                 there_ms = max(there_ms, offer[1])
                 work_ms = max(work_ms, offer[0] - offer[1])
-            every[index], chosen[index] = offers, first
-        if not is_together or overlaps:
+            chosen.append(first)
+        if not self._problem.tasks[number].is_together:
             return chosen
         return [
-            _arriving_last(every[index], len(first), there_ms, work_ms)
-            for index, first in enumerate(chosen)
+            _arriving_last(offers, count, there_ms, work_ms)
+            for count, offers in zip(counts, every, strict=True)
         ]
 
     def _offers(self, number: int, able: Sequence[tuple[int, int]], leaves_ms: int) -> list[Offer]:
@@ -122,7 +120,8 @@ class Dispatcher:
             there_ms = free_ms[robot]
             if there_ms < leaves_ms:
                 there_ms = leaves_ms
-            there_ms += travel_ms[robot][at[robot]][place]
+            if place is not None:
+                there_ms += travel_ms[robot][at[robot]][place]
             offers.append((there_ms + work_ms, there_ms, robot))
         return offers
 
@@ -138,6 +137,38 @@ class Dispatcher:
             done.add(ready[0])
             found.append(ready[0])
         return found
+
+
+def can_be_served(needs: Sequence[SchedulingNeed]) -> bool:
+    """Whether there are robots enough, of which none serves two needs."""
+    every = [[(0, 0, robot) for robot in sorted(need.work_ms)] for need in needs]
+    return match(every, [need.robots for need in needs]) is not None
+
+
+def match(every: Sequence[Sequence[Offer]], counts: Sequence[int]) -> list[list[Offer]] | None:
+    """Offers for needs of which some robots could serve several, the first ones where possible;
+    None if they are too few. By augmenting paths (Kuhn, 1955).
+    """
+    holders: dict[int, tuple[int, Offer]] = {}
+
+    def place(need: int, tried: set[int]) -> bool:
+        for offer in every[need]:
+            robot = offer[2]
+            if robot not in tried:
+                tried.add(robot)
+                if robot not in holders or place(holders[robot][0], tried):
+                    holders[robot] = need, offer
+                    return True
+        return False
+
+    # Needs that fewer robots can serve have their turn earlier.
+    for need in sorted(range(len(every)), key=lambda need: len(every[need])):
+        if not all(place(need, set()) for _ in range(counts[need])):
+            return None
+    chosen: list[list[Offer]] = [[] for _ in every]
+    for need, offer in holders.values():
+        chosen[need].append(offer)
+    return [sorted(offers) for offers in chosen]
 
 
 def _arriving_last(offers: Sequence[Offer], count: int, there_ms: int, work_ms: int) -> list[Offer]:

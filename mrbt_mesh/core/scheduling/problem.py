@@ -30,13 +30,14 @@ class SchedulingNeed:
 
 @dataclass(frozen=True, slots=True)
 class SchedulingTask:
-    """One task at one place. `after`: the tasks that end before any of its robots sets out.
+    """One task at one place, None: wherever its robots are. `after`: the tasks that end before any
+    of its robots sets out.
 
     Together: its robots begin when all of them are there, and end with the slowest. Otherwise each
     begins when it is there, and the task ends with the last. `ready_ms`: none sets out before.
     """
 
-    place: int
+    place: int | None
     needs: tuple[SchedulingNeed, ...]
     after: tuple[int, ...] = ()
     is_together: bool = True
@@ -98,7 +99,7 @@ def course_of(problem: SchedulingProblem, schedule: Schedule) -> Course:
         task = _task_of(problem, number, coalition, ended_ms)
         leaves_ms = max([task.ready_ms, *(ended_ms[each] for each in task.after)])
         arrivals_ms = {
-            robot: max(free_ms[robot], leaves_ms) + problem.travel_ms[robot][at[robot]][task.place]
+            robot: max(free_ms[robot], leaves_ms) + _way_ms(problem, robot, at[robot], task.place)
             for robots in coalition
             for robot in robots
         }
@@ -106,7 +107,8 @@ def course_of(problem: SchedulingProblem, schedule: Schedule) -> Course:
         for need, robots in zip(task.needs, coalition, strict=True):
             for robot in robots:
                 begin_ms = all_are_there_ms if task.is_together else arrivals_ms[robot]
-                free_ms[robot], at[robot] = begin_ms + need.work_ms[robot], task.place
+                free_ms[robot] = begin_ms + need.work_ms[robot]
+                at[robot] = at[robot] if task.place is None else task.place
         ended_ms[number] = last_ms = max(free_ms[robot] for robot in arrivals_ms)
         if task.is_together:
             for robot in arrivals_ms:
@@ -129,6 +131,10 @@ def cost_of(
         if home is not None:
             last_ms = max(last_ms, free_ms[robot] + problem.travel_ms[robot][at[robot]][home])
     return last_ms
+
+
+def _way_ms(problem: SchedulingProblem, robot: int, origin: int, goal: int | None) -> int:
+    return 0 if goal is None else problem.travel_ms[robot][origin][goal]
 
 
 def _task_of(

@@ -69,8 +69,11 @@ def _longest_ms(task: SchedulingTask) -> int:
 
 def _way_ms(problem: SchedulingProblem, task: SchedulingTask) -> int:
     """The longest way to a task of a robot that can do it."""
+    goal = task.place
+    if goal is None:
+        return 0
     able = {robot for need in task.needs for robot in need.work_ms}
-    return max((problem.travel_ms[r][problem.at[r]][task.place] for r in sorted(able)), default=0)
+    return max((problem.travel_ms[r][problem.at[r]][goal] for r in sorted(able)), default=0)
 
 
 def _numbers(seed: int) -> Iterator[int]:

@@ -25,6 +25,7 @@ from mrbt_mesh.core.agent.effects import (
     Publish,
     Reply,
     RequestBid,
+    SearchSchedule,
     StartAction,
     Stop,
 )
@@ -37,8 +38,10 @@ from mrbt_mesh.core.agent.inputs import (
     Input,
     PlanMade,
     RecordingSigned,
+    ScheduleFound,
     TimerFired,
 )
+from mrbt_mesh.core.scheduling.dispatch import Dispatched
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
@@ -53,6 +56,8 @@ TIMER_FIRED = TimerFired()
 END_LIMIT_S = 3.0
 # How long robots of a recorded run may have waited for agreement before they started.
 MOST_WAITED_US = 500_000
+# How long a robot searches a schedule.
+SEARCH_US = 300_000
 
 
 class Surroundings(Protocol):
@@ -292,6 +297,8 @@ class SimProcess:
             case MakePlan():
                 due_us = self._clock.now_us + (world.setup.agents.plan_delay_us or 0)
                 self._clock.at(due_us, partial(self._make_plan, effect))
+            case SearchSchedule(number, find):
+                self._clock.at(self._clock.now_us + SEARCH_US, partial(self._found, number, find))
             case StartAction() | CancelAction() | RequestBid():
                 self._work(effect)
             case DeclareToken(incarnation):
@@ -351,6 +358,10 @@ class SimProcess:
         awaited = self.agent.view.awaited_plan if self.agent is not None else None
         if not self.is_over and awaited == effect.number:  # else it was fenced off meanwhile
             self.deliver(PlanMade(effect.number, effect.make()))
+
+    def _found(self, number: int, find: Callable[[], Dispatched]) -> None:
+        if not self.is_over:
+            self.deliver(ScheduleFound(number, find().schedule))
 
     def _set_timer(self, agent: Agent, now_us: int) -> None:
         due_us = agent.next_deadline_us(now_us)

@@ -73,6 +73,12 @@ def test_nobody_sets_out_before_a_task_is_ready() -> None:
     assert course_of(replace(PROBLEM, tasks=late), SCHEDULE).begins_ms == (1_100, 6_000, 8_500)
 
 
+def test_a_task_without_a_place_is_done_where_its_robots_are() -> None:
+    anywhere = (PROBLEM.tasks[0], replace(PROBLEM.tasks[1], place=None), PROBLEM.tasks[2])
+    # Robot 0 works at place 1 from 1.8 to 2.3 s, and is at place 2 at 3.3 s.
+    assert course_of(replace(PROBLEM, tasks=anywhere), SCHEDULE).begins_ms == (1_100, 1_800, 3_300)
+
+
 @pytest.mark.parametrize(
     ("schedule", "problem"),
     [

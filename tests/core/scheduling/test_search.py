@@ -42,8 +42,9 @@ def drawn(
         after = tuple(
             each for each in range(number) if precedence and draw.random() < 1 / (1 + number)
         )
+        place = None if precedence and number % 4 == 3 else number
         is_together, ready_ms = draw.random() < 0.7, draw.choice((0, 0, 3_000))
-        found.append(SchedulingTask(number, needs, after, is_together, ready_ms))
+        found.append(SchedulingTask(place, needs, after, is_together, ready_ms))
     home = tuple(draw.choice((None, tasks + robot)) for robot in range(robots))
     return SchedulingProblem(
         tuple(found),
@@ -125,4 +126,4 @@ def test_more_evaluations_and_a_known_order_are_never_worse() -> None:
 def test_the_same_problem_and_seed_have_the_same_schedule_on_every_machine() -> None:
     found = [search(drawn(seed, 6, 12, precedence=True), 200, seed) for seed in range(5)]
     digest = hashlib.sha256(repr([each.schedule for each in found]).encode()).hexdigest()
-    assert digest[:16] == "0505648f0e71e671"
+    assert digest[:16] == "1ff6aac8d88ab395"

@@ -1,0 +1,303 @@
+"""Schedules: of those that robots propose, the best that fits the facts is in force.
+
+A proposal is a fact, an order of the tasks that lie ahead with robots for each of them. Nothing of
+it is taken on its author's word: it fits while it is a schedule of what is still open, for the
+robots that are there, and agrees with what they have begun; what it costs is computed from the
+facts. So all robots with the same facts have the same schedule in force, or none.
+
+While one is in force each robot has the first of its tasks that is still open, once T_G asks for
+it. Requests that schedules leave out, and all of them where none is in force, go to the robots that
+*Check Consistency* and *Assign Agents* give them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from mrbt_mesh.core.bt.evaluation import Evaluation, Request
+from mrbt_mesh.core.facts.records import Proposal, ProposedStep
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.travel import Travel
+from mrbt_mesh.core.planning.ahead import precedence, tasks_ahead
+from mrbt_mesh.core.planning.capabilities import Capabilities
+from mrbt_mesh.core.planning.demands import Demand, Group, request_demands, running_claims
+from mrbt_mesh.core.scheduling.dispatch import can_be_served
+from mrbt_mesh.core.scheduling.problem import (
+    Course,
+    Schedule,
+    SchedulingNeed,
+    SchedulingProblem,
+    SchedulingTask,
+    Step,
+    course_of,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Open:
+    """One task of the problem with its demands. `needs`: what it still lacks."""
+
+    request: Request
+    group: Group
+    needs: tuple[SchedulingNeed, ...]
+
+
+@dataclass(frozen=True)
+class Lookahead:
+    """What schedules are made for: the tasks ahead that lack robots, and the robots there are.
+
+    `opens` and `robots` are numbered as in `problem`. `left_out`: activation -> why it is none for
+    a schedule. `schedule` is the one in force with its course, None without one.
+    """
+
+    opens: tuple[Open, ...]
+    robots: tuple[str, ...]
+    problem: SchedulingProblem
+    left_out: Mapping[str, str]
+    schedule: Schedule | None = None
+    course: Course | None = None
+
+    @cached_property
+    def numbers(self) -> Mapping[str, int]:
+        """Activation -> the number of its task."""
+        return {each.request.activation: number for number, each in enumerate(self.opens)}
+
+    @cached_property
+    def next_steps(self) -> Mapping[str, Step]:
+        """Robot -> the first step of the schedule in force that it has a part in."""
+        found: dict[str, Step] = {}
+        for step in self.schedule or ():
+            for robots in step.coalition:
+                for robot in robots:
+                    found.setdefault(self.robots[robot], step)
+        return found
+
+    def members(self, step: Step) -> list[str]:
+        """The robots of a step, sorted by id."""
+        return sorted(self.robots[robot] for robots in step.coalition for robot in robots)
+
+    def proposal(self, schedule: Schedule) -> Proposal:
+        """A schedule of this problem as a fact."""
+        names = self.robots
+        return Proposal(
+            tuple(
+                ProposedStep(
+                    self.opens[step.task].request.activation,
+                    tuple(tuple(names[robot] for robot in robots) for robots in step.coalition),
+                )
+                for step in schedule
+            )
+        )
+
+    def fitting(self, proposal: Proposal) -> tuple[Schedule, Course] | None:
+        """What is left of a proposal, if that is a schedule of this problem."""
+        numbers = {robot: number for number, robot in enumerate(self.robots)}
+        steps: list[Step] = []
+        for activation, robots in ((each.activation, each.robots) for each in proposal.steps):
+            task = self.numbers.get(activation)
+            if task is None:
+                continue
+            group = self.opens[task].group
+            if len(robots) != len(group) or any(name not in numbers for r in robots for name in r):
+                return None
+            # Without those at work there, and those that have ended there.
+            coalition = tuple(
+                tuple(
+                    numbers[robot]
+                    for robot in those
+                    if robot in demand.candidates and robot not in demand.pinned
+                )
+                for those, demand in zip(robots, group, strict=True)
+            )
+            steps.append(Step(task, coalition))
+        schedule = tuple(steps)
+        try:
+            return schedule, course_of(self.problem, schedule)
+        except ValueError:
+            return None
+
+
+def look_ahead(facts: TeamFacts, evaluation: Evaluation, capabilities: Capabilities) -> Lookahead:
+    """The problem of this moment, and the schedule in force."""
+    found = _lookahead(facts, evaluation, capabilities)
+    fitting = [found.fitting(facts.proposals[author]) for author in sorted(facts.proposals)]
+    those = [each for each in fitting if each is not None and each[0]]
+    if not those:
+        return found
+    schedule, course = min(those, key=lambda each: (each[1].cost, each[0]))
+    return replace(found, schedule=schedule, course=course)
+
+
+def by_schedule(ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
+    """The demands of the requests, for the robots whose next step each of them is.
+
+    Those robots are no candidates for requests that are left out.
+    """
+    if ahead.schedule is None:
+        return demands
+    present = {group[0].request.activation for group in demands if group}
+    busy = {
+        robot
+        for robot, step in ahead.next_steps.items()
+        if ahead.opens[step.task].request.activation in present
+    }
+    steps = {ahead.opens[step.task].request.activation: step for step in ahead.schedule}
+    result = []
+    for group in demands:
+        step = steps.get(group[0].request.activation) if group else None
+        if step is None:
+            result.append(tuple(_without(demand, busy) for demand in group))
+            continue
+        those = [
+            {ahead.robots[r] for r in robots if ahead.next_steps[ahead.robots[r]] is step}
+            for robots in step.coalition
+        ]
+        result.append(
+            tuple(_for(demand, robots) for demand, robots in zip(group, those, strict=True))
+        )
+    return result
+
+
+def _for(demand: Demand, robots: set[str]) -> Demand:
+    """A demand for these robots, beside those at work."""
+    count = len(robots) + len(demand.pinned)
+    candidates = {
+        robot: value
+        for robot, value in demand.candidates.items()
+        if robot in robots or robot in demand.pinned
+    }
+    return replace(demand, lower=count, upper=count, candidates=candidates)
+
+
+def _without(demand: Demand, robots: set[str]) -> Demand:
+    if not robots & demand.candidates.keys() - set(demand.pinned):
+        return demand
+    candidates = {
+        robot: value
+        for robot, value in demand.candidates.items()
+        if robot not in robots or robot in demand.pinned
+    }
+    return replace(demand, candidates=candidates)
+
+
+# -- the problem ----------------------------------------------------------------------------------
+
+
+def _lookahead(facts: TeamFacts, evaluation: Evaluation, capabilities: Capabilities) -> Lookahead:
+    mission, evaluator = facts.mission, facts.mission.evaluator
+    travel = mission.travel
+    assert travel is not None
+    ahead = tasks_ahead(evaluator, facts, travel.horizon)
+    after = precedence(evaluator, facts, ahead, len(evaluation.requests))
+    running = running_claims(facts, capabilities.team)
+    places = {r: facts.place_of(r) for r in capabilities.team}
+    numbers = {r: number for number, r in enumerate(r for r in places if places[r])}
+    free_ms = dict.fromkeys(numbers, 0)
+    ends_ms: dict[str, int] = {}
+    opens: list[Open] = []
+    left_out: dict[str, str] = {}
+    for request in ahead:
+        activation = request.activation
+        group = request_demands(facts, request, capabilities, running.get(activation, {}))
+        for demand in group:
+            for robot in demand.pinned:
+                # How far it is is no fact: half of the work on average.
+                work_ms = _work_ms(mission, demand, robot) // 2
+                ends_ms[activation] = max(ends_ms.get(activation, 0), work_ms)
+                if robot in numbers:
+                    free_ms[robot] = work_ms
+        needs = tuple(_need(mission, demand, numbers) for demand in group)
+        reason = _why_left_out(mission, request, needs)
+        if not reason and any(name in left_out for name in after.get(activation, ())):
+            reason = "it comes after something that schedules leave out"
+        if reason:
+            left_out[activation] = reason
+        elif any(need.robots for need in needs):
+            opens.append(Open(request, group, needs))
+    tasks = _tasks(mission, opens, list(travel.places), after, ends_ms)
+    ways = [_way(facts, travel, robot) for robot in numbers]
+    indices = {name: number for number, name in enumerate(travel.places)}
+    home = travel.start if travel.has_way_back else {}
+    problem = SchedulingProblem(
+        tasks,
+        tuple(free_ms.values()),
+        tuple(at for at, _ in ways),
+        tuple(table for _, table in ways),
+        tuple(indices[home[robot]] if robot in home else None for robot in numbers),
+        travel.objective,
+    )
+    return Lookahead(tuple(opens), tuple(numbers), problem, left_out)
+
+
+def _need(mission: Mission, demand: Demand, numbers: Mapping[str, int]) -> SchedulingNeed:
+    """What a demand still lacks."""
+    able = demand.candidates.keys() - set(demand.pinned)
+    work_ms = {numbers[r]: _work_ms(mission, demand, r) for r in sorted(able) if r in numbers}
+    return SchedulingNeed(max(0, demand.lower - len(demand.pinned)), work_ms)
+
+
+def _work_ms(mission: Mission, demand: Demand, robot: str) -> int:
+    """How long a robot works on a local task, by its performance."""
+    return -(-mission.nominal_work(demand.local_task) * 1_000 // demand.candidates[robot])
+
+
+def _tasks(
+    mission: Mission,
+    opens: Sequence[Open],
+    places: Sequence[str],
+    after: Mapping[str, tuple[str, ...]],
+    ends_ms: Mapping[str, int],
+) -> tuple[SchedulingTask, ...]:
+    assert mission.travel is not None
+    numbers = {each.request.activation: number for number, each in enumerate(opens)}
+    tasks = []
+    for each in opens:
+        before = after.get(each.request.activation, ())
+        goal = mission.travel.at.get(each.group[0].local_task)
+        tasks.append(
+            SchedulingTask(
+                None if goal is None else places.index(goal),
+                each.needs,
+                tuple(numbers[name] for name in before if name in numbers),
+                mission.global_tasks[each.request.subject].by_coalition,
+                max((ends_ms.get(name, 0) for name in before), default=0),
+            )
+        )
+    return tuple(tasks)
+
+
+def _way(facts: TeamFacts, travel: Travel, robot: str) -> tuple[int, Sequence[Sequence[int]]]:
+    """Where a robot is, and its ways from there and between places."""
+    places = list(travel.places)
+    at, goal = places.index(facts.place_of(robot)), facts.under_way(robot)
+    table = travel.table(facts.members[robot].member.type)
+    if not goal:
+        return at, table
+    # It has set out, and how far it is is no fact: half of the way on average.
+    row = list(table[at])
+    row[places.index(goal)] //= 2
+    return len(places), [*table, row]
+
+
+def _why_left_out(mission: Mission, request: Request, needs: Sequence[SchedulingNeed]) -> str:
+    """Why a task is none for a schedule; empty if it is."""
+    task, travel = mission.global_tasks[request.subject], mission.travel
+    assert travel is not None
+    if mission.constraints:
+        return "the mission has side constraints"
+    if request.node in mission.per_robot.guards:
+        return "it depends on conditions that every robot has for itself"
+    if task.exclusive:
+        return "it is exclusive"
+    if any(need.by_bid for need in task.needs):
+        return "robots bid for it"
+    if any(need.same_robot_as is not None for need in task.needs):
+        return "it asks for a robot that did something before"
+    if any(need.min_robots == 0 for need in task.needs):
+        return "it has helpers that nobody waits for"
+    if len({travel.at.get(need.local_task) for need in task.needs}) > 1:
+        return "its local tasks are at several places"
+    return "" if can_be_served(needs) else "it lacks robots"
