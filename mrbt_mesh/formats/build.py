@@ -53,6 +53,7 @@ from mrbt_mesh.formats.mission_model import (
     validate,
 )
 from mrbt_mesh.formats.problems import Report, SourcePath
+from mrbt_mesh.formats.travel import TravelBuilder
 from mrbt_mesh.formats.yaml_source import read_yaml
 
 
@@ -86,6 +87,7 @@ class _Builder:
         self.local_parameters = {n: t.parameters for n, t in model.local_tasks.items()}
         self.globals = frozenset(model.parameters)
         self.local_trees = LocalTrees(model, report)
+        self.travel = TravelBuilder(model, report)
 
     def build(self, folder: Path) -> Mission:
         model = self.model
@@ -116,6 +118,7 @@ class _Builder:
         needed = sorted({n.local_task for task in global_tasks.values() for n in task.needs})
         local_trees = self.local_trees.ground(needed)
         program_trees = self.local_trees.ground_programs(needed, folder)
+        travel = self.travel.build(robots, needed, local_trees)
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -135,6 +138,7 @@ class _Builder:
             local_trees=local_trees,
             local_conditions=local_conditions,
             program_trees=program_trees,
+            travel=travel,
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},

@@ -15,8 +15,10 @@ from mrbt_mesh.core.mission.mission import (
     MAX_ROBOTS,
     Mission,
     mission_from_json,
+    travel_problems,
 )
 from mrbt_mesh.core.mission.names import is_robot_id, split_call, type_name
+from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS
 from mrbt_mesh.errors import FileError, Problem, whole_file_error
 
 
@@ -97,6 +99,7 @@ def _check(mission: Mission) -> None:
     _check_nodes(mission.tree, "tree", mission.global_tasks.__contains__, mission.knows_condition)
     _check_local_trees(mission)
     _check_program_trees(mission)
+    _check_travel(mission)
 
 
 def _check_global_tasks(mission: Mission) -> None:
@@ -150,6 +153,26 @@ def _check_program_trees(mission: Mission) -> None:
         _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
         for _, condition in tree.outputs:
             _expect(mission.knows_condition(condition), f"tree of {name}: output {condition!r}")
+
+
+def _check_travel(mission: Mission) -> None:
+    if (travel := mission.travel) is None:
+        return
+    numbers = [number for at in travel.places.values() for number in at or ()]
+    _expect(all(type(number) is int for number in numbers), "coordinates")
+    speeds = travel.speeds.items()
+    known = all(kind in mission.robot_types and type(n) is int and n > 0 for kind, n in speeds)
+    _expect(known, "speeds")
+    for way, ms in travel.ways_ms.items():
+        _expect({*way} <= travel.places.keys() and _is_integer(ms, 0, MAX_MS), f"way {way}")
+    _expect(travel.at.keys() <= mission.local_task_types.keys(), "places of local tasks")
+    _expect(travel.start.keys() <= mission.robots.keys(), "places of robots")
+    for place in (*travel.at.values(), *travel.start.values()):
+        _expect(place in travel.places, f"place {place!r}")
+    _expect(isinstance(travel.has_way_back, bool), "way back")
+    _expect(_is_integer(travel.horizon, 1, MAX_HORIZON), f"horizon {travel.horizon!r}")
+    for _, problem in travel_problems(travel, mission.robots.values()):
+        _expect(False, problem)
 
 
 def _check_nodes(

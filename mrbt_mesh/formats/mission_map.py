@@ -11,8 +11,9 @@ from typing import Any
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.travel import MAX_PLACES
 
-MAX_LINES, MAX_POINTS, MAX_PLACES = 1_000, 1_000, 1_000
+MAX_LINES, MAX_POINTS = 1_000, 1_000
 MAX_TEXT = 64
 # A place's state: a condition, then two global tasks.
 TOLD_BY = ("bad", "checked", "mended")
@@ -24,19 +25,25 @@ def map_view(mission: Mission) -> dict[str, Any] | None:
     if not isinstance(given, Mapping):
         return None
     lines = [line for line in map(_line, _listed(given.get("lines"), MAX_LINES)) if line]
-    places = {}
-    for name, place in _places(mission).items():
-        at = _point(place.get("at"))
-        if at is not None:
-            places[name] = {"at": at, "label": _text(place.get("label", name))}
+    given_places = _places(mission.parameters)
+    places = {
+        name: {"at": at, "label": _text(given_places[name].get("label", name))}
+        for name, at in places_on_map(mission.parameters).items()
+    }
     return {"lines": lines, "places": places} if lines or places else None
+
+
+def places_on_map(parameters: Mapping[str, Any]) -> dict[str, list[float]]:
+    """The coordinates of the places on the map."""
+    found = {name: _point(place.get("at")) for name, place in _places(parameters).items()}
+    return {name: at for name, at in found.items() if at is not None}
 
 
 def told_places(mission: Mission) -> dict[str, Mapping[str, Any]]:
     """The places whose state follows from a condition or global tasks, by name."""
     return {
         name: place
-        for name, place in _places(mission).items()
+        for name, place in _places(mission.parameters).items()
         if any(place.get(key) for key in TOLD_BY)
     }
 
@@ -67,8 +74,8 @@ def _holds(facts: TeamFacts, condition: str) -> bool:
     return facts.mission.knows_condition(condition) and facts.condition(condition)
 
 
-def _places(mission: Mission) -> dict[str, Mapping[str, Any]]:
-    given = mission.parameters.get("map")
+def _places(parameters: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    given = parameters.get("map")
     places = given.get("places") if isinstance(given, Mapping) else None
     if not isinstance(places, Mapping) or len(places) > MAX_PLACES:
         return {}

@@ -32,7 +32,8 @@ from mrbt_mesh.core.mission.mission import (
     MAX_ROBOTS,
     MICRO,
 )
-from mrbt_mesh.core.mission.names import MAX_ARGUMENTS
+from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
+from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_PLACES
 from mrbt_mesh.formats.file_model import (
     FileModel,
     GroundText,
@@ -55,16 +56,21 @@ from mrbt_mesh.formats.tree_model import (
 MAX_PERFORMANCE_UNITS = 1e6
 MAX_WORK = 1e9
 MAX_CONSTRAINTS = 100
+MAX_COORDINATE = 1e9
 SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 
 _PROGRAM = r"^[^\n]+\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"
 _SOLVER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,127}(:[A-Za-z_][A-Za-z0-9_.]{0,127})?$"
+_PLACE = f"^{ARGUMENT_PATTERN}$"
+_AT = rf"^([A-Za-z0-9_.+-]|\${NAME_PATTERN}){{1,64}}$"
 
 TREE_FILE = r"[^\n#]+\.xml(#[^\n#]+)?"
 
 EXPLAINED_HERE = TREE_EXPLAINED | {
     f"^{TREE_FILE}$": "a BehaviorTree.CPP file is expected, e.g. fetch.xml#Fetch",
     _PROGRAM: "a Python file is expected, e.g. robot.py or robot.py:name",
+    _PLACE: "a place is expected: 1 to 64 letters, digits, _, ., + or -",
+    _AT: "a place is expected, e.g. dock, $place or shelf_$number",
     _SOLVER: "the name of a solver is expected, e.g. cp_sat or package.module:function",
 }
 
@@ -86,6 +92,11 @@ Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
 Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
 Per: TypeAlias = Literal["team", "robot"]
 Cost: TypeAlias = Annotated[int, Field(ge=0, le=MAX_COST)]
+Place: TypeAlias = Annotated[str, Field(pattern=_PLACE)]
+PlaceText: TypeAlias = Annotated[str, Field(pattern=_AT)]
+Coordinate: TypeAlias = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
+Point: TypeAlias = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
+Way: TypeAlias = Annotated[float, Field(ge=0, le=MAX_MS / 1_000)]
 
 
 def _tree_tag(value: Any) -> str | None:
@@ -99,10 +110,12 @@ class LocalTaskModel(FileModel):
 
     `effects`: conditions that its action sets when it succeeds; robots' programs set them, checks
     read them here. `cost`: what it costs to make one more robot capable of it, for `mrbt analyze`.
+    `at`: the place of `travel` where it happens, or a parameter that names it; else anywhere.
     """
 
     parameters: Parameters = []
     work: Annotated[float, Field(gt=0, le=MAX_WORK)] = 1.0
+    at: PlaceText | None = None
     effects: dict[CallText, bool] = {}
     cost: Cost = 1
 
@@ -324,6 +337,51 @@ class ConstraintsModel(FileModel):
     not_at_once: Annotated[list[NotAtOnceModel], Field(max_length=MAX_CONSTRAINTS)] = []
 
 
+class TravelModel(FileModel):
+    """Places, and how long robots are on their way; see docs/how-to/missions.md.
+
+    `places`: their coordinates, or `map`: those of `parameters: map`; without it the places are
+    those of `ways`. `speed` in units of the map per second, of all robots or by type. `ways`:
+    seconds from one place to another, both ways unless the other is given; they go before
+    coordinates. `start`: where the robots are at first, all or each; `way_back`: whether they
+    return there. `objective`: whether the end of the mission or the mean end of its tasks is to be
+    early. `horizon`: how many tasks a schedule looks ahead, at most.
+    """
+
+    places: (
+        Annotated[
+            Annotated[Literal["map"], Tag("<text>")]
+            | Annotated[
+                Annotated[dict[Place, Point], Field(max_length=MAX_PLACES)], Tag("<mapping>")
+            ],
+            by_type("map, or {dock: [0, 0], shelf: [3.5, 4]}", {str: "<text>", dict: "<mapping>"}),
+        ]
+        | None
+    ) = None
+    speed: (
+        Annotated[
+            Annotated[Performance, Tag("<number>")]
+            | Annotated[dict[Name, Performance], Tag("<mapping>")],
+            by_type(
+                "a number, or {cart: 0.5, drone: 2}",
+                {int: "<number>", float: "<number>", dict: "<mapping>"},
+            ),
+        ]
+        | None
+    ) = None
+    ways: dict[Place, dict[Place, Way]] = {}
+    start: Annotated[
+        Annotated[Place, Tag("<text>")] | Annotated[dict[RobotName, Place], Tag("<mapping>")],
+        by_type(
+            "a place (a number in quotes), or {A1: dock, A2: shelf}",
+            {str: "<text>", dict: "<mapping>"},
+        ),
+    ]
+    objective: Literal["makespan", "mean_completion"] = "makespan"
+    way_back: Literal["none", "start"] = "none"
+    horizon: Annotated[int, Field(ge=1, le=MAX_HORIZON)] = 100
+
+
 class MissionModel(FileModel):
     """A mission of a team of robots.
 
@@ -342,6 +400,7 @@ class MissionModel(FileModel):
     solver: SolverText | None = None
     constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}
+    travel: TravelModel | None = None
     local_tasks: dict[Name, LocalTaskOrTreeModel]
     conditions: dict[Name, ConditionModel] = {}
     local_conditions: dict[Name, ConditionModel] = {}

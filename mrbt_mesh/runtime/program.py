@@ -42,6 +42,7 @@ from mrbt_mesh.runtime.program_function import (
     any_function,
     background_function,
     task_function,
+    travel_function,
 )
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ Result: TypeAlias = bool | Mapping[str, bool] | None
 Bid: TypeAlias = float | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
 BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
+TravelFunction: TypeAlias = Callable[..., Awaitable[bool | None]]
 Background: TypeAlias = Callable[..., Awaitable[None]]
 MissionCheck: TypeAlias = "Callable[[Mission, Collection[str]], None]"
 
@@ -67,6 +69,7 @@ _N = TypeVar("_N", bound=type)
 _Task = TypeVar("_Task", bound=TaskFunction)
 _TaskType = TypeVar("_TaskType", bound=type[TaskClass])
 _Bid = TypeVar("_Bid", bound=BidFunction)
+_Travel = TypeVar("_Travel", bound=TravelFunction)
 _Background = TypeVar("_Background", bound=Background)
 
 
@@ -90,10 +93,11 @@ class RegisterTask(Protocol):
 
 @dataclass
 class ProgramFunctions:
-    """What a program has registered; for the runtime."""
+    """What a program has registered; for the runtime. `travel` is called with a place."""
 
     local_tasks: dict[str, ProgramFunction] = field(default_factory=dict)
     bids: dict[str, ProgramFunction] = field(default_factory=dict)
+    travel: ProgramFunction | None = None
     backgrounds: list[BackgroundFunction] = field(default_factory=list)
     mission_checks: list[MissionCheck] = field(default_factory=list)
     computer_checks: list[Callable[[], None]] = field(default_factory=list)
@@ -119,7 +123,7 @@ class ProgramFunctions:
 
 class RobotProgram:
     """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
-    them, `background` for sensors.
+    them, `travel` for ways to places, `background` for sensors.
 
     `record_work`: every start of a local task, and its end or cancellation, is a line of the run's
     events.jsonl.
@@ -173,6 +177,25 @@ class RobotProgram:
             _add(self._functions.bids, name, any_function(f"bid {name!r}", function))
 
         return _decorated(target, register)
+
+    def travel(self, target: _Travel) -> _Travel:
+        """Register the async function that takes this robot to a place of the mission.
+
+            @robot.travel
+            async def drive(task: TaskContext, place: str) -> None: ...
+
+        It is called before a local task whose place (`at` of the mission file) is not where the
+        robot is, with the context of that local task. If it raises or returns False, the local task
+        has failed, and if the local task is cancelled, so is the way. A program without such a
+        function drives in the functions of its local tasks. Raises ProgramError for a second one,
+        and for a function that cannot be called like this.
+        """
+        function = travel_function(target)
+        if (first := self._functions.travel) is not None:
+            text = "a program has one travel function; the first is at"
+            raise ProgramError(f"{function.what}: {text} {first.place}")
+        self._functions.travel = function
+        return target
 
     @overload
     def background(self, target: _Background) -> _Background: ...

@@ -150,6 +150,16 @@ def any_function(what: str, target: Any) -> ProgramFunction:
     return ProgramFunction(what, target, target, *_parameters(what, target))
 
 
+def travel_function(target: Any) -> ProgramFunction:
+    """An async function of a place. Raises ProgramError."""
+    name = getattr(target, "__name__", repr(target))
+    found = async_function(f"travel function {name!r}", target)
+    if found.count_problem(1):
+        text = f"it is given a place; write `async def {name}(task: TaskContext, place: str)`"
+        raise ProgramError(f"{found.what}: {text}")
+    return found
+
+
 @dataclass(frozen=True)
 class BackgroundFunction:
     """A function without arguments, and the capabilities that the robot loses if it fails."""

@@ -47,6 +47,9 @@ class NotAsync:
         ("background", plain, "background function 'plain': the function is not async"),
         ("background", two, r"belongs to no task; write `async def two\(context: RobotContext\)"),
         ("background", right, r"belongs to no task; write `async def right\(context: RobotC"),
+        ("travel", plain, "travel function 'plain': the function is not async"),
+        ("travel", "base", "travel function \"'base'\": 'base' is not a function"),
+        ("travel", right, r"is given a place; write `async def right\(task: TaskContext, place: s"),
     ],
 )
 def test_what_cannot_be_called_is_refused_when_it_is_registered(
@@ -54,12 +57,28 @@ def test_what_cannot_be_called_is_refused_when_it_is_registered(
 ) -> None:
     decorator = getattr(RobotProgram(), register)
     with pytest.raises(ProgramError, match=message):
-        (decorator if register == "background" else decorator("x"))(target)
+        (decorator("x") if register in ("local_task", "bid") else decorator)(target)
 
 
 def test_a_name_is_not_empty() -> None:
     with pytest.raises(ProgramError, match="the name is empty"):
         RobotProgram().local_task("")(right)
+
+
+async def test_one_function_drives_to_places() -> None:
+    program, got = RobotProgram(), list[str]()
+    assert functions_of(program).travel is None
+
+    @program.travel
+    async def drive(place: str, task: TaskContext) -> None:
+        got.append(f"{task.robot} {place}")
+
+    function = functions_of(program).travel
+    assert function is not None
+    await function(context(FakePort(), "lift", "red"), "shelf_1")
+    assert got == ["A1 shelf_1"]
+    with pytest.raises(ProgramError, match=r"'two': a program has one .* at \S+_function.py:\d+$"):
+        program.travel(two)
 
 
 def test_without_a_name_that_of_the_function_counts() -> None:
@@ -207,6 +226,10 @@ class C:
 def bid(task: TaskContext, part: int) -> float:
     return 1.0
 
+@robot.travel
+async def drive(task: TaskContext, place: str) -> bool:
+    return True
+
 @robot.background
 async def sense(context: RobotContext) -> None:
     await d()
@@ -236,6 +259,10 @@ async def w5(task: TaskContext) -> str:
 @robot.bid("w6")  # wrong
 def w6(task: TaskContext) -> str:
     return "far"
+
+@robot.travel  # wrong
+async def w8(place: str) -> float:
+    return 0.5
 
 @robot.background  # wrong
 def w7(task: TaskContext) -> None: ...

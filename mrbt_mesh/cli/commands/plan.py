@@ -76,6 +76,8 @@ def validate(
         "global_tasks": len(loaded.global_tasks),
         "tree_nodes": len(loaded.tree.nodes),
     }
+    if loaded.travel is not None:
+        counts["places"] = len(loaded.travel.places)
     if as_json:
         names = {"mission": loaded.name, "digest": loaded.digest, "program": reference}
         print_json({**names, **counts, "warnings": warnings})

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -247,6 +247,28 @@ def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int
     """
     exact = capabilities.get(local_task)
     return exact if exact is not None else capabilities.get(type_name(local_task))
+
+
+def travel_problems(travel: Travel, robots: Iterable[Robot]) -> Iterator[tuple[str, str]]:
+    """What robots lack that can do something at a place: their `start`, or a way to it (`ways`).
+
+    The first of each robot type, and what kind it is.
+    """
+    seen = set[tuple[str, str | None, frozenset[str]]]()
+    found = set[str]()
+    for robot in robots:
+        able = robot.capabilities
+        goals = frozenset(p for task, p in travel.at.items() if performance(able, task) is not None)
+        start = travel.start.get(robot.id)
+        if not goals or robot.type in found or (robot.type, start, goals) in seen:
+            continue
+        seen.add((robot.type, start, goals))
+        if start is None:
+            found.add(robot.type)
+            yield "start", f"{robot.id} can work at places; say where it is at first"
+        elif problem := travel.way_problem(robot.type, start, goals):
+            found.add(robot.type)
+            yield "ways", problem
 
 
 def micro_performance(value: float) -> int:

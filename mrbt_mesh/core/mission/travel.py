@@ -5,7 +5,7 @@ A mission without places has no `Travel`, and nothing of it costs that anything.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isqrt
 from typing import Any
@@ -22,15 +22,16 @@ MAX_HORIZON = 1_000
 class Travel:
     """Places, and the ways between them.
 
-    `places`: place -> its coordinates in millionths of a unit of the map. `speeds`: robot type ->
-    millionths of a unit per second. `ways_ms`: (from, to) -> how long the way takes, for robots of
-    all types; it goes before coordinates and speeds, and holds both ways unless the other is given.
-    `at`: ground local task -> the place where it happens; others happen anywhere. `start`: robot ->
-    the place where it is at first. `has_way_back`: whether robots return there in the end.
-    `horizon`: how many tasks a schedule looks ahead, at most.
+    `places`: place -> its coordinates in millionths of a unit of the map, None where only `ways_ms`
+    lead. `speeds`: robot type -> millionths of a unit per second. `ways_ms`: (from, to) -> how long
+    the way takes, for robots of all types; it goes before coordinates and speeds, and holds both
+    ways unless the other is given. `at`: ground local task -> the place where it happens; others
+    happen anywhere. `start`: robot -> the place where it is at first, of each that can do one of
+    `at`. `has_way_back`: whether robots return there in the end. `horizon`: how many tasks a
+    schedule looks ahead, at most.
     """
 
-    places: Mapping[str, tuple[int, int]]
+    places: Mapping[str, tuple[int, int] | None]
     at: Mapping[str, str]
     start: Mapping[str, str]
     speeds: Mapping[str, int] = field(default_factory=dict)
@@ -43,29 +44,65 @@ class Travel:
     )
 
     def way_ms(self, robot_type: str, origin: str, goal: str) -> int:
-        """How long a robot of this type needs from one place to another."""
+        """How long a robot of this type needs from one place to another.
+
+        Raises KeyError for a way that no robot of this type needs.
+        """
         if origin == goal:
             return 0
-        for way in ((origin, goal), (goal, origin)):
-            if way in self.ways_ms:
-                return self.ways_ms[way]
-        (x1, y1), (x2, y2) = self.places[origin], self.places[goal]
-        distance = isqrt((x1 - x2) ** 2 + (y1 - y2) ** 2)
+        listed_ms = self.ways_ms.get((origin, goal), self.ways_ms.get((goal, origin)))
+        if listed_ms is not None:
+            return listed_ms
+        start, end = self.places[origin], self.places[goal]
+        if start is None or end is None:
+            raise KeyError(f"no way from {origin} to {goal}")
+        distance = isqrt((start[0] - end[0]) ** 2 + (start[1] - end[1]) ** 2)
         return -(-1_000 * distance // self.speeds[robot_type])
 
     def table(self, robot_type: str) -> Sequence[Sequence[int]]:
-        """`way_ms` of all places, in the order of `places`: from each to each."""
+        """`way_ms` of all places, in the order of `places`: from each to each.
+
+        `MAX_MS` for a way that no robot of this type needs.
+        """
         found = self._tables.get(robot_type)
         if found is None:
             names = list(self.places)
-            found = [[self.way_ms(robot_type, a, b) for b in names] for a in names]
+            found = [[self._way_or_max_ms(robot_type, a, b) for b in names] for a in names]
             self._tables[robot_type] = found
         return found
+
+    def _way_or_max_ms(self, robot_type: str, origin: str, goal: str) -> int:
+        try:
+            return self.way_ms(robot_type, origin, goal)
+        except KeyError:
+            return MAX_MS
+
+    def way_problem(self, robot_type: str, start: str, goals: Collection[str]) -> str:
+        """Why a robot that starts here cannot have tasks at these places; empty if it can."""
+        found = [self.places[place] for place in {start, *goals}]
+        known = [at for at in found if at is not None]
+        if robot_type in self.speeds and len(known) == len(found):
+            x, y = zip(*known, strict=True)
+            across = isqrt((max(x) - min(x)) ** 2 + (max(y) - min(y)) ** 2)
+            if 1_000 * across > MAX_MS * self.speeds[robot_type]:
+                most = f"needs more than {MAX_MS // 1_000} s between the places"
+                return f"{robot_type} {most}; give it a speed in units of the map per second"
+            return ""
+        for origin in sorted({start, *goals}):
+            for goal in sorted({start, *goals} if self.has_way_back else goals):
+                try:
+                    self.way_ms(robot_type, origin, goal)
+                except KeyError:
+                    way = f"{robot_type} has no way from {origin} to {goal}; add it to ways"
+                    is_mapped = None not in (self.places[origin], self.places[goal])
+                    missing = "" if is_mapped else "both places coordinates, and "
+                    return f"{way}, or give {missing}{robot_type} a speed"
+        return ""
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; `from_json` takes it back."""
         return {
-            "places": {name: list(at) for name, at in sorted(self.places.items())},
+            "places": {name: at and list(at) for name, at in sorted(self.places.items())},
             "at": dict(sorted(self.at.items())),
             "start": dict(sorted(self.start.items())),
             "speeds": dict(sorted(self.speeds.items())),
@@ -79,7 +116,7 @@ class Travel:
     def from_json(cls, data: Mapping[str, Any]) -> Travel:
         """The inverse; raises KeyError, TypeError or ValueError for anything else."""
         return cls(
-            {name: (x, y) for name, (x, y) in data["places"].items()},
+            {name: at if at is None else _point(*at) for name, at in data["places"].items()},
             data["at"],
             data["start"],
             data["speeds"],
@@ -88,3 +125,7 @@ class Travel:
             data["has_way_back"],
             data["horizon"],
         )
+
+
+def _point(x: int, y: int) -> tuple[int, int]:
+    return x, y

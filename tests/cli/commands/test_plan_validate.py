@@ -13,6 +13,14 @@ def test_validate_says_what_a_mission_holds() -> None:
     assert "valid vehicle_repair: 6 robots, 6 local tasks, 24 global tasks" in output
 
 
+def test_validate_counts_places(tmp_path: Path) -> None:
+    path = tmp_path / "mission.yaml"
+    travel = "travel: {places: {A: [0, 0], B: [3, 4]}, speed: 1, start: A}\nlocal_tasks:"
+    text = Path(EXPLORE).read_text().replace("local_tasks:", travel)
+    path.write_text(text.replace("work: 5", "at: $area").replace("program:", "# program:"))
+    assert "tree nodes, 2 places, no program named" in done(mrbt("validate", str(path)))
+
+
 def test_validate_names_file_and_line(tmp_path: Path) -> None:
     path = tmp_path / "mission.yaml"
     path.write_text(Path(EXPLORE).read_text().replace("max: 1", "max: 0"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.mission.travel import MICRO, Travel
+from mrbt_mesh.core.mission.travel import MAX_MS, MICRO, Travel
 from mrbt_mesh.core.scheduling.problem import Objective
 
 TRAVEL = Travel(
@@ -37,3 +37,10 @@ def test_how_long_a_way_takes(robot_type: str, origin: str, goal: str, ms: int) 
 
 def test_it_is_taken_back_from_its_plain_data() -> None:
     assert Travel.from_json(TRAVEL.to_json()) == TRAVEL
+
+
+def test_ways_that_nobody_needs_are_long_in_the_table() -> None:
+    only = Travel({"a": None, "b": None, "c": (0, 0)}, {}, {}, {}, {("a", "b"): 5})
+    assert only.table("cart") == [[0, 5, MAX_MS], [5, 0, MAX_MS], [MAX_MS, MAX_MS, 0]]
+    with pytest.raises(KeyError):
+        only.way_ms("cart", "a", "c")
