@@ -80,9 +80,16 @@ def micro_bid(value: Any) -> int | None:
     return round(float(value) * MICRO)
 
 
+async def drives_itself(task: TaskContext, place: str) -> None:
+    """The way of a robot whose program has no function for ways: its local tasks have it."""
+
+
 class ActionRunner:
     """Runs actions and bids as tasks of `group`; each ends in exactly one input to the host, bids
     that end at the same time in a common one.
+
+    `drive`: goes to places where the program has no function for that. `stretch`: by which factor
+    a local task takes longer than the mission says.
     """
 
     def __init__(
@@ -92,7 +99,14 @@ class ActionRunner:
         mission: Mission,
         identity: RobotIdentity,
         host: Host,
+        *,
+        drive: TaskFunction = drives_itself,
+        stretch: Callable[[str], float] = lambda _: 1.0,
     ) -> None:
+        self._drive = drive
+        self._stretch = stretch
+        # What the robot is there for and has not begun, as its events have it.
+        self._set_out: TaskContext | None = None
         self._group = group
         self._program = program
         self._functions = functions_of(program)
@@ -128,8 +142,10 @@ class ActionRunner:
             self._group.start_soon(self._background, background, f"background {number}")
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
-        port = AgentPort(self._host, self._mission, effect.ticket, self._own)
-        tree = self._mission.local_trees.get(effect.local_task)
+        # A way has no outcome with which conditions could be set.
+        ticket = None if effect.travel_to else effect.ticket
+        port = AgentPort(self._host, self._mission, ticket, self._own)
+        tree = None if effect.travel_to else self._mission.local_trees.get(effect.local_task)
         end: Input = ActionStopped(effect.ticket)
         with scope:
             if tree is None:
@@ -177,21 +193,43 @@ class ActionRunner:
     async def _call(self, effect: StartAction, port: AgentPort) -> ActionFinished:
         """Call the program's function; whatever it does wrong is a failure of this local task."""
         name, arguments = split_call(effect.local_task)
-        context = self._context(effect, name, arguments, port)
+        stretch = self._stretch(effect.local_task)
+        context = self._context(effect, name, arguments, port, stretch)
+        place = effect.travel_to
         function = self._function(effect.local_task, name, port)
+        what, given = f"local task {effect.local_task}", arguments
+        if place:
+            function = self._functions.travel or self._drive
+            what, given = f"way to {place}", (place,)
         error, reason, success = "", "", False
         if function is None:
             error = reason = f"the robot's program has no local task {name!r}"
         else:
-            what = f"local task {effect.local_task}"
-            call = self._user_call(what, function, context, *arguments)
-            work = perform(call, context, port, self._program.record_work)
+            call = self._user_call(what, function, context, *given)
+            # Of a tree, the actions are recorded.
+            is_recorded = self._program.record_work and not (
+                place and effect.local_task in self._mission.local_trees
+            )
+            first = self._first_event(context, place) if is_recorded else ""
+            work = perform(call, context, port, first, place)
             try:
                 success = await self._watched(call, work, effect.ticket)
+                self._set_out = context if place and success and first else None
             except UserCodeError as failure:
                 error, reason = failure.details, failure.reason
         conditions = tuple(sorted(port.conditions.items()))
         return ActionFinished(effect.ticket, success, conditions, error, reason)
+
+    def _first_event(self, context: TaskContext, place: str) -> str:
+        """How the events name what begins: `begin` where the robot has set out for it before."""
+        before, self._set_out = self._set_out, None
+        if before is None:
+            return "start"
+        names = ("incarnation", "activation", "local_task")
+        if not place and all(getattr(before, n) == getattr(context, n) for n in names):
+            return "begin"
+        _record(before, "cancel")  # it was given something else when it was there
+        return "start"
 
     def _user_call(self, name: str, function: Callable[..., Any], *arguments: Any) -> UserCall:
         return UserCall(name, function, partial(function, *arguments), self._tell_problem)
@@ -300,11 +338,17 @@ class ActionRunner:
             call.abandon()
 
     def _context(
-        self, effect: StartAction, name: str, arguments: tuple[str, ...], port: AgentPort
+        self,
+        effect: StartAction,
+        name: str,
+        arguments: tuple[str, ...],
+        port: AgentPort,
+        stretch: float = 1.0,
     ) -> TaskContext:
         performance = effect.performance / MICRO
         work = self._mission.nominal_work(effect.local_task) / MICRO
-        needed_s = work / (performance * self._identity.speed) if performance else math.inf
+        speed = self._identity.speed / stretch
+        needed_s = work / (performance * speed) if performance else math.inf
         return TaskContext(
             **self._robot(port, work, needed_s),
             incarnation=str(effect.incarnation),
@@ -329,17 +373,21 @@ class ActionRunner:
         }
 
 
-async def perform(call: UserCall, task: TaskContext, port: AgentPort, is_recorded: bool) -> bool:
-    """Whether the local task has succeeded, by its function's result.
+async def perform(
+    call: UserCall, task: TaskContext, port: AgentPort, first: str, place: str = ""
+) -> bool:
+    """Whether the local task, or the way to `place` before it, has succeeded, by its function's
+    result.
 
-    `is_recorded`: its start, and its end or cancellation, are lines of the run's events. Raises
-    UserCodeError for whatever the function raised, and for a result that means nothing.
+    `first`: the name of its first event; it, and the end or cancellation of the whole, are lines of
+    the run's events. Empty: they are not. Raises UserCodeError for whatever the function raised,
+    and for a result that means nothing.
     """
     outcome = None
-    if is_recorded:
-        _record(task, "start")
+    if first:
+        _record(task, first, place=place)
     try:
-        success = _succeeded(await call.run(), call.function, port)
+        success = _succeeded(await call.run(), call.function, port, bool(place))
         outcome = "success" if success else "failure"
     except UserCodeError:
         outcome = "failure"
@@ -348,19 +396,19 @@ async def perform(call: UserCall, task: TaskContext, port: AgentPort, is_recorde
         outcome = "failure"
         raise failure_of(error, call.function) from None
     finally:
-        if is_recorded:
+        if first and not (place and outcome == "success"):
             _record(task, "end" if outcome else "cancel", outcome)
     return success
 
 
-def _succeeded(result: Any, function: Callable[..., Any], port: AgentPort) -> bool:
+def _succeeded(result: Any, function: Callable[..., Any], port: AgentPort, is_way: bool) -> bool:
     """What a result means; sets the conditions of a mapping. Raises UserCodeError."""
     if result is None:
         return True
     truth = truth_of(result)
     if truth is not None:
         return truth
-    if isinstance(result, Mapping):
+    if isinstance(result, Mapping) and not is_way:
         try:
             port.set_conditions(result)
         except ValueError as error:
@@ -373,7 +421,7 @@ def _succeeded(result: Any, function: Callable[..., Any], port: AgentPort) -> bo
     raise wrong_result(function, result, EXPECTED)
 
 
-def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
+def _record(task: TaskContext, event: str, outcome: str | None = None, place: str = "") -> None:
     task.record_event(
         {
             "t": task.unix_time_s(),
@@ -387,4 +435,5 @@ def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
             "local_task": type_name(task.local_task),
             "args": list(task.arguments),
         }
+        | ({"place": place} if place else {})
     )

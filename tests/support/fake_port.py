@@ -77,7 +77,7 @@ async def run(program: RobotProgram, task: TaskContext) -> bool:
     function = functions_of(program).local_task(task.local_task.partition("(")[0])
     assert function is not None
     call = UserCall(task.local_task, function, partial(function, task, *task.arguments))
-    return await perform(call, task, task._port, program.record_work)
+    return await perform(call, task, task._port, "start" if program.record_work else "")
 
 
 def outcomes(port: FakePort) -> list[tuple[str, str | None]]:

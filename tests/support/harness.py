@@ -214,8 +214,7 @@ class Team:
                 self.sync(process)
             case fx.StartAction():
                 process.tickets.append(effect.ticket)
-                partners = f" with {', '.join(effect.partners)}" if effect.partners else ""
-                self._tell(process, f"starts {effect.local_task}{partners}")
+                self._tell(process, start_text(effect))
             case fx.CancelAction(ticket):
                 self._tell(process, "cancels its action")
                 if process.stops_at_once:
@@ -293,6 +292,12 @@ class Team:
         self.story.append(f"{self.now_us // MS:>5} {process.name} {text}")
 
 
+def start_text(effect: fx.StartAction) -> str:
+    partners = f" with {', '.join(effect.partners)}" if effect.partners else ""
+    way = f"sets out for {effect.travel_to} to" if effect.travel_to else "starts"
+    return f"{way} {effect.local_task}{partners}"
+
+
 def _token(process: Process, held: bool) -> inputs.TokenChanged:
     assert process.token is not None
     return inputs.TokenChanged(process.robot, process.token, held, process.router)
@@ -310,14 +315,15 @@ def batch_text(process: Process, data: bytes) -> str:
 def entry_text(name: str, value: object) -> str:
     kind, *parts = name.split("/")
     match kind, value:
-        case "outcome", [success, data]:
-            how = "success" if success else "failure"
+        case "outcome", [success, data, *reason]:
+            how = f"failure ({reason[0]})" if reason else "success" if success else "failure"
             more = "" if data is None else f" {data}"
             return f"{how} of {parts[1]} for {parse_activation(parts[0]).subject}{more}"
         case "condition", [holds, revision, _]:
             return f"{parts[0]}={str(holds).lower()} (revision {revision})"
-        case "claim", [_, task, local, phase, _, _]:
-            return f"claim {Phase(phase).name.lower()} {local} for {task}"
+        case "claim", [_, task, local, phase, _, _, *place]:
+            where = f" at {place[0]}" if place else ""
+            return f"claim {Phase(phase).name.lower()} {local} for {task}{where}"
         case "coalition", members:
             return f"coalition of {', '.join(row[0] for row in members)}"
         case (("broken" | "grant" | "doubt" | "cleared"), True):
@@ -325,8 +331,8 @@ def entry_text(name: str, value: object) -> str:
             return f"{kind} of {leader} for {parse_activation(parts[0]).subject}"
         case "bid", bid:
             return f"bid {'none' if bid is None else f'{bid / 1e6:g}'} for {parts[1]}"
-        case "claim", None:
-            return "no claim"
+        case "claim", place:
+            return "no claim" + (f" at {place}" if place else "")
         case "member", [_, _, reasons, leaving, *_]:
             lost = [f"{','.join(names)} ({reason})" for reason, names in reasons.items()]
             text = f" lost={'; '.join(lost)}" if lost else ""

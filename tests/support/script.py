@@ -14,6 +14,7 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import Memory, NodeSpec
 from mrbt_mesh.core.engine import Engine
+from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import (
     FailurePolicy,
     GlobalTask,
@@ -21,6 +22,7 @@ from mrbt_mesh.core.mission.mission import (
     Mission,
     MissionEnd,
 )
+from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from tests.support import build
@@ -57,6 +59,8 @@ class Script:
         self.tasks: list[GlobalTask] = []
         self.tree: NodeSpec | None = None
         self.ends = MissionEnd.ONCE
+        self.at: dict[str, str] = {}
+        self.starts: dict[str, str] = {}
         self._lives = 0
         self._intruders = Intruders(self.team)
         team, intruders = self.team, self._intruders
@@ -130,10 +134,17 @@ class Script:
         """ends never: the team stands by when it is done."""
         self.ends = MissionEnd(when)
 
+    def do_at(self, place: str, *names: str) -> None:
+        """at dock lift: lift happens there; at home A B: the robots are there at first."""
+        for name in names:
+            (self.starts if name in self.robots else self.at)[name] = place
+
     def mission(self, name: str = "m") -> Mission:
         assert self.tree is not None
         mission = build.make_mission(self.tree, self.robots, self.tasks, name=name)
-        return replace(mission, ends=self.ends)
+        places = dict.fromkeys([*self.at.values(), *self.starts.values()], (0, 0))
+        travel = Travel(places, self.at, self.starts) if places else None
+        return replace(mission, ends=self.ends, travel=travel)
 
     def do_start(self, *names: str) -> None:
         """start A B; start A2=A takeover: a second process under the id A
@@ -190,6 +201,12 @@ class Script:
     def do_succeed(self, name: str, *conditions: str) -> None:
         """succeed A open=true"""
         self.end_action(name, True, conditions)
+
+    def do_cannot_reach(self, name: str, *words: str) -> None:
+        """cannot_reach A road is closed: its program cannot reach the place."""
+        process = self.team.processes[name]
+        event = inputs.ActionFinished(process.tickets.pop(), False, reason=" ".join(words))
+        self.team.give(process, event)
 
     def do_fail(self, name: str, *conditions: str) -> None:
         self.end_action(name, False, conditions)
@@ -259,6 +276,14 @@ class Script:
             waiting = "".join(f"; {w.global_task} {w.reason}" for w in agent.view.plan.waiting)
             status = agent.view.plan.result.name.lower()
             hears = f"hears {alive or 'nobody'}"
+            where = self.where(agent.view.facts)
             self.team.story.append(
-                f"{process.name}: {status}; {hears}; {lines or 'no work'}{waiting}"
+                f"{process.name}: {status}; {hears}; {lines or 'no work'}{waiting}{where}"
             )
+
+    def where(self, facts: TeamFacts) -> str:
+        """Where the robots are, and to which places they are on their way."""
+        ways = ((r, facts.place_of(r), facts.under_way(r)) for r in self.robots if self.starts)
+        return "".join(
+            f"; {r} {'from' if to else 'at'} {at}{to and ' to '}{to}" for r, at, to in ways
+        )

@@ -5,6 +5,8 @@ The leader starts when enough members are ready and writes them down; the others
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.executor import Clearance, PlainStart, Situation
 from mrbt_mesh.core.facts import records
@@ -12,6 +14,9 @@ from mrbt_mesh.core.facts.coalitions import are_enough, coalition_at_work, ready
 from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.plan import RobotAssignment
+
+# A robot with such a claim has promised nothing to a coalition.
+_BEFORE = (Phase.CLAIMED, Phase.TRAVELLING)
 
 
 class CoalitionStart(PlainStart):
@@ -42,10 +47,14 @@ class CoalitionStart(PlainStart):
         members = ready_members(facts, assignment.activation, planned)
         if not are_enough(facts.mission.global_tasks[claim.global_task], members):
             return None
-        if len(members) < len(planned) and not is_grace_over:
+        if len(members) < len(planned) and not (is_grace_over and self._all_are_there(planned)):
             return None  # the others may be ready in a moment
         name = f"{records.COALITION}/{assignment.activation}/{token}"
         return Clearance(str(token), ((name, Coalition(tuple(members))),))
+
+    def _all_are_there(self, robots: Iterable[str]) -> bool:
+        """Whether none of these robots is on its way, which it would be to this task."""
+        return not any(self._context.facts.under_way(robot) for robot in robots)
 
     def _written_down(self, activation: str, claim: Claim, now_us: int) -> Clearance | None:
         """The standing coalition, if its leader has written down this robot's present claim."""
@@ -67,7 +76,7 @@ class CoalitionStart(PlainStart):
     def token(self, assignment: RobotAssignment, claim: Claim) -> CoalitionId | None:
         """The coalition that this robot is ready for, or runs with; None without any."""
         context, facts, leader = self._context, self._context.facts, assignment.leader
-        if not leader or claim.phase is Phase.CLAIMED:
+        if not leader or claim.phase in _BEFORE:
             return None
         if claim.coalition:
             return CoalitionId.parse(claim.coalition)
@@ -76,6 +85,6 @@ class CoalitionStart(PlainStart):
         leaders = facts.valid_claim(leader)
         if leaders is None or leaders.activation != assignment.activation:
             return None
-        if leaders.phase is Phase.CLAIMED:
+        if leaders.phase in _BEFORE:
             return None
         return CoalitionId(leaders.since, leader, *facts.members[leader].incarnation)

@@ -14,6 +14,7 @@ from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
+from mrbt_mesh.core.facts.records import NoClaim
 from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
@@ -98,6 +99,15 @@ class Context:
     def member(self) -> Fact:
         """The fact with which this robot describes itself."""
         return records.MEMBER, self.description.member(self.is_leaving)
+
+    @property
+    def place(self) -> str:
+        """Where this robot is, or from which it has set out."""
+        return self.work.place or self.facts.place_of(self.me)
+
+    def claim(self) -> Fact:
+        """The fact of what this robot works on, and where it is."""
+        return records.CLAIM, self.work.claim or NoClaim(self.place)
 
     # -- effects ------------------------------------------------------------------------------
 

@@ -72,7 +72,8 @@ class Reply:
 class StartAction:
     """Run a local task; ends with ActionFinished or, after CancelAction, ActionStopped.
 
-    `coalition` is the token of the coalition that it starts with, empty without one.
+    `coalition` is the token of the coalition that it starts with, empty without one. `travel_to`:
+    it is only the way to this place, where the local task happens; empty: the local task itself.
     """
 
     ticket: int
@@ -83,6 +84,7 @@ class StartAction:
     performance: int
     incarnation: Incarnation
     coalition: str = ""
+    travel_to: str = ""
 
 
 @dataclass(frozen=True, slots=True)

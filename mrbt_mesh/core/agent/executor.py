@@ -1,8 +1,9 @@
 """T_Li at work: following this robot's assignment, from the claim to the action.
 
-A robot starts once the team agrees. The *start policy* of the global task decides what else it has
-to wait for: `PlainStart` for nothing, `CoalitionStart` (`coalition_start`) for the other members,
-`LeasedStart` (`leased_start`) also for the leases of a majority.
+A robot starts once the team agrees; if the local task happens somewhere else, it goes there first.
+The *start policy* of the global task decides what else it has to wait for: `PlainStart` for
+nothing, `CoalitionStart` (`coalition_start`) for the other members, `LeasedStart` (`leased_start`)
+also for the leases of a majority.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import NamedTuple
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import NO_CLAIM, Claim, Phase
+from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
 
@@ -73,14 +74,16 @@ class Executor:
     def perform(self, plan: Plan, now_us: int) -> None:
         """Follow the plan: cancel, claim, get ready and start."""
         context, work = self._context, self._context.work
-        before = work.claim
+        before, stamp = work.claim, context.facts.max_stamp + 1
         assignment = None if context.is_leaving else plan.assignments.get(context.me)
-        changed, effects = work.follow(assignment, context.facts.max_stamp + 1, now_us)
+        changed, effects = work.follow(assignment, stamp, context.place, now_us)
         if effects:
             context.emit(*effects)
         writes = self.given_up(before) if changed and before is not None else []
         claim, clearance = work.claim, None
-        is_waiting = work.is_waiting
+        is_news = (changed and claim != before) or work.has_arrived
+        work.has_arrived = False
+        is_waiting, travel_to = work.is_waiting, self._way(claim)
         if (
             is_waiting
             and assignment is not None
@@ -88,20 +91,29 @@ class Executor:
             and self._may_start(plan, now_us)
         ):
             start = self._starts[claim.global_task]
-            if start.needs_ready and claim.phase is Phase.CLAIMED:
+            if start.needs_ready and claim.phase is Phase.CLAIMED and not travel_to:
                 claim = work.get_ready(claim)
                 # The coalition's leader refers to this entry, also if it is this robot.
                 start.note_ready(context.promise([*writes, (records.CLAIM, claim)], now_us))
-                writes, changed = [], False
+                writes, is_news = [], False
             is_grace_over = now_us >= self._grace_ends_us
-            clearance = start.clear(Situation(plan, assignment, claim, is_grace_over, now_us))
+            situation = Situation(plan, assignment, claim, is_grace_over, now_us)
+            clearance = Clearance() if travel_to else start.clear(situation)
         is_cleared = clearance is not None or not is_waiting
         assigned = self._types[claim.local_task] if claim is not None else None
         wanted = self._tick(plan, assigned if is_cleared else None)
         if wanted is not None and clearance is not None and claim is not None:
-            self._start(plan, claim, clearance, writes, now_us)
-        elif changed and claim != before:
-            context.write([*writes, (records.CLAIM, claim or NO_CLAIM)], now_us)
+            self._start(plan, claim, clearance, travel_to, writes, now_us)
+        elif is_news:
+            context.write([*writes, context.claim()], now_us)
+
+    def _way(self, claim: Claim | None) -> str:
+        """The place to which the robot has to go before it can begin; empty if there is none."""
+        travel = self._context.mission.travel
+        if travel is None or claim is None or claim.phase in (Phase.READY, Phase.RUNNING):
+            return ""
+        goal, context = travel.at.get(claim.local_task, ""), self._context
+        return goal if context.work.is_between or goal != context.place else ""
 
     def _may_start(self, plan: Plan, now_us: int) -> bool:
         """Whether all robots in good standing have the same plan, or the grace time has passed."""
@@ -132,18 +144,26 @@ class Executor:
         return None if self.shows_outcome else self.tree.tick(plan.result, assigned)
 
     def _start(
-        self, plan: Plan, claim: Claim, clearance: Clearance, writes: list[Fact], now_us: int
+        self,
+        plan: Plan,
+        claim: Claim,
+        clearance: Clearance,
+        travel_to: str,
+        writes: list[Fact],
+        now_us: int,
     ) -> None:
         context, work = self._context, self._context.work
         value = context.description.performance(claim.local_task)
         assert value is not None
         life, partners = context.replica.incarnation, plan.partners(context.me)
-        start = work.start(claim, partners, value, life, clearance.coalition)
-        running = (records.CLAIM, work.claim or NO_CLAIM)
-        context.write([*writes, *clearance.facts, running], now_us)
+        start = work.start(claim, partners, value, life, clearance.coalition, travel_to)
+        context.write([*writes, *clearance.facts, context.claim()], now_us)
         context.emit(start)
         names = {"global_task": start.global_task, "local_task": start.local_task}
-        context.log("info", "local_task_started", **names, activation=start.activation)
+        event, place = "local_task_started", {}
+        if travel_to:
+            event, place = "set_out", {"place": travel_to}
+        context.log("info", event, **names, activation=start.activation, **place)
 
     def given_up(self, claim: Claim) -> list[Fact]:
         """The facts to write when a claim is dropped without an outcome."""

@@ -9,7 +9,7 @@ from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import NO_CLAIM, OrderKind, Phase
+from mrbt_mesh.core.facts.records import OrderKind, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.joining import Joining
@@ -49,8 +49,12 @@ class Lifecycle:
         context.joining = Joining(context.config.timing, expected, now_us, False, keeps_life=True)
         self._planner.deadlines.resume(life.deadlines_us, now_us)
         claim, incarnation = context.facts.valid_claim(me), life.version.incarnation
-        work = context.work.resume(claim, life.assignment, life.partners, incarnation, now_us)
-        context.emit(*work)
+        travel_to = context.facts.under_way(me)
+        context.emit(
+            *context.work.resume(
+                claim, life.assignment, life.partners, incarnation, now_us, travel_to
+            )
+        )
         if self._leased is not None:
             self._leased.resume(now_us)
 
@@ -80,14 +84,15 @@ class Lifecycle:
         context.emit(DeclareToken(context.replica.next_incarnation(0)))
         self._join_again(frozenset(context.membership.members()), False, now_us)
         # On disk before the first heartbeat: no later process may take this incarnation again.
-        context.write([(records.CLAIM, NO_CLAIM)], now_us)
+        context.write([context.claim()], now_us)
 
     def _catch_up(self, silent_us: int, now_us: int) -> None:
         """Hear the others and their facts before it takes part again, in the same life."""
         context = self._context
         context.log("warning", "catches_up", silent_s=silent_us / 1e6)
         if context.work.claim is not None:
-            context.write([(records.CLAIM, NO_CLAIM)], now_us)
+            context.work.drop()
+            context.write([context.claim()], now_us)
         expected = frozenset(context.membership.members())
         self._join_again(expected, False, now_us, keeps_life=True)
 
@@ -152,7 +157,7 @@ class Lifecycle:
             context.log("info", "caught_up")
             return True
         context.log("info", "joined", incarnation=str(context.replica.incarnation))
-        context.write([context.member(), (records.CLAIM, NO_CLAIM)], now_us)
+        context.write([context.member(), context.claim()], now_us)
         self._schedule.make_due(now_us)
         return True
 
@@ -163,6 +168,7 @@ class Lifecycle:
         peers, digest = context.membership.peers, context.facts.map.digest()
         if self._leased is not None and not is_known and joining.has_all_of(others, peers, digest):
             self._leased.leases.grantor.end_silence()
+        context.work.is_between |= context.facts.map.get(context.me, records.CLAIM) is not None
         incarnation = context.replica.next_incarnation(self._duplicates.other_incarnation.counter)
         context.emit(DeclareToken(incarnation))
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.executor import Executor
-from mrbt_mesh.core.agent.inputs import ActionFinished
+from mrbt_mesh.core.agent.health import Health
+from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import NO_CLAIM, ConditionValue, Order, OrderKind, Outcome
+from mrbt_mesh.core.facts.records import ConditionValue, Order, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.mission.failure_reasons import one_line
@@ -19,12 +22,18 @@ class Reports:
     """Writes facts for the team."""
 
     def __init__(
-        self, context: Context, planner: Planner, executor: Executor, schedule: HeartbeatSchedule
+        self,
+        context: Context,
+        planner: Planner,
+        executor: Executor,
+        schedule: HeartbeatSchedule,
+        health: Health,
     ) -> None:
         self._context = context
         self._planner = planner
         self._executor = executor
         self._schedule = schedule
+        self._health = health
         # Conditions that a new life keeps until its incarnation is above all earlier ones.
         self._unsaid: dict[str, bool] = {}
 
@@ -33,7 +42,11 @@ class Reports:
         the claim, as one batch.
         """
         context, work = self._context, self._context.work
-        claimed = work.claim
+        claimed, action = work.claim, work.action
+        if action is not None and action.travel_to and action.ticket == event.ticket:
+            if self._way_ended(action, event, now_us):
+                return
+            event = replace(event, reason=_unreachable(action, event))
         action = work.finish(event.ticket, event.success)
         if action is None:
             return
@@ -52,10 +65,33 @@ class Reports:
             facts += self._planner.tick_outcome(action.activation, status, values)
             facts += _condition_facts(conditions)
         if work.claim is None and claimed is not None:
-            facts.append((records.CLAIM, NO_CLAIM))
+            facts.append(context.claim())
         context.write(facts, now_us)
         level, outcome = ("info", "success") if event.success else ("warning", "failure")
         context.log(level, "local_task_finished", **names, outcome=outcome, error=event.error)
+
+    def _way_ended(self, action: StartAction, event: ActionFinished, now_us: int) -> bool:
+        """The robot is at the place, or cannot reach it; whether no outcome follows from that.
+
+        A member of a coalition that has yet to form loses the capability.
+        """
+        context, work = self._context, self._context.work
+        names = {"local_task": action.local_task, "place": action.travel_to}
+        if event.success:
+            work.arrive(action, now_us)
+            context.log("info", "arrived", **names)
+            return True
+        context.log("warning", "place_not_reached", **names, error=event.error or event.reason)
+        if work.is_stopping:
+            work.stopped(action.ticket)
+            return True
+        if not context.mission.global_tasks[action.global_task].by_coalition:
+            return False
+        work.finish(action.ticket, success=False)
+        context.write([context.claim()], now_us)
+        reason = _unreachable(action, event)
+        self._health.change_capability(CapabilityChanged(action.local_task, True, reason), now_us)
+        return True
 
     # -- conditions ---------------------------------------------------------------------------
 
@@ -132,7 +168,7 @@ class Reports:
         writes = self._executor.given_up(claim) if claim is not None else []
         context.emit(*context.work.drop())
         if context.has_place:
-            context.write([*writes, context.member(), (records.CLAIM, NO_CLAIM)], now_us)
+            context.write([*writes, context.member(), context.claim()], now_us)
         self._schedule.make_due(now_us)
 
     def order(self, kind: OrderKind, now_us: int) -> None:
@@ -140,6 +176,11 @@ class Reports:
         context = self._context
         context.log("warning", "order", order=str(kind))
         context.write([(records.ORDER, Order(kind, context.facts.max_stamp + 1))], now_us)
+
+
+def _unreachable(action: StartAction, event: ActionFinished) -> str:
+    """Why a robot that could not reach a place has failed."""
+    return f"cannot reach {action.travel_to}" + (f": {event.reason}" if event.reason else "")
 
 
 def _condition_facts(changed: Mapping[str, ConditionValue]) -> list[Fact]:

@@ -1,8 +1,9 @@
 """What this robot works on: its claim, and the action that carries it out.
 
 A claim is `claimed` while the team comes to agree and `running` once the action is started; in
-between it is `ready` while its coalition forms. An action that is no longer needed is cancelled; if
-it finishes all the same, its outcome is recorded.
+between it is `travelling` on the way to the place of its local task, and `ready` while its
+coalition forms. The way is an action of its own. An action that is no longer needed is cancelled;
+if it finishes all the same, its outcome is recorded, and a way has led to its place.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ class Work:
 
     `action`: as it was started, until it has ended. `tree_statuses`: of the nodes of the tree that
     carries it out, if one does. `ended`: the local task that was assigned last and its outcome,
-    until T_Li has been ticked with it.
+    until T_Li has been ticked with it. `place`: the last one at which it has arrived, empty if it
+    has not yet; `has_arrived`: that is not written yet. `is_between`: it has set out from a place,
+    or may have in an earlier life, and has arrived nowhere since.
     """
 
     def __init__(self) -> None:
@@ -40,6 +43,9 @@ class Work:
         self.progress = 0
         self.tree_statuses = b""
         self.ended: tuple[str, Status] | None = None
+        self.place = ""
+        self.has_arrived = False
+        self.is_between = False
         self._stopping = False
         self._tickets = 0
 
@@ -50,19 +56,33 @@ class Work:
         return not is_started and self.action is None
 
     def follow(
-        self, assignment: RobotAssignment | None, stamp: int, now_us: int
+        self, assignment: RobotAssignment | None, stamp: int, place: str, now_us: int
     ) -> tuple[bool, list[Effect]]:
-        """Follow this robot's assignment in a new plan: (whether the claim changed, effects)."""
+        """Follow this robot's assignment in a new plan: (whether the claim changed, effects).
+
+        `place` is that of a new claim.
+        """
         wanted, held = _subject(assignment), _subject(self.assignment)
         self.assignment = assignment
-        if wanted == held:
+        if wanted == held or self._is_on_its_way_to(assignment):
             return False, []
         self.assigned_us = now_us
         before, self.claim = self.claim, None
         if assignment is not None:
             names = assignment.activation, assignment.global_task, assignment.local_task
-            self.claim = Claim(*names, Phase.CLAIMED, stamp)
+            self.claim = Claim(*names, Phase.CLAIMED, stamp, place=place)
         return self.claim is not before, self._cancel()
+
+    def _is_on_its_way_to(self, assignment: RobotAssignment | None) -> bool:
+        """Whether the way that the robot goes is that to this assignment, by another leader."""
+        claim = self.claim
+        return (
+            claim is not None
+            and claim.phase is Phase.TRAVELLING
+            and assignment is not None
+            and (claim.activation, claim.local_task)
+            == (assignment.activation, assignment.local_task)
+        )
 
     def get_ready(self, claim: Claim) -> Claim:
         """The team agrees: wait for the coalition."""
@@ -75,18 +95,32 @@ class Work:
         partners: tuple[str, ...],
         performance: int,
         incarnation: Incarnation,
-        coalition: str,
+        coalition: str = "",
+        travel_to: str = "",
     ) -> StartAction:
-        """Begin the action of the claim."""
+        """Begin the action of the claim, or the way to its place."""
         self._tickets += 1
         self._stopping = False
         self._clear_progress()
         names = claim.activation, claim.global_task, claim.local_task
-        self.claim = replace(claim, phase=Phase.RUNNING, coalition=coalition)
+        phase = Phase.TRAVELLING if travel_to else Phase.RUNNING
+        self.is_between = self.is_between or bool(travel_to)
+        self.claim = replace(claim, phase=phase, coalition=coalition)
         self.action = StartAction(
-            self._tickets, *names, partners, performance, incarnation, coalition
+            self._tickets, *names, partners, performance, incarnation, coalition, travel_to
         )
         return self.action
+
+    def arrive(self, action: StartAction, now_us: int) -> None:
+        """The way has led to its place: wait there for agreement, also if it was to be cancelled.
+
+        What is claimed from there is written with the next step.
+        """
+        self.action, self._stopping = None, False
+        self.place, self.has_arrived, self.is_between = action.travel_to, True, False
+        self.assigned_us = now_us
+        if self.claim is not None:
+            self.claim = replace(self.claim, phase=Phase.CLAIMED, place=self.place)
 
     def resume(
         self,
@@ -95,16 +129,20 @@ class Work:
         partners: tuple[str, ...],
         incarnation: Incarnation,
         now_us: int,
+        travel_to: str,
     ) -> list[Effect]:
-        """Go on with what was assigned and claimed before; an action that ran is started again."""
+        """Go on with what was assigned and claimed before; an action that ran is started again.
+
+        `travel_to`: the place to which the robot was on its way.
+        """
         self.claim, self.assigned_us, value = claim, now_us, 0
         if assignment is not None and claim is not None:
             held = (claim.activation, claim.local_task)
             if held == (assignment.activation, assignment.local_task):
                 self.assignment, value = assignment, assignment.performance
-        if claim is None or claim.phase is not Phase.RUNNING:
+        if claim is None or not (travel_to or claim.phase is Phase.RUNNING):
             return []
-        return [self.start(claim, partners, value, incarnation, claim.coalition)]
+        return [self.start(claim, partners, value, incarnation, claim.coalition, travel_to)]
 
     def progressed(self, number: int, percent: int) -> None:
         """How far the action is."""
@@ -130,6 +168,11 @@ class Work:
         self._stopping = False
         return action
 
+    @property
+    def is_stopping(self) -> bool:
+        """Whether the action was cancelled and has not ended."""
+        return self._stopping
+
     def stopped(self, number: int) -> None:
         """A cancelled action no longer runs."""
         if self.action is not None and self.action.ticket == number:
@@ -140,6 +183,7 @@ class Work:
         """Give everything up: leaving, or taking a new incarnation."""
         self.assignment = None
         self.claim = None
+        self.has_arrived = False
         return self._cancel()
 
     def _cancel(self) -> list[Effect]:

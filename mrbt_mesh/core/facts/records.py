@@ -161,21 +161,25 @@ class Member(Record):
 
 
 class Phase(enum.IntEnum):
-    """How far a claim is. `READY`: may start as soon as its coalition does."""
+    """How far a claim is. `TRAVELLING`: on its way to the place of its local task. `READY`: may
+    start as soon as its coalition does.
+    """
 
     CLAIMED = 1
     READY = 2
     RUNNING = 3
+    TRAVELLING = 4
 
 
-_Phase: TypeAlias = Annotated[Phase, Plain(lambda value: Phase(read_integer(value, 1, 3)), int)]
+_Phase: TypeAlias = Annotated[Phase, Plain(lambda value: Phase(read_integer(value, 1, 4)), int)]
 
 
 @dataclass(frozen=True, slots=True)
 class Claim(Record):
     """The one activation that a robot works on; `since` is a Lamport stamp.
 
-    `coalition` is the id of the coalition with which it runs, if its task has any.
+    `coalition` is the id of the coalition with which it runs, if its task has any. `place`: where
+    the robot is, or from which it has set out; empty in a mission without places.
     """
 
     activation: _Name
@@ -184,19 +188,36 @@ class Claim(Record):
     phase: _Phase
     since: int
     coalition: str = ""
+    place: str = ""
+
+    def to_value(self) -> list[Any]:
+        value: list[Any] = Record.to_value(self)
+        return value if self.place else value[:-1]
 
 
 @dataclass(frozen=True, slots=True)
 class NoClaim(Record):
-    """The author works on nothing."""
+    """The author works on nothing; `place` as in `Claim`."""
 
-    def to_value(self) -> None:
-        return None
+    place: str = ""
+
+    def to_value(self) -> str | None:
+        return self.place or None
 
 
 def parse_claim(value: Any) -> Claim | NoClaim:
-    """A claim, or NoClaim for None."""
-    return NoClaim() if value is None else Claim.parse(value)
+    """A claim, or NoClaim for None or a place."""
+    if value is None:
+        return NO_CLAIM
+    has_no_place = isinstance(value, list) and len(value) == len(Claim.fields) - 1
+    found: Claim | NoClaim
+    if isinstance(value, str):
+        found = NoClaim.parse(value)
+    else:
+        found = Claim.parse([*value, ""] if has_no_place else value)
+    if not has_no_place and not found.place:
+        raise ValueError("an empty place is left out")
+    return found
 
 
 @dataclass(frozen=True, slots=True)

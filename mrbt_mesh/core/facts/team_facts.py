@@ -91,6 +91,7 @@ class TeamFacts:
         self.max_stamp = 0
         self.changes = 0
         self.outcome_changes = 0
+        self._places: dict[str, str] = {}
         self._orders: dict[str, Order] = {}
         self._results: dict[str, MissionResult] = {}
         # What `prune` has to look at: all activations, if the reach of some may have changed, or
@@ -160,20 +161,6 @@ class TeamFacts:
         held, known = self.claims.get(robot), self.members.get(robot)
         return held.claim if held and known and held.incarnation == known.incarnation else None
 
-    def place_of(self, robot: str) -> str:
-        """Where a robot is, or set out from; empty if that is not known."""
-        travel, claim = self.mission.travel, self.valid_claim(robot)
-        if travel is None:
-            return ""
-        start = travel.start.get(robot, "")
-        if claim is not None and claim.phase is not Phase.CLAIMED:
-            return travel.at.get(claim.local_task, start)
-        return start
-
-    def under_way(self, robot: str) -> str:
-        """Where a robot is on its way to; empty if it is not."""
-        return ""
-
     def claimants(self, activation: str, local_task: str) -> list[str]:
         """The robots with a valid claim on this local task of this activation."""
         claims = ((robot, self.valid_claim(robot)) for robot in self.claims)
@@ -184,6 +171,22 @@ class TeamFacts:
         """All known robots with the capability; dead ones, and ones that lost it, included."""
         members = self.members.items()
         return [r for r, known in members if performance(known.member.capabilities, local_task)]
+
+    def place_of(self, robot: str) -> str:
+        """Where the robot is, or from which it has set out, dead or not; empty if nobody knows, and
+        in missions without places.
+        """
+        travel = self.mission.travel
+        if travel is None:
+            return ""
+        return self._places.get(robot) or travel.start.get(robot, "")
+
+    def under_way(self, robot: str) -> str:
+        """The place to which the robot is on its way; empty if it is at one."""
+        travel, claim = self.mission.travel, self.valid_claim(robot)
+        if travel is None or claim is None or claim.phase is not Phase.TRAVELLING:
+            return ""
+        return travel.at.get(claim.local_task, "")
 
     @property
     def grantors(self) -> frozenset[str]:
@@ -313,9 +316,11 @@ class TeamFacts:
                 self.members[author] = KnownMember(record, incarnation)
             case Claim():
                 self.claims[author] = KnownClaim(record, incarnation)
+                self._places[author] = record.place
                 self._see_stamp(record.since)
-            case NoClaim():
+            case NoClaim(place):
                 self.claims.pop(author, None)
+                self._places[author] = place
             case ConditionValue():
                 self.conditions.set(entry.parts[1], author, record)
                 self._see_stamp(record.stamp)

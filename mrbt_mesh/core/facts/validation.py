@@ -11,10 +11,12 @@ from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.conditions import expression_value
 from mrbt_mesh.core.facts.records import (
+    Claim,
     Coalition,
     CoalitionId,
     ConditionValue,
     ExpressionRevision,
+    NoClaim,
     Proposal,
 )
 from mrbt_mesh.core.facts.store import Entry
@@ -43,9 +45,17 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return _refuse_of_activation(entry, parts, mission, run)
     if parts[0] == records.SCHEDULE:
         return _refuse_proposal(entry, mission, run)
+    if isinstance(entry.record, Claim | NoClaim):
+        return _refuse_place(entry.record.place, mission)
     if parts[0] == records.RESULT and mission.ends is MissionEnd.NEVER:
         return "this mission never ends"
     return None
+
+
+def _refuse_place(place: str, mission: Mission) -> str | None:
+    if not place or (mission.travel is not None and place in mission.travel.places):
+        return None
+    return f"this mission has no place {place!r:.80}"
 
 
 def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:

@@ -35,6 +35,7 @@ from mrbt_mesh.sim.checkers.restarts import Resumption
 from mrbt_mesh.sim.checkers.work import (
     able_to_start,
     at_most_mu,
+    in_its_place,
     not_taken_off,
     plan_is_carried_out,
 )
@@ -98,7 +99,8 @@ class Checkers(Inspection):
         agent = process.agent.view
         self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
-        self._claim, self._is_running = agent.claim, agent.action is not None
+        self._claim, action = agent.claim, agent.action
+        self._is_running = action is not None and not action.travel_to
         self._life = agent.incarnation
 
     def handled(self, process: SimProcess, event: Input, effects: Sequence[Effect]) -> None:
@@ -121,7 +123,9 @@ class Checkers(Inspection):
             elif isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 able_to_start(run, agent, effect)
-                at_most_mu(run, agent, effect)
+                if not effect.travel_to:
+                    at_most_mu(run, agent, effect)
+                    in_its_place(run, agent, effect)
         claim = agent.claim
         if claim is not None and (before is None or claim.activation != before.activation):
             bids_first(run, agent, claim)

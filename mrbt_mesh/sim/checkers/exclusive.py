@@ -61,7 +61,9 @@ class Exclusive:
     def handling(self, process: SimProcess, agent: AgentView, event: Input) -> None:
         """Before a step: an action may be about to end."""
         action = agent.action
-        if not isinstance(event, ActionFinished | ActionStopped) or action is None:
+        if not isinstance(event, ActionFinished | ActionStopped):
+            return
+        if action is None or action.travel_to:
             return
         if action.global_task in self._tasks and action.ticket == event.ticket:
             success = event.success if isinstance(event, ActionFinished) else None
@@ -70,7 +72,7 @@ class Exclusive:
 
     def handled(self, process: SimProcess, effects: Iterable[Effect]) -> None:
         for effect in effects:
-            if isinstance(effect, StartAction) and effect.global_task in self._tasks:
+            if isinstance(effect, StartAction) and not effect.travel_to:
                 self._start(process, effect)
 
     def synced(self, process: SimProcess, changes: Changes) -> None:
@@ -85,7 +87,9 @@ class Exclusive:
                     self._claimed[process.robot] = entry.record.activation
 
     def _start(self, process: SimProcess, start: StartAction) -> None:
-        run, task = self._run, self._tasks[start.global_task]
+        run, task = self._run, self._tasks.get(start.global_task)
+        if task is None:
+            return
         run.checks["I5"] += 1
         known = self._coalitions.setdefault((start.global_task, start.activation), {})
         givers = self._givers.get((start.activation, start.coalition), set())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -41,6 +42,8 @@ class Progress:
         self._progress_us = 0
         declared = [robot.capabilities for robot in run.world.mission.robots.values()]
         self._longest_us = longest_us(run.world.mission, run.world.speed, declared)
+        # One that was cancelled may first have to turn round.
+        self._ways_us = round(2 * _longest_way_us(run.world.mission) / run.world.speed)
         self.is_endless = is_endless(run.world.mission)
         self._done: set[tuple[object, ...]] = set()
         self._successes: Counter[tuple[str, str, str]] = Counter()
@@ -84,7 +87,9 @@ class Progress:
     def finishing(self, agent: AgentView, event: Input) -> None:
         """Before a step: an action is about to end."""
         action = agent.action
-        if isinstance(event, ActionFinished) and action and action.ticket == event.ticket:
+        if not isinstance(event, ActionFinished) or action is None or action.travel_to:
+            return
+        if action.ticket == event.ticket:
             key = (action.global_task, action.local_task, action.activation)
             self._successes[key] += event.success
 
@@ -148,7 +153,7 @@ class Progress:
     @property
     def _patience_us(self) -> int:
         """How long robots with work to do may finish nothing."""
-        return 2 * self._run.settling_us + self._longest_us
+        return 2 * self._run.settling_us + self._longest_us + self._ways_us
 
     def timed_out(self) -> None:
         """The run ended without a result: that is a violation if idle robots could have gone on."""
@@ -183,6 +188,20 @@ def longest_us(mission: Mission, speed: float, capabilities: Iterable[Mapping[st
             for value in filter(None, able):
                 longest = max(longest, work * MICRO // value)
     return round(longest / speed)
+
+
+def _longest_way_us(mission: Mission) -> int:
+    """How long the slowest robot takes from one place of a task or robot to another, at most."""
+    travel, longest_ms = mission.travel, 0
+    if travel is None:
+        return 0
+    goals = sorted(set(travel.at.values()))
+    for robot in mission.robots.values():
+        for origin in [*goals, travel.start.get(robot.id, "")]:
+            for goal in goals:
+                with contextlib.suppress(KeyError):  # no robot of its type needs that way
+                    longest_ms = max(longest_ms, travel.way_ms(robot.type, origin, goal))
+    return 1_000 * longest_ms
 
 
 def servable(agent: AgentView, alive: Mapping[str, Incarnation]) -> str | None:

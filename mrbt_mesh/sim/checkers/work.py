@@ -78,6 +78,7 @@ def at_most_mu(run: RunFindings, agent: AgentView, start: StartAction) -> None:
         for process in world.living()
         if process.agent is not None
         and (action := process.agent.view.action) is not None
+        and not action.travel_to
         and (action.activation, action.local_task) == place
     ]
     needs = agent.mission.global_tasks[start.global_task].needs
@@ -85,6 +86,18 @@ def at_most_mu(run: RunFindings, agent: AgentView, start: StartAction) -> None:
     if len(robots) > most:
         text = f"{', '.join(robots)} are on {place[1]} of {place[0]}, at most {most} may be"
         run.violation("I4", text)
+
+
+def in_its_place(run: RunFindings, agent: AgentView, start: StartAction) -> None:
+    """I4: a robot begins a local task where it happens: the facts say so, and it is there."""
+    travel = agent.mission.travel
+    if travel is None or start.local_task not in travel.at:
+        return
+    run.checks["places"] += 1
+    place, known = travel.at[start.local_task], agent.facts.place_of(agent.robot)
+    if known != place or not run.world.driving.is_at(agent.robot, place):
+        text = f"{agent.robot} starts {start.local_task}, which is at {place}, somewhere else"
+        run.violation("I4", f"{text} (the facts say {known})")
 
 
 def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
@@ -98,7 +111,7 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
         if mine is not None and tasks[mine.global_task].exclusive and ungranted:
             continue
         wanted = (mine.activation, mine.local_task) if mine else None
-        found = _place(claim) if claim and claim.phase is Phase.RUNNING else None
+        found = _place(claim) if claim and _is_at_work(each, plan, claim) else None
         if wanted != found:
             run.violation("I4", f"{each.robot} works on {found}, by the plan on {wanted}")
     if plan.order is not OrderKind.RESUME or plan.result in OVER:
@@ -114,6 +127,14 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
                 bounds = f"{place[0]}: {low}..{demand.upper}"
                 text = f"{on[place]} robots on {demand.local_task} of {bounds}"
                 run.violation("I4", text)
+
+
+def _is_at_work(agent: AgentView, plan: Plan, claim: Claim) -> bool:
+    """Whether a robot works, is on its way, or waits for partners that are."""
+    partners = [r for r, line in plan.assignments.items() if line.activation == claim.activation]
+    is_gathering = any(agent.facts.under_way(robot) for robot in partners)
+    moves = claim.phase in (Phase.RUNNING, Phase.TRAVELLING)
+    return moves or (claim.phase is Phase.READY and is_gathering)
 
 
 def _place(claim: Claim) -> tuple[str, str]:

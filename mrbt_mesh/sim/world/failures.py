@@ -72,7 +72,7 @@ class RandomFailures:
     def outcome(self, process: SimProcess, event: ActionFinished) -> ActionFinished:
         """How an action that a robot has ended by itself counts."""
         action = process.agent.view.action if process.agent is not None else None
-        if action is None or not event.success:
+        if action is None or action.travel_to or not event.success:
             return event
         chances = self._model.actions
         chance = chances.get(type_name(action.local_task), chances.get(EVERYBODY, 0.0))

@@ -45,6 +45,7 @@ from mrbt_mesh.core.scheduling.dispatch import Dispatched
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
+from mrbt_mesh.sim.world.driving import Driving
 from mrbt_mesh.sim.world.faults import Fault
 from mrbt_mesh.sim.world.journal import Changes, SimJournal, SimJournalWriter
 from mrbt_mesh.sim.world.message_bus import MessageBus
@@ -67,6 +68,7 @@ class Surroundings(Protocol):
     clock: VirtualClock
     bus: MessageBus
     inspection: Inspection
+    driving: Driving
     events: list[dict[str, Any]]
 
     def published(self, process: SimProcess, effect: Publish) -> None: ...
@@ -201,7 +203,16 @@ class SimProcess:
         current_gate.set(self.pace.gate)
         setup = self._world.setup
         async with anyio.create_task_group() as group:
-            runner = ActionRunner(group, setup.program, setup.mission, self._identity, self)
+            driving = self._world.driving
+            runner = ActionRunner(
+                group,
+                setup.program,
+                setup.mission,
+                self._identity,
+                self,
+                drive=driving.drive,
+                stretch=partial(driving.stretch, self.robot),
+            )
             boot = partial(self.boot, runner, contextvars.copy_context(), group.cancel_scope.cancel)
             self._clock.at(self._clock.now_us, boot)
             try:
@@ -315,7 +326,7 @@ class SimProcess:
         assert self._runner is not None
         now_us = self._clock.now_us
         match effect:
-            case StartAction(ticket):
+            case StartAction(ticket) if not effect.travel_to:
                 work = self._world.recorded_work(self, effect)
                 if work is not None:
                     self._repeated = ticket

@@ -133,7 +133,8 @@ class Setup:
     """One run. `robots` are launched at the start, within `start_spread_us`.
 
     `failures` come by chance, besides the faults of the `schedule`. `speed` shortens the robots'
-    work. `timeout_us` counts from the launch. `stop_when_stuck`: end a run of which nothing more
+    work. `noise_permille`: up to so much longer or shorter than by the mission are works and ways.
+    `timeout_us` counts from the launch. `stop_when_stuck`: end a run of which nothing more
     will come. `record`: the folder for what each robot and the observer record.
     `begin`: what has been before.
     """
@@ -148,6 +149,7 @@ class Setup:
     network: NetworkKnobs = field(default_factory=NetworkKnobs)
     agents: AgentOptions = field(default_factory=AgentOptions)
     speed: float = 1.0
+    noise_permille: int = 0
     stop_when_stuck: bool = False
     start_spread_us: int = 20_000
     record: Path | None = None

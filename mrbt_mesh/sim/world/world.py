@@ -18,6 +18,7 @@ from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.world.clock import VirtualClock
+from mrbt_mesh.sim.world.driving import Driving
 from mrbt_mesh.sim.world.failures import RandomFailures
 from mrbt_mesh.sim.world.injector import Injector
 from mrbt_mesh.sim.world.message_bus import MessageBus
@@ -69,6 +70,7 @@ class World:
         self._is_observing = False
         self.inspection = inspect(self)
         self.injector = Injector(setup, self.bus, self.robots, self.inspection, self._has_result)
+        self.driving = Driving(setup)
         self.failures = RandomFailures(setup, self.clock, self.robots, self.injector.inject)
         self.over = anyio.Event()
         self.timed_out = False

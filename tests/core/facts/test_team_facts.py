@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import random
 from dataclasses import replace
 
 import pytest
@@ -10,11 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import OrderKind
-from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
+from mrbt_mesh.core.facts.records import CLAIM, MEMBER, Claim, NoClaim, OrderKind, Phase
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
+from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.mission.mission import FailurePolicy, MissionEnd
+from mrbt_mesh.core.mission.travel import Travel
 from tests.support.build import (
+    RUN,
     World,
     action,
     condition,
@@ -230,6 +234,55 @@ def test_the_latest_order_stands_and_abort_absorbs(
     for kind, stamp, author in orders:
         world.order(kind, stamp, author)
     assert world.facts.order() is OrderKind(standing)
+
+
+# -- where robots are -------------------------------------------------------------------------
+
+MOVES = st.lists(
+    st.tuples(st.sampled_from("AB"), st.sampled_from([*Phase, None]), st.sampled_from(["x", "y"])),
+    max_size=8,
+)
+
+
+@given(MOVES, st.randoms(use_true_random=False), st.booleans())
+def test_a_robot_is_where_its_newest_claim_says(
+    moves: list[tuple[str, Phase | None, str]], shuffled: random.Random, restarts: bool
+) -> None:
+    world = team(RESILIENT, 1, 1)
+    assert (world.facts.place_of("A"), world.facts.under_way("A")) == ("", "")
+    places = Travel(dict.fromkeys("xyz", (0, 0)), {"lift": "z"}, {"A": "x"})
+    mission = replace(world.mission, travel=places)
+    facts, entries = TeamFacts(mission, RUN), list(world.facts.map)
+    found = {"A": ("x", ""), "B": ("", "")}
+    for number, (robot, phase, place) in enumerate(moves, 2):
+        claim = Claim(ACTIVATION, "lift", "lift", phase, 1, place=place) if phase else None
+        version = Version(world.alive[robot], number)
+        entries.append(make_entry(robot, CLAIM, version, claim or NoClaim(place)))
+        goal = "z" if phase is Phase.TRAVELLING and not restarts else ""
+        found[robot] = (place, goal)
+    if restarts:
+        entries += [
+            replace(each, version=Version(Incarnation(2, "n"), 1))
+            for each in world.facts.map
+            if each.name == MEMBER
+        ]
+    shuffled.shuffle(entries)
+    facts.map.merge(entries)
+    assert {r: (facts.place_of(r), facts.under_way(r)) for r in "AB"} == found
+    assert facts.place_of("stranger") == ""
+
+
+def test_places_that_the_mission_does_not_have_are_refused() -> None:
+    world = team(RESILIENT, 1, 1)
+    places = replace(world.mission, travel=Travel({"x": (0, 0)}, {"lift": "x"}, {"A": "x"}))
+    for mission, place, reason in (
+        (world.mission, "x", "this mission has no place 'x'"),
+        (places, "y", "this mission has no place 'y'"),
+        (places, "x", None),
+        (places, "", None),
+    ):
+        entry = make_entry("A", CLAIM, Version(world.alive["A"], 2), NoClaim(place))
+        assert refusal_reason(entry, mission, RUN) == reason
 
 
 # -- members, claims, capabilities ------------------------------------------------------------

@@ -1,0 +1,172 @@
+"""Robots that drive in virtual time: where they are, also when a way is broken off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import anyio
+import pytest
+
+from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.travel import Travel
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.sim.run import SimulationResult, simulate
+from mrbt_mesh.sim.world.driving import Leg, duration_ms, legs_to, spot_after
+from mrbt_mesh.sim.world.faults import Kill, Lose, Restart
+from mrbt_mesh.sim.world.setup import FailureModel
+
+SECOND = 1_000_000
+TEXT = """
+mission: depot
+local_tasks: {lift: {parameters: [dock], work: 2}, scan: {parameters: [dock], work: 1}}
+robot_types: {mover: {capabilities: {lift: 1, scan: 1}}}
+robots: {R1: mover, R2: mover, R3: mover}
+global_tasks:
+  lift_at: {parameters: [dock], simultaneous: true, needs: {lift($dock): {min: 2, max: 2}}}
+  scan_at: {parameters: [dock], needs: {scan($dock): {}}}
+tree: {TREE}
+"""
+PLACES = {"a": (0, 0), "b": (10 * SECOND, 0), "home": (4 * SECOND, 0)}
+
+
+def depot(tree: str, **changes: bool) -> Mission:
+    """Robots that go one unit per second, from home to a (4 s) and b (6 s), and between (10 s)."""
+    mission = mission_from_yaml(TEXT.replace("TREE", tree), "depot", Path())
+    at = {f"{name}({dock})": dock for name in ("lift", "scan") for dock in "ab"}
+    travel = Travel(PLACES, at, dict.fromkeys(mission.robots, "home"), {"mover": SECOND})
+    tasks = {name: replace(task, **changes) for name, task in mission.global_tasks.items()}
+    return replace(mission, travel=travel, global_tasks=tasks)
+
+
+def worker() -> RobotProgram:
+    program = RobotProgram(record_work=True)
+
+    @program.local_task("*")
+    async def work(task: TaskContext, *arguments: str) -> None:
+        await anyio.sleep(task.simulation.duration_s)
+
+    return program
+
+
+def told(result: SimulationResult, robot: str = "") -> list[tuple[float, str, str, str]]:
+    """Time in s, robot, event and what for; where a robot sets out, to which place."""
+    assert result.violations == []
+    return [
+        (
+            round(e["t"], 1),
+            e["robot"],
+            e["event"] + (f" to {e['place']}" if "place" in e else ""),
+            e["outcome"] or e["local_task"],
+        )
+        for e in result.events
+        if robot in ("", e["robot"])
+    ]
+
+
+def test_a_robot_sets_out_begins_and_ends() -> None:
+    mission = depot("Sequence: [scan_at(a), scan_at(a), scan_at(b)]")
+    result = simulate(mission, worker(), seed=1, robots=["R1"])
+    assert told(result) == [
+        (0.0, "R1", "start to a", "scan"),
+        (4.0, "R1", "begin", "scan"),
+        (5.0, "R1", "end", "success"),
+        (5.0, "R1", "start", "scan"),
+        (6.0, "R1", "end", "success"),
+        (6.0, "R1", "start to b", "scan"),
+        (16.0, "R1", "begin", "scan"),
+        (17.0, "R1", "end", "success"),
+    ]
+    assert result.checks["places"] == 3
+
+
+def test_a_coalition_gathers_and_one_that_dies_on_its_way_is_replaced() -> None:
+    mission = depot("Sequence: [scan_at(a), lift_at(b)]")
+    result = simulate(mission, worker(), seed=1, schedule=[(7 * SECOND, Kill("R2"))])
+    assert result.result == "success"
+    assert told(result)[3:] == [
+        (5.0, "R2", "start to b", "lift"),
+        (5.0, "R3", "start to b", "lift"),
+        (7.0, "R1", "start to b", "lift"),
+        (17.0, "R1", "begin", "lift"),
+        (17.0, "R3", "begin", "lift"),
+        (19.0, "R1", "end", "success"),
+        (19.0, "R3", "end", "success"),
+    ]
+
+
+@pytest.mark.parametrize("exclusive", [False, True])
+def test_a_robot_that_starts_again_goes_on_from_where_it_stopped(exclusive: bool) -> None:
+    mission = depot("Sequence: [lift_at(b)]", exclusive=exclusive)
+    schedule = [(at_s * SECOND, Kill(robot)) for at_s, robot in ((1, "R2"), (1, "R3"))]
+    schedule += [(4 * SECOND, Restart("R2"))]
+    result = simulate(mission, worker(), seed=1, schedule=schedule)
+    (_, _, first, _), (start_s, _, again, _), (begin_s, _, begin, _), *_ = told(result, "R2")
+    assert [first, again, begin] == ["start to b", "start to b", "begin"]
+    assert begin_s - start_s == pytest.approx(5, abs=0.11)  # 1 s of 6 was over
+
+
+def test_a_robot_whose_way_is_broken_off_turns_round_or_goes_on() -> None:
+    mission = depot("Parallel: {success: all, children: [scan_at(a), scan_at(b)]}")
+    schedule = [(2 * SECOND, Lose("R1", "scan(a)", ""))]
+    result = simulate(mission, worker(), seed=1, robots=["R1"], schedule=schedule)
+    assert told(result)[:4] == [
+        (0.0, "R1", "start to a", "scan"),
+        (2.0, "R1", "cancel", "scan"),
+        (2.0, "R1", "start to b", "scan"),
+        (10.0, "R1", "begin", "scan"),
+    ]
+
+
+def test_a_program_that_drives_is_asked_and_may_fail() -> None:
+    program, asked = worker(), list[str]()
+
+    @program.travel
+    async def drive(task: TaskContext, place: str) -> bool:
+        asked.append(f"{task.robot} {place}")
+        await anyio.sleep(1)
+        if task.robot == "R1":
+            raise RuntimeError("the road is closed")
+        return True
+
+    result = simulate(depot("Sequence: [lift_at(a)]"), program, seed=1)
+    assert (result.result, result.violations, asked) == ("success", [], ["R1 a", "R2 a", "R3 a"])
+    lost = result.observer.facts.members["R1"].member.lost
+    assert list(lost) == ["lift(a)"]
+    assert lost["lift(a)"].startswith("cannot reach a: RuntimeError: the road is closed (test_dr")
+    result = simulate(depot("Sequence: [scan_at(a)]"), program, seed=1)
+    assert told(result)[:3] == [
+        (0.0, "R1", "start to a", "scan"),
+        (1.0, "R1", "end", "failure"),
+        (1.0, "R2", "start to a", "scan"),
+    ]
+
+
+def test_noise_is_the_same_for_the_same_seed() -> None:
+    mission, times = depot("Sequence: [scan_at(a), scan_at(b)]"), []
+    for seed in (1, 1, 2):
+        result = simulate(mission, worker(), seed=seed, noise_permille=300)
+        begin, end = (line for line in told(result)[1:3])
+        assert 2.8 <= begin[0] <= 5.2
+        assert 0.7 <= end[0] - begin[0] <= 1.3
+        times.append(told(result))
+    assert times[0] == times[1] != times[2]
+
+
+def test_the_shorter_way_from_between_two_places() -> None:
+    travel = depot("Sequence: [scan_at(a)]").travel
+    assert travel is not None
+    on, back = Leg("home", "b", 6_000, 5_500), Leg("home", "b", 6_000, 500)
+    assert [duration_ms(legs_to(travel, "mover", s, "b")) for s in (on, back)] == [500, 5_500]
+    assert duration_ms(legs_to(travel, "mover", back, "a")) == 4_500
+    legs = legs_to(travel, "mover", back, "a")
+    assert spot_after(legs, 200) == Leg("b", "home", 6_000, 5_700)
+    assert spot_after(legs, 600) == Leg("home", "a", 4_000, 100)
+    assert spot_after(legs, 9_000) == Leg("home", "a", 4_000, 4_000)
+
+
+def test_chances_of_actions_are_not_those_of_ways() -> None:
+    failures = FailureModel(actions={"": 1.0})
+    result = simulate(depot("Sequence: [scan_at(a)]"), worker(), seed=1, failures=failures)
+    assert [e for *_, e, _ in told(result)] == ["start to a", "begin", "end"] * 3
