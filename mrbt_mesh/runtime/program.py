@@ -187,8 +187,8 @@ class RobotProgram:
         It is called before a local task whose place (`at` of the mission file) is not where the
         robot is, with the context of that local task. If it raises or returns False, the local task
         has failed, and if the local task is cancelled, so is the way. A program without such a
-        function drives in the functions of its local tasks. Raises ProgramError for a second one,
-        and for a function that cannot be called like this.
+        function drives in the functions of its local tasks; in virtual time its robots are moved.
+        Raises ProgramError for a second one, and for a function that cannot be called like this.
         """
         function = travel_function(target)
         if (first := self._functions.travel) is not None:

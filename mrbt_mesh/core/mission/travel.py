@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from math import isqrt
 from typing import Any
 
@@ -88,15 +89,15 @@ class Travel:
                 most = f"needs more than {MAX_MS // 1_000} s between the places"
                 return f"{robot_type} {most}; give it a speed in units of the map per second"
             return ""
-        for origin in sorted({start, *goals}):
-            for goal in sorted({start, *goals} if self.has_way_back else goals):
-                try:
-                    self.way_ms(robot_type, origin, goal)
-                except KeyError:
-                    way = f"{robot_type} has no way from {origin} to {goal}; add it to ways"
-                    is_mapped = None not in (self.places[origin], self.places[goal])
-                    missing = "" if is_mapped else "both places coordinates, and "
-                    return f"{way}, or give {missing}{robot_type} a speed"
+        # All lead back as well.
+        for origin, goal in combinations(sorted({start, *goals}), 2):
+            try:
+                self.way_ms(robot_type, origin, goal)
+            except KeyError:
+                way = f"{robot_type} has no way from {origin} to {goal}; add it to ways"
+                is_mapped = None not in (self.places[origin], self.places[goal])
+                missing = "" if is_mapped else "both places coordinates, and "
+                return f"{way}, or give {missing}{robot_type} a speed"
         return ""
 
     def to_json(self) -> dict[str, Any]:
