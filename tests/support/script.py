@@ -143,7 +143,8 @@ class Script:
         assert self.tree is not None
         mission = build.make_mission(self.tree, self.robots, self.tasks, name=name)
         places = dict.fromkeys([*self.at.values(), *self.starts.values()], (0, 0))
-        travel = Travel(places, self.at, self.starts) if places else None
+        # Without schedules: these conversations are about ways.
+        travel = Travel(places, self.at, self.starts, horizon=1) if places else None
         return replace(mission, ends=self.ends, travel=travel)
 
     def do_start(self, *names: str) -> None:

@@ -235,7 +235,7 @@ class Agent:
             return
         if mission.has_bids:
             self._bidder.ask(plan)
-        self._scheduler.follow(plan)
+        self._scheduler.follow(plan, now_us)
         self._executor.perform(plan, now_us)
         if leased is not None:
             leased.request()

@@ -12,17 +12,17 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.agent.inputs import ScheduleFound
 from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Proposal
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
-from mrbt_mesh.core.scheduling.problem import SchedulingProblem
 from mrbt_mesh.core.scheduling.search import search
 
 # By which part of the cost a proposal must be better than the schedule in force.
 MARGIN = 100
 # An evaluation takes about as long as there are tasks times robots. So many of these make a third
-# of a second on a usual machine.
-MOST_WORK = 600_000
+# of a second on a usual machine, and some milliseconds.
+MOST_WORK, LITTLE_WORK = 1_200_000, 4_000
 MIN_EVALUATIONS, MAX_EVALUATIONS = 50, 10_000
 
 
@@ -32,32 +32,61 @@ class Scheduler:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._number = 0
-        # What it searches a schedule for, None if it does not search; and did so last.
-        self._searching: Lookahead | None = None
-        self._searched: SchedulingProblem | None = None
+        self._is_searching = False
+        # What it has searched a schedule for last, None before.
+        self._searched: Lookahead | None = None
 
-    def follow(self, plan: Plan) -> None:
-        """Search a schedule if the plan lacks one, and has not been searched for the same."""
+    def follow(self, plan: Plan, now_us: int) -> None:
+        """Search a schedule for what lies ahead, once: again if there are new tasks or other
+        robots, or what was proposed does not fit any more.
+
+        Where none is in force the first robot at once proposes one by priority rules alone, if that
+        takes little time.
+        """
         ahead = plan.ahead
-        if ahead is None or ahead.schedule is not None or self._searching is not None:
+        if ahead is None or self._is_searching:
             return
-        problem = ahead.problem
-        if len(problem.tasks) < 2 or problem == self._searched:
+        if len(ahead.opens) < 2 or not self._is_due(ahead):
+            self._withdraw(ahead, plan, now_us)
             return
-        self._searching, self._searched = ahead, problem
+        self._searched, self._is_searching = ahead, True
         self._number += 1
-        budget = MOST_WORK // (len(problem.tasks) * len(problem.free_ms))
-        evaluations = min(max(budget, MIN_EVALUATIONS), MAX_EVALUATIONS)
-        seed = sorted({*self._context.mission.robots, self._context.me}).index(self._context.me)
-        find = partial(search, problem, evaluations, seed)
-        self._context.emit(SearchSchedule(self._number, find))
+        problem, me = ahead.problem, self._context.me
+        work = len(problem.tasks) * len(problem.free_ms)
+        evaluations = min(max(MOST_WORK // work, MIN_EVALUATIONS), MAX_EVALUATIONS)
+        seed = sorted({*self._context.mission.robots, me}).index(me)
+        self._context.emit(
+            SearchSchedule(self._number, partial(search, problem, evaluations, seed))
+        )
+        if ahead.schedule is None and me == min(ahead.robots) and work <= LITTLE_WORK:
+            proposal = ahead.proposal(search(problem, 0, seed).schedule)
+            self._context.write([(records.SCHEDULE, proposal)], now_us)
+
+    def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
+        """Take its proposal back once all go by another one: what is foretold changes a little with
+        every event, and nobody is to turn round for it.
+        """
+        context = self._context
+        mine = context.facts.proposals.get(context.me)
+        if mine is None or not mine.steps or ahead.author in ("", context.me):
+            return
+        if context.membership.all_report_plan(plan.digest):
+            context.write([(records.SCHEDULE, Proposal(()))], now_us)
+
+    def _is_due(self, ahead: Lookahead) -> bool:
+        before = self._searched
+        if before is None or ahead.robots != before.robots:
+            return True
+        if not ahead.numbers.keys() <= before.numbers.keys():
+            return True
+        return ahead.schedule is None and ahead.problem != before.problem
 
     def found(self, event: ScheduleFound, plan: Plan | None, now_us: int) -> None:
         """Propose the order that was found, with the robots that suit it best now."""
-        searched, ahead = self._searching, plan.ahead if plan is not None else None
-        if event.number != self._number or searched is None:
+        searched, ahead = self._searched, plan.ahead if plan is not None else None
+        if event.number != self._number or searched is None or not self._is_searching:
             return
-        self._searching = None
+        self._is_searching = False
         if ahead is None or not ahead.opens or not self._context.has_place:
             return
         names = [searched.opens[step.task].request.activation for step in event.schedule]

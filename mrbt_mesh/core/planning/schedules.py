@@ -12,7 +12,7 @@ it. Requests that schedules leave out, and all of them where none is in force, g
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -50,7 +50,8 @@ class Lookahead:
     """What schedules are made for: the tasks ahead that lack robots, and the robots there are.
 
     `opens` and `robots` are numbered as in `problem`. `left_out`: activation -> why it is none for
-    a schedule. `schedule` is the one in force with its course, None without one.
+    a schedule. `schedule` is the one in force with its course, None without one, and `author` the
+    robot that has proposed it.
     """
 
     opens: tuple[Open, ...]
@@ -59,6 +60,7 @@ class Lookahead:
     left_out: Mapping[str, str]
     schedule: Schedule | None = None
     course: Course | None = None
+    author: str = ""
 
     @cached_property
     def numbers(self) -> Mapping[str, int]:
@@ -123,12 +125,15 @@ class Lookahead:
 def look_ahead(facts: TeamFacts, evaluation: Evaluation, capabilities: Capabilities) -> Lookahead:
     """The problem of this moment, and the schedule in force."""
     found = _lookahead(facts, evaluation, capabilities)
-    fitting = [found.fitting(facts.proposals[author]) for author in sorted(facts.proposals)]
-    those = [each for each in fitting if each is not None and each[0]]
+    those = []
+    for author in sorted(facts.proposals):
+        fitting = found.fitting(facts.proposals[author])
+        if fitting is not None and fitting[0]:
+            those.append((*fitting, author))
     if not those:
         return found
-    schedule, course = min(those, key=lambda each: (each[1].cost, each[0]))
-    return replace(found, schedule=schedule, course=course)
+    schedule, course, author = min(those, key=lambda each: (each[1].cost, each[0]))
+    return replace(found, schedule=schedule, course=course, author=author)
 
 
 def by_schedule(ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
@@ -138,21 +143,22 @@ def by_schedule(ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
     """
     if ahead.schedule is None:
         return demands
-    present = {group[0].request.activation for group in demands if group}
-    busy = {
-        robot
+    present = {group[0].request.activation for group in demands}
+    at_work = {robot for group in demands for demand in group for robot in demand.pinned}
+    due = {
+        robot: step
         for robot, step in ahead.next_steps.items()
-        if ahead.opens[step.task].request.activation in present
+        if robot not in at_work and ahead.opens[step.task].request.activation in present
     }
     steps = {ahead.opens[step.task].request.activation: step for step in ahead.schedule}
     result = []
     for group in demands:
-        step = steps.get(group[0].request.activation) if group else None
+        step = steps.get(group[0].request.activation)
         if step is None:
-            result.append(tuple(_without(demand, busy) for demand in group))
+            result.append(tuple(_without(demand, due.keys()) for demand in group))
             continue
         those = [
-            {ahead.robots[r] for r in robots if ahead.next_steps[ahead.robots[r]] is step}
+            {ahead.robots[r] for r in robots if due.get(ahead.robots[r]) is step}
             for robots in step.coalition
         ]
         result.append(
@@ -172,8 +178,8 @@ def _for(demand: Demand, robots: set[str]) -> Demand:
     return replace(demand, lower=count, upper=count, candidates=candidates)
 
 
-def _without(demand: Demand, robots: set[str]) -> Demand:
-    if not robots & demand.candidates.keys() - set(demand.pinned):
+def _without(demand: Demand, robots: Collection[str]) -> Demand:
+    if demand.candidates.keys().isdisjoint(robots):
         return demand
     candidates = {
         robot: value

@@ -11,6 +11,7 @@ from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 from mrbt_mesh.core.scheduling.problem import (
+    Coalition,
     Schedule,
     SchedulingNeed,
     SchedulingProblem,
@@ -28,6 +29,7 @@ class Dispatched(NamedTuple):
 
 # What a robot could do for a task: (when it would end, when it is there, robot).
 Offer: TypeAlias = tuple[int, int, int]
+_NEVER_MS = 1 << 62
 _THERE_MS, _ROBOT = itemgetter(1), itemgetter(2)
 
 
@@ -49,9 +51,17 @@ class Dispatcher:
             < sum(len(need.work_ms) for need in task.needs)
             for task in problem.tasks
         ]
+        self._is_simple = [
+            task.is_together
+            and not overlaps
+            and all(need.robots == 1 and need.work_ms for need in task.needs)
+            for task, overlaps in zip(problem.tasks, self._overlap, strict=True)
+        ]
         self._has_precedence = any(task.after for task in problem.tasks)
+        # Of each robot: when it is free, where it is then, and its ways from there.
         self._free_ms: list[int] = []
         self._at: list[int] = []
+        self._ways_ms: list[Sequence[int]] = []
         self.dispatch(range(len(problem.tasks)))
 
     def dispatch(self, order: Sequence[int]) -> Dispatched:
@@ -61,29 +71,73 @@ class Dispatcher:
         difference the ones that arrive last: they wait least.
         """
         problem = self._problem
+        travel_ms, tasks, is_simple = problem.travel_ms, problem.tasks, self._is_simple
         self._free_ms = free_ms = list(problem.free_ms)
         self._at = at = list(problem.at)
+        self._ways_ms = ways_ms = [travel_ms[robot][place] for robot, place in enumerate(at)]
         ended_ms: dict[int, int] = {}
         steps = []
         for number in self._feasible(order) if self._has_precedence else order:
-            task = problem.tasks[number]
+            task = tasks[number]
             leaves_ms = task.ready_ms
             for each in task.after:
                 leaves_ms = max(leaves_ms, ended_ms[each])
-            chosen = self._choose(number, leaves_ms)
-            if task.is_together:
-                last_ms = max([each[1] for offers in chosen for each in offers])
-                last_ms += max([each[0] - each[1] for offers in chosen for each in offers])
+            place = task.place
+            if is_simple[number]:
+                coalition, last_ms = self._gather(number, leaves_ms)
+                for (robot,) in coalition:
+                    free_ms[robot] = last_ms
             else:
-                last_ms = max([each[0] for offers in chosen for each in offers])
-            for offers in chosen:
-                for end_ms, _, robot in offers:
-                    free_ms[robot] = last_ms if task.is_together else end_ms
-                    if task.place is not None:
-                        at[robot] = task.place
+                chosen = self._choose(number, leaves_ms)
+                if task.is_together:
+                    last_ms = max([each[1] for offers in chosen for each in offers])
+                    last_ms += max([each[0] - each[1] for offers in chosen for each in offers])
+                else:
+                    last_ms = max([each[0] for offers in chosen for each in offers])
+                for offers in chosen:
+                    for end_ms, _, robot in offers:
+                        free_ms[robot] = last_ms if task.is_together else end_ms
+                coalition = tuple([tuple(map(_ROBOT, offers)) for offers in chosen])
+            if place is not None:
+                for robots in coalition:
+                    for robot in robots:
+                        at[robot], ways_ms[robot] = place, travel_ms[robot][place]
             ended_ms[number] = last_ms
-            steps.append(Step(number, tuple([tuple(map(_ROBOT, offers)) for offers in chosen])))
+            steps.append(Step(number, coalition))
         return Dispatched(tuple(steps), cost_of(problem, free_ms, at, [*ended_ms.values()]))
+
+    def _gather(self, number: int, leaves_ms: int) -> tuple[Coalition, int]:
+        """`_choose` for robots that gather, one for each need; and when the task ends."""
+        free_ms, ways_ms, place = self._free_ms, self._ways_ms, self._problem.tasks[number].place
+        every = []
+        gathered_ms = longest_ms = 0
+        for _, able in self._needs[number]:
+            arrivals, first_ms, first_there_ms = [], _NEVER_MS, 0
+            for robot, work_ms in able:
+                there_ms = free_ms[robot]
+                if there_ms < leaves_ms:
+                    there_ms = leaves_ms
+                if place is not None:
+                    there_ms += ways_ms[robot][place]
+                arrivals.append(there_ms)
+                if there_ms + work_ms < first_ms or (
+                    there_ms + work_ms == first_ms and there_ms < first_there_ms
+                ):
+                    first_ms, first_there_ms, first_work_ms = there_ms + work_ms, there_ms, work_ms
+            gathered_ms = max(gathered_ms, first_there_ms)
+            longest_ms = max(longest_ms, first_work_ms)
+            every.append(arrivals)
+        coalition = []
+        begin_ms = work_most_ms = 0
+        for (_, able), arrivals in zip(self._needs[number], every, strict=True):
+            latest_ms = -1
+            for (robot, work_ms), there_ms in zip(able, arrivals, strict=True):
+                if latest_ms < there_ms <= gathered_ms and work_ms <= longest_ms:
+                    latest_ms, chosen, chosen_work_ms = there_ms, robot, work_ms
+            begin_ms = max(begin_ms, latest_ms)
+            work_most_ms = max(work_most_ms, chosen_work_ms)
+            coalition.append((chosen,))
+        return tuple(coalition), begin_ms + work_most_ms
 
     def _choose(self, number: int, leaves_ms: int) -> list[list[Offer]]:
         """For each need of a task the offers that it takes, of robots that may leave by then."""
@@ -114,14 +168,14 @@ class Dispatcher:
 
     def _offers(self, number: int, able: Sequence[tuple[int, int]], leaves_ms: int) -> list[Offer]:
         place = self._problem.tasks[number].place
-        free_ms, at, travel_ms = self._free_ms, self._at, self._problem.travel_ms
+        free_ms, ways_ms = self._free_ms, self._ways_ms
         offers = []
         for robot, work_ms in able:
             there_ms = free_ms[robot]
             if there_ms < leaves_ms:
                 there_ms = leaves_ms
             if place is not None:
-                there_ms += travel_ms[robot][at[robot]][place]
+                there_ms += ways_ms[robot][place]
             offers.append((there_ms + work_ms, there_ms, robot))
         return offers
 

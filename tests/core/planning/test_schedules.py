@@ -82,6 +82,22 @@ def test_a_robot_waits_for_what_is_not_asked_for_yet() -> None:
     assert world.plan().idle == {"R2": "next in the schedule: a"}
 
 
+def test_robots_set_out_for_a_task_before_the_others_that_it_needs() -> None:
+    tree = parallel(2, action("long"), action("both"))
+    can = {"look": 1.0, "lift": 1.0}
+    tasks = [task("long", ("look", 1, 1)), task("both", ("look", 1, 1), ("lift", 1, 1))]
+    tasks[1] = replace(tasks[1], simultaneous=True)
+    mission = make_mission(tree, {"R1": can, "R2": can}, tasks)
+    world = World(travelling(mission, {"look": "b", "lift": "b"}, {"R1": "a", "R2": "d"}))
+    names = {each.request.subject: each.request.activation for each in ahead(world).opens}
+    steps = ProposedStep(names["long"], (("R2",),)), ProposedStep(names["both"], (("R2",), ("R1",)))
+    world.write("R1", (records.SCHEDULE, Proposal(steps)))
+    assert who(world) == {"R1": "both", "R2": "long"}
+    world.claim("R2", names["long"], "look")
+    assert who(world) == {"R1": "both", "R2": "long"}
+    assert {each.leader for each in world.plan().assignments.values()} == {"", "R1"}
+
+
 def test_what_has_begun_stays_whatever_is_proposed() -> None:
     world = line()
     propose(world, "R1", *NEAR)

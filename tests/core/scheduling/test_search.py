@@ -85,6 +85,23 @@ def test_every_order_can_be_carried_out_at_the_cost_that_is_foretold(
     assert course_of(problem, found.schedule).cost == found.cost
 
 
+@given(st.integers(0, 10_000), st.integers(2, 9), st.integers(1, 9), st.randoms())
+def test_robots_that_gather_one_for_each_need_are_chosen_as_others_are(
+    seed: int, robots: int, tasks: int, shuffled: random.Random
+) -> None:
+    problem = drawn(seed, robots, tasks)
+    single = tuple(
+        replace(task, needs=tuple(replace(need, robots=1) for need in task.needs))
+        for task in problem.tasks
+    )
+    dispatcher = Dispatcher(replace(problem, tasks=single))
+    order = list(range(tasks))
+    shuffled.shuffle(order)
+    found = dispatcher.dispatch(order)
+    dispatcher._is_simple = [False] * tasks
+    assert dispatcher.dispatch(order) == found
+
+
 def test_a_robot_that_could_serve_two_needs_serves_the_one_that_fewer_can() -> None:
     needs = (SchedulingNeed(1, {0: 10, 1: 20}), SchedulingNeed(1, {0: 10}))
     problem = SchedulingProblem(
