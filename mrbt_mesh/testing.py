@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from os import PathLike, fspath
@@ -299,7 +299,7 @@ def run(
     if too_late := list(missed(schedule, result.duration_us)):
         raise InputError("\n".join(too_late))
     assert not result.violations, "\n".join(result.violations)
-    events = [_event(line) for line in result.events if line.get("event") in _OUTCOMES]
+    events = list(_of_work(result.events))
     return MissionRun(
         result.result,
         result.summary,
@@ -369,7 +369,22 @@ def _load(mission: Mission, reference: str | None) -> RobotProgram:
 
 
 # The outcome of an event of the programs' record; None: that of the event.
-_OUTCOMES = {"start": None, "end": None, "cancel": "cancelled"}
+_OUTCOMES = {"start": None, "begin": None, "end": None, "cancel": "cancelled"}
+
+
+def _of_work(lines: Iterable[Mapping[str, Any]]) -> Iterator[Event]:
+    """What the lines say of local tasks themselves, not of ways to their places."""
+    on_the_way = set()
+    for line in lines:
+        if line.get("event") not in _OUTCOMES:
+            continue
+        process, is_way = (line["robot"], line["pid"]), "place" in line
+        ends = line["event"] in ("end", "cancel")
+        if not is_way and not (ends and process in on_the_way):
+            yield _event(line)
+        on_the_way.discard(process)
+        if is_way:
+            on_the_way.add(process)
 
 
 def _event(line: Mapping[str, Any]) -> Event:

@@ -61,14 +61,16 @@ def spans(
 ) -> list[Span]:
     """All executions in the order of their starts.
 
-    One that never ended ends with its process, by `deaths` (pid -> when), else at infinity.
-    Raises ValueError for a record that no robot writes: one execution started twice, or ended
-    without a start.
+    The way to a place is no part of it. One that never ended ends with its process, by `deaths`
+    (pid -> when), else at infinity. Raises ValueError for a record that no robot writes: one
+    execution started twice, or ended without a start.
     """
     found: list[Span] = []
     open_events: dict[tuple[Any, ...], Mapping[str, Any]] = {}
 
     def close(event: Mapping[str, Any], end_s: float, end: str | None) -> None:
+        if "place" in event:
+            return  # it was on its way, and did not begin
         found.append(
             Span(
                 event["robot"],
@@ -89,6 +91,8 @@ def spans(
         if event["event"] == "start":
             if key in open_events:
                 raise ValueError(f"started twice: {event}")
+            open_events[key] = event
+        elif event["event"] == "begin" and key in open_events:
             open_events[key] = event
         elif key not in open_events:
             raise ValueError(f"ended without a start: {event}")

@@ -190,6 +190,8 @@ class RobotRecorder(Recorder):
                     "partners": list(effect.partners),
                     "performance": effect.performance / MICRO,
                 }
+                if effect.travel_to:
+                    more["travel_to"] = effect.travel_to
                 yield channels.ACTIONS, {"event": "started", **_of(effect), **more}
             case CancelAction(ticket):
                 yield from self._own("cancelled", ticket)

@@ -74,7 +74,7 @@ def _work(view: AgentView, meter: Meter) -> Iterator[Family]:
     text = "Status of the mission by this robot's plan."
     yield gauge("mrbt_mission_status", text, _one_of(plan.result if plan else None), "status")
     yield gauge("mrbt_requests", _REQUESTS, _requests(plan), "state")
-    text = "Its claims, by phase: claimed, ready, running."
+    text = "Its claims, by phase: claimed, travelling, ready, running."
     yield counter("mrbt_claims", text, meter.claims, "local_task", "phase")
     text = "Outcomes of its local tasks."
     yield counter("mrbt_outcomes", text, meter.outcomes, "local_task", "result")

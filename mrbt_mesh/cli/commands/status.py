@@ -159,6 +159,7 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "local_task": claim.local_task if claim else None,
         "global_task": claim.global_task if claim else None,
         "phase": claim.phase.name.lower() if claim else None,
+        "under_way": observer.facts.under_way(robot),
         "lost": dict(member[0].lost) if member else {},
         "pending": dict(member[0].pending) if member else {},
         "problems": problems,

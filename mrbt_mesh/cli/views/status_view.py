@@ -33,7 +33,7 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
             row["host"] or "",
             str(row["pid"] or ""),
             Text(row["state"], STATE_MARKS[row["state"]][1]),
-            row["local_task"] or Text("nothing", "dim"),
+            _works_on(row),
             capability_changes(row),
         )
     parts: list[RenderableType] = [Text(data["mission"], "bold")]
@@ -53,6 +53,13 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
     if not data.get("secure", True):
         parts.append(Text("not secure: nothing is signed", "yellow"))
     return Group(*parts)
+
+
+def _works_on(row: Mapping[str, Any]) -> Text:
+    if not row["local_task"]:
+        return Text("nothing", "dim")
+    place = row["under_way"]
+    return Text.assemble(row["local_task"], (f" (on its way to {place})" if place else "", "dim"))
 
 
 def _refused(robot: str, counts: Mapping[str, int]) -> Text:

@@ -391,6 +391,9 @@ class RunRecord:
         if claim is None or self.robots.get(robot, {}).get("incarnation") != incarnation:
             return
         self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
+        if claim.phase is Phase.TRAVELLING and self.mission.travel is not None:
+            place = self.mission.travel.at.get(claim.local_task, "")
+            self._say_heard(now_us, f"{robot}: on its way to {place} for {claim.local_task}")
         if claim.phase is not Phase.RUNNING:
             return
         self.task_log.took_part(robot, claim.activation)

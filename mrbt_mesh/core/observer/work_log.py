@@ -22,6 +22,7 @@ class WorkSpan:
     """One claim of a robot. `running_us`: when its action began; None: not (yet).
 
     `is_older`: it began before the run was watched. `reason`: why it failed, if that is known.
+    `is_way`: the robot had to go to its place first.
     """
 
     robot: str
@@ -34,6 +35,7 @@ class WorkSpan:
     end: WorkEnd | None = None
     is_older: bool = False
     reason: str = ""
+    is_way: bool = False
 
     def is_of(self, activation: str, local_task: str) -> bool:
         """Whether it is work on this local task of this activation."""
@@ -62,6 +64,7 @@ class WorkLog:
             span.is_older = is_older
             self._latest[robot] = span
             self.spans.append(span)
+        span.is_way = span.is_way or claim.phase is Phase.TRAVELLING
         if claim.phase is Phase.RUNNING and span.running_us is None:
             span.running_us = now_us
 

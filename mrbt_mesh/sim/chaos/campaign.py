@@ -12,7 +12,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.chaos.draw import ChaosKnobs, chaos, draw_knobs
-from mrbt_mesh.sim.chaos.generate import PROGRAM, generate_mission
+from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.run import SimulationError, run_scenario
 from mrbt_mesh.sim.world.scenario import Scenario
@@ -36,7 +36,8 @@ class Source:
     def load(self, seed: int) -> tuple[Mission, RobotProgram]:
         """The mission of one seed and its robots' program."""
         if self.mission is None:
-            return generate_mission(seed).mission, PROGRAM
+            generated = generate_mission(seed)
+            return generated.mission, generated.program
         assert self.program is not None
         return _load(self.mission, self.program)
 

@@ -21,7 +21,6 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.chaos import random_robot
 
 PROGRAM_FILE = Path(random_robot.__file__)
-PROGRAM: RobotProgram = random_robot.robot
 MAX_DEPTH = 5
 # Node kinds by how often they are chosen.
 _COMPOSITES = (Kind.SEQUENCE,) * 4 + (Kind.PARALLEL,) * 4 + (Kind.FALLBACK,) * 3
@@ -54,6 +53,12 @@ class Generated:
 
     text: str
     mission: Mission
+
+    @property
+    def program(self) -> RobotProgram:
+        """That of its robots."""
+        drives = (self.mission.program or "").endswith(":driver")
+        return random_robot.driver if drives else random_robot.robot
 
 
 def generate_mission(seed: int) -> Generated:
@@ -91,6 +96,9 @@ class _Generator:
         # Likewise conditions that every robot has for itself.
         self.owned = random.Random(f"{seed}/owned")
         self.owning = self.owned.random() < 0.25
+        # Likewise places between which robots travel, in one mission of four.
+        self.places = random.Random(f"{seed}/places")
+        self.travelling = self.places.random() < 0.25
         # And some teams stand by when they are done.
         self.stands_by = random.Random(f"{seed}/ends").random() < 0.15
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
@@ -119,6 +127,8 @@ class _Generator:
         mission = self.usual_mission()
         if self.trying:
             self.add_alternative(mission)
+        if self.travelling:
+            self.add_places(mission)
         return mission
 
     def usual_mission(self) -> dict[str, Any]:
@@ -219,6 +229,27 @@ class _Generator:
             mission["tree"] = {str(Kind.SEQUENCE): stages}
         else:
             mission["tree"] = {str(Kind.PARALLEL): {"success": "all", "children": stages}}
+
+    def add_places(self, mission: dict[str, Any]) -> None:
+        """Most local tasks happen at a place; some teams drive by themselves."""
+        pick, names = self.places, [f"p{number}" for number in range(self.places.randint(2, 5))]
+        for task in mission["local_tasks"].values():
+            if pick.random() < 0.7:
+                task["at"] = pick.choice(names)
+        if not any("at" in task for task in mission["local_tasks"].values()):
+            return
+        mission["travel"] = {
+            "places": {name: [pick.randrange(30) / 10, pick.randrange(30) / 10] for name in names},
+            "speed": pick.choice([1.0, 2.0, 5.0]),
+            "start": {robot: pick.choice(names) for robot in self.robots},
+            "objective": pick.choice(["makespan", "mean_completion"]),
+            # To search schedules takes most of the time of a run.
+            "horizon": pick.choice([1, 1, 1, 1, 1, 1, 1, 4]),
+        }
+        if pick.random() < 0.5:
+            mission["program"] = f"{PROGRAM_FILE.name}:driver"
+            fails = pick.choice([0, 50, 200])
+            mission["parameters"]["ways"] = {"most_s": 1.5, "fails_permille": fails}
 
     # -- the tree -----------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ The mission file's parameters determine their behaviour:
         R1: [[1.5, c0, true]]      # seconds after the robot's start
       losses:
         R3: [[2.0, t3]]            # likewise: it loses the capability
+      ways: {most_s: 1.5, fails_permille: 50}  # of robots that drive by themselves
 
 Whether a local task fails is decided by the salt, the robot and the activation: the same work
 by the same robot always ends the same way, however often it is begun.
@@ -26,6 +27,8 @@ import anyio
 from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 
 robot = RobotProgram()
+# The same, but it drives by itself.
+driver = RobotProgram()
 STEPS = 3
 DISTANCES = 4
 LATE_S = 0.7
@@ -52,6 +55,7 @@ def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
 
 
 @robot.local_task("*")
+@driver.local_task("*")
 async def work(task: TaskContext, *arguments: str) -> bool:
     """Take as long as this robot needs, then end as the mission file determines."""
     behaviour = task.parameters.get("tasks", {}).get(task.local_task.partition("(")[0], {})
@@ -76,7 +80,17 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     return success
 
 
+@driver.travel
+async def drive(task: TaskContext, place: str) -> None:
+    """Take some time to get there, and fail as the mission file determines."""
+    ways = task.parameters["ways"]
+    await anyio.sleep(_permille(task, "way") * ways["most_s"] / 1_000)
+    if _permille(task, "way fails") < ways["fails_permille"]:
+        raise RuntimeError(f"the way to {place} is blocked")
+
+
 @robot.bid("*")
+@driver.bid("*")
 async def bid(task: TaskContext, *arguments: str) -> float | None:
     """A travel cost from one of a few distances, so that many assignments are equally good.
 
@@ -97,6 +111,7 @@ async def bid(task: TaskContext, *arguments: str) -> float | None:
 
 
 @robot.background
+@driver.background
 async def lose(context: RobotContext) -> None:
     """Lose capabilities at set times, whether they were ever asked for or not."""
     passed_s = 0.0
@@ -107,6 +122,7 @@ async def lose(context: RobotContext) -> None:
 
 
 @robot.background
+@driver.background
 async def sense(context: RobotContext) -> None:
     """Set conditions at set times."""
     passed_s = 0.0

@@ -93,7 +93,7 @@ def in_its_place(run: RunFindings, agent: AgentView, start: StartAction) -> None
     travel = agent.mission.travel
     if travel is None or start.local_task not in travel.at:
         return
-    run.checks["places"] += 1
+    run.checks["I4"] += 1
     place, known = travel.at[start.local_task], agent.facts.place_of(agent.robot)
     if known != place or not run.world.driving.is_at(agent.robot, place):
         text = f"{agent.robot} starts {start.local_task}, which is at {place}, somewhere else"

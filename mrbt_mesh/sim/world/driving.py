@@ -13,6 +13,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.runtime.program import functions_of
+from mrbt_mesh.sim.world.clock import MICRO, current_gate
 from mrbt_mesh.sim.world.setup import Setup
 
 _Legs = Sequence["Leg"]
@@ -86,7 +87,9 @@ class Driving:
         spot = self._spots.get(robot, Leg(place, place, 0.0))
         legs = legs_to(travel, task.robot_type, spot, place)
         stretched = self.stretch(robot, f"{spot.origin}>{place}") / task.simulation.speed
-        begun_s = anyio.current_time()
+        gate = current_gate.get()
+        ahead_s = gate.ahead_us / MICRO if gate is not None else 0.0
+        begun_s = anyio.current_time() - ahead_s
         try:
             await anyio.sleep(duration_ms(legs) / 1_000 * stretched)
         except BaseException:

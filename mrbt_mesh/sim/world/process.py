@@ -77,6 +77,7 @@ class Surroundings(Protocol):
     def stopped(self, process: SimProcess) -> None: ...
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
     def recorded_work(self, process: SimProcess, effect: StartAction) -> RecordedWork | None: ...
+    def recorded_way_us(self, process: SimProcess) -> int: ...
     def recorded_bid(self, process: SimProcess, effect: RequestBid) -> BidMade | None: ...
 
 
@@ -326,6 +327,8 @@ class SimProcess:
         assert self._runner is not None
         now_us = self._clock.now_us
         match effect:
+            case StartAction() if effect.travel_to and effect.ticket == 1:
+                self.pace.gate.ahead_us = self._world.recorded_way_us(self)
             case StartAction(ticket) if not effect.travel_to:
                 work = self._world.recorded_work(self, effect)
                 if work is not None:

@@ -119,6 +119,7 @@ class Beginning:
 
     `works`: how a robot's runs of a local task of an activation went, in order, and `bids` what it
     bid; where it is given the same again, it goes the same way. Else the program decides.
+    `ways_us`: for how long robots have been on their way.
     """
 
     run: str
@@ -126,6 +127,7 @@ class Beginning:
     lives: Mapping[str, ResumedLife]
     works: Mapping[Place, Sequence[RecordedWork]]
     bids: Mapping[Place, int | None]
+    ways_us: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.effects import Publish, RequestBid, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, BidMade
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import Claim, OrderKind, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import MissionEnd
@@ -153,6 +153,18 @@ class World:
     def recorded_work(self, process: SimProcess, effect: StartAction) -> RecordedWork | None:
         works = self._works.get((process.robot, effect.activation, effect.local_task))
         return works.pop(0) if works else None
+
+    def recorded_way_us(self, process: SimProcess) -> int:
+        """For how long a robot whose life goes on has been on its way already."""
+        view, begin = process.agent.view if process.agent else None, self.setup.begin
+        life = begin.lives.get(process.robot) if begin is not None else None
+        if begin is None or view is None or life is None:
+            return 0
+        if view.incarnation != life.version.incarnation:
+            return 0
+        known = [entry.record for entry in begin.facts if entry.author == view.robot]
+        is_on = any(isinstance(r, Claim) and r.phase is Phase.TRAVELLING for r in known)
+        return begin.ways_us.get(view.robot, 0) if is_on else 0
 
     def recorded_bid(self, process: SimProcess, effect: RequestBid) -> BidMade | None:
         bids = self.setup.begin.bids if self.setup.begin is not None else {}

@@ -129,6 +129,7 @@ class TeamState:
             "local_task": claim.local_task if claim else None,
             "global_task": claim.global_task if claim else None,
             "phase": claim.phase.name.lower() if claim else None,
+            "under_way": observer.facts.under_way(robot),
             "progress": beat.progress if beat is not None and runs else None,
             "tree": list(running_tree(observer, robot).statuses),
             "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],

@@ -95,7 +95,7 @@ class StepCheck:
         named = ("ticket", "activation", "global_task", "local_task")
         if running is None or any(running.data[name] != record.data[name] for name in named):
             self._checked.add(record, f"it says {event} of an action that was not started")
-        elif event == "finished":
+        elif event == "finished" and not ("travel_to" in running.data and record.data["success"]):
             self._finished = running, record
         if event in ("finished", "stopped"):
             self._running = None
@@ -113,10 +113,10 @@ class StepCheck:
             self._checked.add(finished[1], text)
 
     def _expect_no_outcome(self) -> None:
-        if self._finished is not None:
+        if self._finished is not None and "travel_to" not in self._finished[0].data:
             what = self._finished[0].data["local_task"]
             self._checked.add(self._finished[1], f"{what} has finished, without an outcome")
-            self._finished = None
+        self._finished = None
 
     # -- the others -----------------------------------------------------------------------------
 
@@ -148,7 +148,9 @@ class StepCheck:
 
 
 def _is_start(record: RecordedMessage) -> bool:
-    return record.topic == channels.ACTIONS and record.data["event"] == "started"
+    """Whether a local task itself starts."""
+    is_started = record.topic == channels.ACTIONS and record.data["event"] == "started"
+    return is_started and "travel_to" not in record.data
 
 
 def _place(record: RecordedMessage) -> tuple[str, str, str]:

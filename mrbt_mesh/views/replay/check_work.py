@@ -100,13 +100,16 @@ class WorkCheck:
         claim = entry.record if entry is not None else None
         if line is None or (line.activation, line.local_task) != place:
             raise ValueError(f"{self._me} starts {_text(place)}, which its plan does not give it")
+        phase = Phase.TRAVELLING if "travel_to" in data else Phase.RUNNING
         if (
             not isinstance(claim, Claim)
-            or claim.phase is not Phase.RUNNING
+            or claim.phase is not phase
             or (claim.activation, claim.local_task, claim.global_task, claim.coalition)
             != (*place, data["global_task"], data["coalition"])
         ):
             raise ValueError(f"{self._me} starts {_text(place)}, and claims something else")
+        if phase is Phase.TRAVELLING:
+            return
         at_us = record.at_us - self._check.recording.begin_us
         for robot, incarnation in sorted(self._at_work.get(place, {}).items()):
             if robot == self._me:

@@ -98,6 +98,7 @@ class RecordedCourse:
         self._mission = player.mission
         self._works: dict[Place, list[_Work]] = {}
         self._running: dict[str, _Work] = {}
+        self._ways: list[tuple[int, str]] = []
         self._members: dict[str, tuple[str, Member]] = {}
         self._lives: dict[str, list[tuple[int, Incarnation]]] = {}
         self._faults: list[tuple[int, Fault]] = []
@@ -124,6 +125,10 @@ class RecordedCourse:
             place: [seen for each in works if (seen := each.seen_from(at_us)) is not None]
             for place, works in self._works.items()
         }
+
+    def ways_at(self, at_us: int) -> dict[str, int]:
+        """How long before then each robot had set out last."""
+        return {robot: at_us - since_us for since_us, robot in self._ways if since_us <= at_us}
 
     def faults_from(self, at_us: int) -> list[tuple[int, Fault]]:
         """The faults after a time, and what operators ordered."""
@@ -153,6 +158,8 @@ class RecordedCourse:
                 running.until_us = at_us
                 if isinstance(entry.record, Claim):
                     self._fact(entry, at_us)
+            case Claim(phase=Phase.TRAVELLING):
+                self._ways.append((at_us, robot))
             case Claim(phase=Phase.RUNNING) as claim:
                 work = self._running[robot] = _Work(at_us)
                 place = (robot, claim.activation, claim.local_task)

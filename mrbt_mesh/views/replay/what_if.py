@@ -97,6 +97,7 @@ def what_if(
             lives,
             course.works_from(at_us),
             course.bids,
+            course.ways_at(at_us),
         ),
     )
     claims = {robot: state.facts.valid_claim(robot) for robot in lives}

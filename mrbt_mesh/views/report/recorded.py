@@ -21,6 +21,7 @@ from mrbt_mesh.views.report.summaries import reported_failures
 
 AGREED = "until all had agreed on the plan"
 NOT_READY = "its partners were not there yet"
+ON_WAY = "it went to its place, and waited for its partners there if it has any"
 
 
 def report_recording(recording: Recording, title: str) -> RunReport:
@@ -98,13 +99,14 @@ def _starts(spans: list[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
             and other.robot != span.robot
             and span.claimed_us < other.claimed_us <= until_us
         }
+        waits = NOT_READY if later else AGREED
         found.append(
             Wait(
                 WaitKind.START,
                 span.robot,
                 (span.claimed_us - start_us) / 1e6,
                 (until_us - start_us) / 1e6,
-                f"{span.local_task} for {span.global_task}: {NOT_READY if later else AGREED}",
+                f"{span.local_task} for {span.global_task}: {ON_WAY if span.is_way else waits}",
                 tuple(sorted(later)),
             )
         )

@@ -26,7 +26,8 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int, is_over: bool 
     runs = item["phase"] == "running"
     if item["local_task"] is not None:
         text.append(item["local_task"], "" if runs else "dim")
-        text.append(" " if runs else f" ({item['phase']}) ", "dim")
+        phase = f"to {item['under_way']}" if item["under_way"] else item["phase"]
+        text.append(" " if runs else f" ({phase}) ", "dim")
     for reason, names in texts_by_reason(item["lost"]).items():
         text.append("✘", "red")
         text.append(", ".join(names), "red strike")

@@ -14,9 +14,10 @@ import pytest
 from mrbt_mesh.recording.channels import ACTIONS, ALIVE, DROPPED, FACTS, LIFE, PLANS, STATUSES
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError, parse_recording
 from mrbt_mesh.sim import AgentOptions, Freeze, Kill, Leave, Lose, Schedule, Thaw
-from mrbt_mesh.sim.run import run_scenario
+from mrbt_mesh.sim.run import run_scenario, simulate
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.replay.verify import verify
+from tests.support.depot import depot, worker
 from tests.support.effort import IS_LONG
 from tests.support.falsify import falsify, write_again
 from tests.support.recorded import read_all, record_chaos, record_example
@@ -93,6 +94,23 @@ def test_a_robot_that_catches_up_has_given_up_what_its_plan_still_says(tmp_path:
     told = {r.data["event"] for each in recordings for r in each.records if r.topic == LIFE}
     assert {"catches_up", "caught_up"} <= told
     proved(recordings)
+
+
+def test_ways_are_proved_and_are_no_work(tmp_path: Path) -> None:
+    mission = depot("Parallel: {success: all, children: [scan_at(a), lift_at(b), lift_at(a)]}")
+    simulate(mission, worker(), seed=1, schedule=[(7_000_000, Kill("R2"))], record=tmp_path)
+    recordings = read_all(tmp_path)
+    proved(recordings)
+    r1 = next(each for each in recordings if each.metadata.robot == "R1")
+    records = list(r1.records)
+    at, way = next((i, r) for i, r in enumerate(records) if "travel_to" in r.data)
+    work = {name: value for name, value in way.data.items() if name != "travel_to"}
+    records[at] = replace(way, data=work)
+    path = tmp_path / r1.name
+    write_again(replace(r1, records=tuple(records)), path)
+    others = [each for each in recordings if each is not r1]
+    verdict = verify([parse_recording(path.read_bytes(), path), *others])
+    assert any("claims something else" in each.text for each in verdict.findings), texts(verdict)
 
 
 def test_random_falsifications_are_all_found_and_named(

@@ -22,8 +22,10 @@ from mrbt_mesh.sim import (
     Restore,
     Schedule,
     Thaw,
+    simulate,
 )
 from mrbt_mesh.views.replay.what_if import what_if
+from tests.support.depot import SECOND, depot, worker
 from tests.support.effort import IS_LONG
 from tests.support.recorded import record_example
 from tests.support.runs import example
@@ -91,3 +93,14 @@ def test_a_run_goes_on_as_it_did_from_any_moment(tmp_path: Path, name: str) -> N
         assert [what for what, _ in gone_on] == [what for what, _ in expected], where
         for (what, again_us), (_, once_us) in zip(gone_on, expected, strict=True):
             assert abs(again_us - once_us) < NEAR_US, f"{where}: {what}, {again_us}, not {once_us}"
+
+
+def test_robots_go_on_from_where_they_are_on_their_way(tmp_path: Path) -> None:
+    mission = depot("Parallel: {success: all, children: [scan_at(a), lift_at(b), lift_at(a)]}")
+    whole = simulate(mission, worker(), seed=1, record=tmp_path)
+    recording = read_recording(observer_file(tmp_path))
+    for at_s in (3, 12):
+        found = what_if(recording, at_s * SECOND, worker(), timeout_us=60_000_000)
+        ended_us = found.result.duration_us + at_s * SECOND
+        assert found.result.result == "success"
+        assert abs(ended_us - whole.duration_us) < NEAR_US, f"from {at_s} s"

@@ -130,7 +130,8 @@ export class RobotsView {
     setText(card.state.firstChild, sign);
     setText(card.state.lastChild, ` ${state}`);
     setText(card.type, robot.type ?? "");
-    const waits = robot.phase === "running" ? "" : ` (${robot.phase === "ready" ? "waits for its partners" : "about to begin"})`;
+    const phase = robot.phase === "ready" ? "waits for its partners" : "about to begin";
+    const waits = robot.phase === "running" ? "" : ` (${robot.under_way ? `on its way to ${robot.under_way}` : phase})`;
     this._drawTask(card, robot, hasTask, waits);
     card.task.classList.toggle("none", !hasTask);
     const isRunning = robot.phase === "running";
