@@ -236,10 +236,11 @@ class Session:
 
         def print_lines() -> None:
             nonlocal printed
-            for at_us, text in watcher.observer.record.timeline[printed:]:
-                seconds = watcher.observer.record.seconds(at_us) or 0.0
+            record = watcher.observer.record
+            for _, (at_us, text) in record.timeline.since(printed):
+                seconds = record.seconds(at_us) or 0.0
                 click.echo(f"{seconds:8.2f}  {text}")
-            printed = len(watcher.observer.record.timeline)
+            printed = record.timeline.total
 
         yield print_lines
 

@@ -246,14 +246,14 @@ class _Run:
     def _news(self, observer: Observer) -> None:
         """Show the new entries of the observer's record."""
         record = observer.record
-        for at_us, text in record.timeline[self._shown :]:
+        for _, (at_us, text) in record.timeline.since(self._shown):
             robot, _, rest = text.partition(" ")
             if robot.rstrip(":") in record.robots:
                 line = TimelineEntry(record.seconds(at_us) or 0.0, robot.rstrip(":"), rest)
             else:
                 line = TimelineEntry(record.seconds(at_us) or 0.0, "", text)
             self._say(line)
-        self._shown = len(record.timeline)
+        self._shown = record.timeline.total
 
     def _show_fault(self, observer: Observer, fault: InjectedFault) -> None:
         at_s = observer.record.seconds(fault.at_us) or 0.0

@@ -27,6 +27,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
+from mrbt_mesh.core.observer.newest import LIVE_ENTRIES
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -64,7 +65,13 @@ class Watcher:
         life = time.time_ns() // 1_000
         self._guard = Guard(keys, address.run, life) if keys is not None else None
         self.observer = Observer(
-            address.mission, address.run, address.timing, default_solver, chosen_engine(), keys
+            address.mission,
+            address.run,
+            address.timing,
+            default_solver,
+            chosen_engine(),
+            keys,
+            LIVE_ENTRIES,
         )
         recording = observer_recording(record, self.observer, address.run, keys)
         self._recordings = [recording] if recording is not None else []

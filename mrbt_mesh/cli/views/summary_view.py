@@ -40,9 +40,10 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
             Text(", ".join(name for name, task in tasks.items() if robot in task["robots"])),
         )
     parts: list[RenderableType] = [_headline(summary), Text(), robots, Text()]
+    older = summary.get("older", {})
     if summary.get("rounds"):
         rounds = table("round", "from", "took", "result", "robots", right=range(3))
-        for number, each in enumerate(summary["rounds"], start=1):
+        for number, each in enumerate(summary["rounds"], start=1 + older.get("rounds", 0)):
             result = each["result"] or "running"
             times = _seconds(each["from_s"]), _seconds(each["duration_s"])
             robots_then = Text(", ".join(each["robots"]))
@@ -60,7 +61,7 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
     if idle:
         parts.append(Text(f"and {_count(idle, 'global task')} that never became due", "dim"))
     if summary.get("bids"):
-        parts += [Text(), _bids(summary["bids"])]
+        parts += [Text(), _bids(summary["bids"], older.get("bids", 0))]
     story = sorted(_story(summary), key=lambda item: item[0])
     if story:
         events = table("at", "what happened", right=(0,))
@@ -74,7 +75,7 @@ def _headline(summary: Mapping[str, Any]) -> Text:
     result = str(summary.get("result"))
     mark, style, words = RESULTS.get(result, ("?", "bold", result))
     if summary.get("ends") == "never" and result in ("success", "failure"):
-        words = _standing_by(summary["rounds"])
+        words = _standing_by(summary["rounds"], summary.get("older", {}).get("rounds", 0))
     faults = len(summary.get("faults", ()))
     return Text.assemble(
         (f"{mark} {words}", style),
@@ -85,13 +86,13 @@ def _headline(summary: Mapping[str, Any]) -> Text:
     )
 
 
-def _standing_by(rounds: Sequence[Mapping[str, Any]]) -> str:
+def _standing_by(rounds: Sequence[Mapping[str, Any]], older: int) -> str:
     ended = [each["result"] for each in rounds if each["result"] is not None]
     if not ended:
         return "stood by: there was nothing to do"
     words = "succeeded" if ended[-1] == "success" else "failed"
     on_its_way = "; one is on its way" if len(ended) < len(rounds) else ""
-    return f"stood by: {_count(len(ended), 'round')}, the last one {words}{on_its_way}"
+    return f"stood by: {_count(older + len(ended), 'round')}, the last one {words}{on_its_way}"
 
 
 def capability_changes(known: Mapping[str, Any]) -> Text:
@@ -109,7 +110,7 @@ def capability_changes(known: Mapping[str, Any]) -> Text:
     return Text("\n").join(lines)
 
 
-def _bids(biddings: Sequence[Mapping[str, Any]]) -> RenderableType:
+def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> RenderableType:
     """The bids, the best first, and in bold those of the robots that did the task."""
     rows = table("local task", "bids")
     for bidding in biddings[:MOST_BIDS]:
@@ -123,7 +124,7 @@ def _bids(biddings: Sequence[Mapping[str, Any]]) -> RenderableType:
             for robot in order
         ]
         rows.add_row(Text(bidding["local_task"]), Text(", ").join(texts))
-    more = len(biddings) - MOST_BIDS
+    more = max(0, len(biddings) - MOST_BIDS) + older
     if more <= 0:
         return rows
     return Group(rows, Text(f"and bids for {_count(more, 'other')}", "dim"))
@@ -146,9 +147,10 @@ def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Text]]:
     failures = summary.get("failures", ())
     for failure in failures[:MOST_FAILURES]:
         yield failure.get("at_s") or 0.0, failure_line(failure)
-    if len(failures) > MOST_FAILURES:
-        left = _count(len(failures) - MOST_FAILURES, "other failure")
-        yield failures[MOST_FAILURES].get("at_s") or 0.0, Text(f"and {left}", "dim")
+    more = max(0, len(failures) - MOST_FAILURES) + summary.get("older", {}).get("failures", 0)
+    if more:
+        at_s = failures[:MOST_FAILURES][-1].get("at_s") or 0.0
+        yield at_s, Text(f"and {_count(more, 'other failure')}", "dim")
     for each in summary.get("problems", ()):
         yield each.get("at_s") or 0.0, problem_line(each)
     for episode in summary.get("blocked", ()):

@@ -145,6 +145,7 @@ class BiddingRecord:
     None: the robot has no bid.
     """
 
+    activation: str
     global_task: str
     local_task: str
     at_us: int

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.observer.newest import Newest
 
 
 @dataclass(slots=True)
@@ -18,10 +19,10 @@ class MissionRound:
 
 
 class MissionRounds:
-    """All rounds, in order."""
+    """The rounds, in order."""
 
-    def __init__(self) -> None:
-        self.all: list[MissionRound] = []
+    def __init__(self, limit: int | None = None) -> None:
+        self.all = Newest[MissionRound](limit)
         # The last result of T_G, in a round or before the first one.
         self._standing: Status | None = None
         # Robots that have begun something since the last round, before a new one was noticed.
@@ -35,7 +36,7 @@ class MissionRounds:
     @property
     def result(self) -> Status | None:
         """The result of the last round that has ended, or that of T_G if there was no round."""
-        has_only_begun = len(self.all) == 1 and self.current is not None
+        has_only_begun = self.all.total == 1 and self.current is not None
         return None if has_only_begun else self._standing
 
     def running(self, now_us: int) -> bool:

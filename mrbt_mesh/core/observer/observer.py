@@ -46,14 +46,16 @@ class Observer:
         solver: Solver,
         engine: Engine = FASTEST,
         keys: Keys | None = None,
+        limit: int | None = None,
     ) -> None:
+        """`limit`: see `RunRecord`."""
         self.mission = mission
         self.facts = TeamFacts(mission, run)
         header = Header(mission.digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
         self.membership = Membership("", timing)
         self.evaluator = mission.evaluator
-        self.record = RunRecord(mission)
+        self.record = RunRecord(mission, limit)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
         self._make_plan = engine.plan_making(solver)

@@ -36,6 +36,7 @@ from mrbt_mesh.core.observer.episodes import (
     lost_text,
 )
 from mrbt_mesh.core.observer.mission_rounds import MissionRounds
+from mrbt_mesh.core.observer.newest import Newest
 from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.observer.work_log import WorkLog
 from mrbt_mesh.core.planning.plan import Plan
@@ -44,32 +45,36 @@ from mrbt_mesh.core.planning.plan import Plan
 class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
 
-    `claims` and `conditions`: all of them, in order and with their times. `problems`: by robot, and
-    its journal or a part of its program. `biddings`: by activation and local task. `joined_us`:
-    when each robot joined first. `rounds`: those of a mission that never ends. `unwatched`: the
-    times during which nothing was heard of the run; None: from its start, whenever that was.
-    `is_catching_up`: news may be as old as that.
+    `claims` and `conditions`: in order and with their times. `problems`: by robot, and its journal
+    or a part of its program. `joined_us`: when each robot joined first. `rounds`: those of a
+    mission that never ends. `unwatched`: the times during which nothing was heard of the run; None:
+    from its start, whenever that was. `is_catching_up`: news may be as old as that.
+
+    `limit`: how many entries are kept of each list that grows with the work done (`Newest`); faults
+    and blocked requests are all kept.
     """
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, limit: int | None = None) -> None:
         self.mission = mission
         self.started_us: int | None = None
         self.ended_us: int | None = None
         self.result: Status | None = None
         self.robots: dict[str, dict[str, Any]] = {}
-        self.task_log = TaskLog(mission)
-        self.work_log = WorkLog()
-        self.rounds = MissionRounds()
+        self.task_log = TaskLog(mission, limit)
+        self.work_log = WorkLog(limit)
+        self.rounds = MissionRounds(limit)
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
         self.blocked: list[BlockedEpisode] = []
-        self.failures: list[FailedEnd] = []
-        self.timeline: list[tuple[int, str]] = []
-        self.claims: list[tuple[int, str, Claim]] = []
-        self.conditions: list[tuple[int, str, bool]] = []
+        self.failures = Newest[FailedEnd](limit)
+        self.timeline = Newest[tuple[int, str]](limit)
+        self.claims = Newest[tuple[int, str, Claim]](limit)
+        self.conditions = Newest[tuple[int, str, bool]](limit)
         self.problems: dict[tuple[str, str], ProblemEpisode] = {}
-        self.biddings: dict[tuple[str, str], BiddingRecord] = {}
+        self.biddings = Newest[BiddingRecord](limit)
         self.joined_us: dict[str, int] = {}
+        # Those that are kept, by activation and local task.
+        self._biddings: dict[tuple[str, str], BiddingRecord] = {}
         self._claims: dict[str, tuple[Claim, Incarnation]] = {}
         self.unwatched: list[tuple[int | None, int]] = []
         self.is_catching_up = False
@@ -247,17 +252,25 @@ class RunRecord:
                 self.conditions.append((now_us, name, condition.value))
                 self._say_heard(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
             case Bid(number):
-                _, activation, local_task = entry.parts
-                task = parse_activation(activation).subject
-                empty = BiddingRecord(task, local_task, now_us)
-                bidding = self.biddings.setdefault((activation, local_task), empty)
-                bidding.bids[robot] = None if number is None else number / MICRO
-                words = "has no bid" if number is None else f"bids {number / MICRO:g}"
-                self._say_heard(now_us, f"{robot}: {words} for {local_task}")
+                self._bid(entry, number, now_us)
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)
             case records.Order() as order:
                 self._say_heard(now_us, f"operator: {order.kind}")
+
+    def _bid(self, entry: Entry, number: int | None, now_us: int) -> None:
+        robot = entry.author
+        _, activation, local_task = entry.parts
+        task = parse_activation(activation).subject
+        bidding = self._biddings.get((activation, local_task))
+        if bidding is None:
+            bidding = BiddingRecord(activation, task, local_task, now_us)
+            self._biddings[activation, local_task] = bidding
+            for old in self.biddings.append(bidding):
+                del self._biddings[old.activation, old.local_task]
+        bidding.bids[robot] = None if number is None else number / MICRO
+        words = "has no bid" if number is None else f"bids {number / MICRO:g}"
+        self._say_heard(now_us, f"{robot}: {words} for {local_task}")
 
     def problem(self, robot: str, subject: str, text: str, now_us: int) -> None:
         """A robot's journal, or a part of its program, has this problem; empty: no longer."""
@@ -292,14 +305,14 @@ class RunRecord:
     def round_runs(self, now_us: int) -> None:
         """The team of a mission that never ends has work."""
         if self.rounds.running(now_us):
-            self.say(now_us, f"round {len(self.rounds.all)} begins")
+            self.say(now_us, f"round {self.rounds.all.total} begins")
 
     def round_over(self, result: Status, now_us: int) -> None:
         """The team of a mission that never ends has come to a result, and stands by."""
         ended = self.rounds.ended(result, now_us)
         if ended is not None:
             took_s = (now_us - ended.from_us) / 1e6
-            text = f"round {len(self.rounds.all)}: {result.name.lower()} after {took_s:.1f} s"
+            text = f"round {self.rounds.all.total}: {result.name.lower()} after {took_s:.1f} s"
             self.say(now_us, text)
 
     def over(self, result: Status, now_us: int) -> None:
@@ -398,7 +411,7 @@ class RunRecord:
             return
         self.task_log.took_part(robot, claim.activation)
         self.rounds.took_part(robot)
-        bidding = self.biddings.get((claim.activation, claim.local_task))
+        bidding = self._biddings.get((claim.activation, claim.local_task))
         if bidding is not None:
             bidding.robots.add(robot)
         self._say_heard(now_us, f"{robot}: {claim.local_task} for {claim.global_task}")

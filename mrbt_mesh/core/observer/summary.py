@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
+from mrbt_mesh.core.observer.newest import Newest
 from mrbt_mesh.core.observer.run_record import RunRecord
 
 
@@ -13,8 +14,15 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
     """The summary of the run as plain data; `result` is the observer's word for it.
 
     `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never. `exact`: from
-    the end of the robot's process, not from its last sign of life.
+    the end of the robot's process, not from its last sign of life. `older`: how many more rounds,
+    failures and bids there were than are listed, if any; the recording has them.
     """
+    lists: dict[str, Newest[Any]] = {
+        "rounds": record.rounds.all,
+        "failures": record.failures,
+        "bids": record.biddings,
+    }
+    older = {name: each.dropped for name, each in lists.items() if each.dropped}
     seconds = record.seconds
     faults: list[dict[str, Any]] = [
         {"kind": "major", "robot": fault.robot} | _during(record, fault.at_us, fault.until_us)
@@ -77,8 +85,9 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
                 "bids": dict(sorted(bidding.bids.items())),
                 "robots": sorted(bidding.robots),
             }
-            for bidding in record.biddings.values()
+            for bidding in record.biddings
         ],
+        **({"older": older} if older else {}),
         "takeovers": [
             {
                 "robot": fault.robot,

@@ -39,12 +39,13 @@ class TaskLog:
 
     A plan has the result of a task only as long as its node is reached. Once a condition takes it
     out of reach, the facts of its latest activation decide; they are kept here, since the team
-    drops them then.
+    drops them then: those of the newest `limit` activations and of the latest of each task.
     """
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, limit: int | None = None) -> None:
         self.tasks = {task: TaskRecord() for task in mission.global_tasks}
         self._mission = mission
+        self._limit = limit
         self._said: dict[str, ActivationFacts] = {}
         self._latest: dict[str, ActivationFacts] = {}
         self._failed: set[str] = set()
@@ -89,7 +90,17 @@ class TaskLog:
         if said is None:
             said = self._said[activation] = ActivationFacts(parse_activation(activation))
             self._latest[said.activation.subject] = said
+            if self._limit is not None and len(self._said) > self._limit:
+                self._forget_oldest()
         return said
+
+    def _forget_oldest(self) -> None:
+        latest = self._latest
+        old = (a for a, said in self._said.items() if latest[said.activation.subject] is not said)
+        activation = next(old, None)
+        if activation is not None:
+            del self._said[activation]
+            self._failed.discard(activation)
 
     def _ended(self, name: str) -> TaskState:
         """The state of a task that no node shows any more."""

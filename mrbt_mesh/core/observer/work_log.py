@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
+from mrbt_mesh.core.observer.newest import Newest
 
 
 class WorkEnd(enum.StrEnum):
@@ -43,13 +44,17 @@ class WorkSpan:
 
 
 class WorkLog:
-    """All spans, in the order of their claims. One that has ended changes only if its outcome is
+    """The spans in the order of their claims. One that has ended changes only if its outcome is
     heard after the end of its claim.
     """
 
-    def __init__(self) -> None:
-        self.spans: list[WorkSpan] = []
+    def __init__(self, limit: int | None = None) -> None:
+        self.spans = Newest[WorkSpan](limit, self.is_settled)
         self._latest: dict[str, WorkSpan] = {}
+
+    def is_settled(self, span: WorkSpan) -> bool:
+        """Whether it changes no more: it has ended, and its robot has gone on to other work."""
+        return span.ended_us is not None and self._latest.get(span.robot) is not span
 
     def claimed(self, robot: str, claim: Claim, now_us: int, is_older: bool = False) -> None:
         """A living robot holds this claim; `is_older`: it began before the run was watched."""

@@ -29,6 +29,10 @@ class ChangeLog:
         self._items.move_to_end(key)
         return True
 
+    def drop(self, key: str) -> None:
+        """Forget an item that readers drop by themselves: this is no change."""
+        self._items.pop(key, None)
+
     def since(self, version: int) -> dict[str, Any]:
         """What has changed after `version`, oldest first; after 0: everything there is."""
         found: dict[str, Any] = {}

@@ -39,6 +39,10 @@ class AgreementView:
         return {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()}
 
 
+# Of a node; one that comes back is not counted again as long as it is among the newest.
+KNOWN_ACTIVATIONS = 100
+
+
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
@@ -55,7 +59,8 @@ class TeamState:
         self._agreement = AgreementView()
         self._statuses = bytes(len(observer.mission.tree.nodes))
         self._marked: set[int] = set()
-        self._activations: dict[int, set[str]] = {}
+        # Node -> how many activations it had, and the newest of them.
+        self._activations: dict[int, tuple[int, dict[str, None]]] = {}
         self._counted: Plan | None = None
         self._places = told_places(observer.mission)
         # What tasks and nodes follow from; a new plan follows from a change of the others.
@@ -82,7 +87,12 @@ class TeamState:
         if plan is not None and plan is not self._counted:
             self._counted = plan
             for request in plan.evaluation.requests:
-                self._activations.setdefault(request.node, set()).add(request.activation)
+                count, known = self._activations.get(request.node, (0, {}))
+                if request.activation not in known:
+                    known[request.activation] = None
+                    self._activations[request.node] = count + 1, known
+                    if len(known) > KNOWN_ACTIVATIONS:
+                        del known[next(iter(known))]
 
     def _what_follows_from_facts(self) -> None:
         """Update tasks, nodes and places, which change only with the facts."""
@@ -102,7 +112,7 @@ class TeamState:
             "ended_s": record.seconds(record.ended_us),
             "order": str(self.observer.facts.order()),
             "started": record.started_us is not None,
-            "rounds": len(record.rounds.all),
+            "rounds": record.rounds.all.total,
         }
 
     def _robot(self, robot: str, differ: dict[str, Any]) -> dict[str, Any]:
@@ -197,7 +207,7 @@ class TeamState:
             changed.update(index for index, (new, old) in enumerate(pairs) if new != old)
         for index in sorted(changed):
             robots, note = marks.get(index, ([], ""))
-            count = len(self._activations.get(index, ()))
+            count, _ = self._activations.get(index, (0, {}))
             self.changes.put(f"node/{index}", [statuses[index], robots, note, count])
         self._statuses, self._marked = statuses, set(marks)
 

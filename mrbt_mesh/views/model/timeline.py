@@ -1,4 +1,4 @@
-"""The timeline of a run: work, faults and events. It only grows: a late page gets all of it."""
+"""The timeline of a run: work, faults and events. A late page gets all of it that is kept."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 
 from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault, after_text
 from mrbt_mesh.core.observer.headline import wanted_activations
+from mrbt_mesh.core.observer.newest import Newest
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.work_log import WorkSpan
 from mrbt_mesh.views.model.changes import ChangeLog
@@ -20,23 +21,33 @@ class TimelineView:
     work over, and the tree still requests it. `older`: it is from before the run was watched, so
     when it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all
     before.
+
+    `older`: for `work` and `event` a number, and which ones below it are kept. Readers drop the
+    others, which are not put as None.
     """
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self._record = observer.record
+        # What is in the log, by kind and number; of work also that which may change.
+        self._shown: dict[str, set[int]] = {"work": set(), "event": set()}
         self._open_work: list[int] = []
         self._works = self._events = 0
 
     def put(self, log: ChangeLog) -> None:
         """Bring the log up to date."""
         spans = self._record.work_log.spans
-        self._open_work += range(self._works, len(spans))
-        self._works = len(spans)
-        for index in self._open_work:
-            log.put(f"work/{index}", self._work(spans[index]))
-        # Until it is settled: its result may arrive after its end.
-        self._open_work = [i for i in self._open_work if not self._is_settled(spans, i)]
+        fresh = [number for number, _ in spans.since(self._works)]
+        self._works, still_open = spans.total, []
+        self._shown["work"].update(fresh)
+        for number in (*self._open_work, *fresh):
+            span = spans.get(number)
+            if span is not None:
+                log.put(f"work/{number}", self._work(span))
+                # Its result may arrive after its end.
+                if not self._record.work_log.is_settled(span):
+                    still_open.append(number)
+        self._open_work = still_open
         wanted = wanted_activations(self._observer) if self._record.major else set()
         for index, fault in enumerate(self._record.major):
             log.put(f"fault/{index}", self._major(fault, wanted))
@@ -45,16 +56,23 @@ class TimelineView:
         for index, (from_us, to_us) in enumerate(self._record.unwatched):
             seconds = self._record.seconds
             log.put(f"unwatched/{index}", {"from_s": seconds(from_us), "to_s": seconds(to_us)})
-        for index in range(self._events, len(self._record.timeline)):
-            at_us, text = self._record.timeline[index]
-            log.put(f"event/{index}", {"at_s": self._record.seconds(at_us), "text": text})
-        self._events = len(self._record.timeline)
+        events = self._record.timeline
+        for number, (at_us, text) in events.since(self._events):
+            log.put(f"event/{number}", {"at_s": self._record.seconds(at_us), "text": text})
+            self._shown["event"].add(number)
+        self._events = events.total
+        if spans.first or events.first:
+            kinds: dict[str, Newest[Any]] = {"work": spans, "event": events}
+            older = {k: [each.first, each.kept_before_first] for k, each in kinds.items()}
+            if log.put("older", older):
+                for kind, kept in kinds.items():
+                    self._drop(log, kind, kept)
 
-    def _is_settled(self, spans: list[WorkSpan], index: int) -> bool:
-        span = spans[index]
-        return span.ended_us is not None and any(
-            later.robot == span.robot for later in spans[index + 1 :]
-        )
+    def _drop(self, log: ChangeLog, kind: str, kept: Newest[Any]) -> None:
+        gone = self._shown[kind].difference(number for number, _ in kept.since(0))
+        self._shown[kind] -= gone
+        for number in gone:
+            log.drop(f"{kind}/{number}")
 
     def _work(self, span: WorkSpan) -> dict[str, Any]:
         seconds = self._record.seconds

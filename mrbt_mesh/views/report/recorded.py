@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.player import Player
@@ -85,7 +87,7 @@ def _work(span: WorkSpan, start_us: int, end_us: int) -> ReportedWork:
     )
 
 
-def _starts(spans: list[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
+def _starts(spans: Sequence[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
     """Robots that held a claim and could not start yet: for partners whose claims came later."""
     found = []
     for span in spans:

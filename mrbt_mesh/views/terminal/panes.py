@@ -338,4 +338,6 @@ class LogPane(Static):
             text.append(f"{event['at_s'] or 0.0:7.2f} ", "dim")
             text.append(f"{event['text']}\n", "red" if ALARMING.search(event["text"]) else "")
         text.rstrip()
+        older = self._shown.older_events
+        self.border_subtitle = f"{older} older entries: see the recording" if older else ""
         self.update(text)

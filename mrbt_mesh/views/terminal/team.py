@@ -94,6 +94,24 @@ class ShownTeam:
                 self._works.setdefault(value["robot"], {})[int(name)] = value
             else:
                 self._items[kind][place] = value
+        if "older" in changed:
+            self._drop_older(changed["older"])
+
+    def _drop_older(self, older: Mapping[str, tuple[int, list[int]]]) -> None:
+        """Forget what the view does not keep any more."""
+        for kind, items in (
+            ("event", self._items["event"]),
+            *(("work", works) for works in self._works.values()),
+        ):
+            first, kept = older[kind]
+            for number in [each for each in items if each < first and each not in kept]:
+                del items[number]
+
+    @property
+    def older_events(self) -> int:
+        """How many events there were before the oldest that is kept."""
+        first, _ = self._items["older"].get("", {}).get("event", (0, ()))
+        return int(first)
 
     def works(self, robot: str, from_s: float) -> list[Item]:
         """A robot's works that had begun by now, and not ended by `from_s`, oldest first."""

@@ -91,7 +91,7 @@ def test_standing_by_from_the_beginning_is_no_round() -> None:
     log = MissionRounds()
     assert log.ended(SUCCESS, 1) is None
     assert log.ended(SUCCESS, 2) is None
-    assert (log.all, log.result) == ([], SUCCESS)
+    assert (list(log.all), log.result) == ([], SUCCESS)
     log.running(3)
     assert log.result is None, "the first round has only begun"
 

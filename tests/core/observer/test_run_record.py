@@ -101,7 +101,7 @@ def test_when_robots_joined_and_what_conditions_became_are_kept(record: RunRecor
         entry = parse_entry("B", f"{CONDITION}/open(1)", Version(FIRST, revision), said)
         record.fact(entry, (3 + revision) * S)
     assert record.joined_us == {"A": S, "B": 2 * S}
-    assert record.conditions == [(4 * S, "open(1)", True), (5 * S, "open(1)", False)]
+    assert list(record.conditions) == [(4 * S, "open(1)", True), (5 * S, "open(1)", False)]
 
 
 def test_a_robot_that_dies_before_its_first_beat_came_here_is_a_fault(record: RunRecord) -> None:

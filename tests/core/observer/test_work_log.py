@@ -61,4 +61,4 @@ def test_who_held_nothing_loses_nothing() -> None:
     log.died("A", 1)
     log.given_up("A", 1)
     log.outcome("A", WELD.activation, "weld", Outcome(True, None), 1)
-    assert log.spans == []
+    assert not log.spans

@@ -126,7 +126,7 @@ def test_a_run_without_recordings_was_not_watched(folder: Path, tmp_path: Path) 
     assert record.started_us is not None
     assert record.unwatched[0][0] == record.started_us
     assert record.unwatched[0][1] - record.started_us == pytest.approx(20e6, abs=5e6)
-    assert record.timeline == []
+    assert not record.timeline
 
 
 def test_what_is_no_recording_is_said_and_not_told(folder: Path, tmp_path: Path) -> None:

@@ -95,7 +95,20 @@ export class Store {
       else { this.items.set(key, value); known.set(name, value); }
       this._dirty.add(key);
     }
+    if (items.older) this._dropOlder(items.older);
     this._draw();
+  }
+
+  // What the server does not keep any more.
+  _dropOlder(older) {
+    for (const [kind, [first, kept]] of Object.entries(older)) {
+      for (const name of this.all(kind).keys()) {
+        if (Number(name) >= first || kept.includes(Number(name))) continue;
+        this.all(kind).delete(name);
+        this.items.delete(`${kind}/${name}`);
+        this._dirty.add(`${kind}/${name}`);
+      }
+    }
   }
 
   _become(state) {

@@ -51,6 +51,7 @@ export class TimelineView {
         this._addLane(this._store.get(key)?.robot);
       } else if (kind === "robot" && this._store.get(key)) isNew = this._addLane(name) || isNew;
       else if (kind === "event") this._isEventful = true;
+      else if (key === "older") { byId("events").replaceChildren(); this._isEventful = isNew = true; }
     }
     if (this._isFollowing && keys.has("team") && this._store.get("team")?.ended) this._whole();
     if (isTaken) this._listTakeovers();
@@ -381,7 +382,8 @@ export class TimelineView {
     this._isEventful = false;
     const list = byId("events");
     const all = this._store.all("event");
-    setText(byId("happened-count"), `(${all.size})`);
+    const older = this._store.get("older")?.event[0];
+    setText(byId("happened-count"), older ? `(${all.size}; ${older} older entries: see the recording)` : `(${all.size})`);
     if (!byId("happened").open) { this._isEventful = true; return; }
     const shown = [...all].filter(([, event]) => contains(event.text, this._wanted)).map(([index, event]) => [Number(index), event]).sort((a, b) => a[0] - b[0]);
     if (list.children.length > shown.length) list.replaceChildren();
