@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,10 @@ from mrbt_mesh.cli.options import (
 if TYPE_CHECKING:
     from mrbt_mesh.core.facts.team_facts import TeamFacts
     from mrbt_mesh.core.planning.plan import Plan
+    from mrbt_mesh.core.planning.schedules import Lookahead
+
+# Of a schedule that no robot has proposed.
+SEARCHED = "this command, since no robot searches"
 
 
 @click.command(cls=MrbtCommand)
@@ -102,6 +107,8 @@ def plan(
 ) -> None:
     """Make the plan for given facts and explain it, with the assignment problem that it solves.
 
+    For robots that travel it searches a schedule, as a robot would.
+
     Example: mrbt plan examples/vehicle_repair/mission.yaml --alive A1,B1,C1
     """
     from mrbt_mesh.cli.terminal import console, print_json
@@ -115,7 +122,10 @@ def plan(
     living = dict.fromkeys(chosen_robots("--alive", alive, loaded), ALIVE)
     team_facts = facts_from_file(loaded, facts)
     found = make_plan(team_facts, living, solver_for(loaded, solver))
-    problem = _problem(found, team_facts, [*living])
+    if found.ahead is not None and len(found.ahead.opens) > 1:
+        _propose(team_facts, found.ahead)
+        found = make_plan(team_facts, living, solver_for(loaded, solver))
+    problem = _problem(found, team_facts, [*living]) | {"forecast": _forecast(found, team_facts)}
     if not as_json:
         console.print(render_plan(loaded, found, problem))
         return
@@ -131,6 +141,28 @@ def plan(
             "statuses": {place: status.name.lower() for place, status in statuses.items()},
         }
     )
+
+
+def _forecast(found: Plan, facts: TeamFacts) -> dict[str, Any] | None:
+    from mrbt_mesh.core.observer.forecast import forecast
+
+    if found.ahead is None:
+        return None
+    ahead = replace(found.ahead, author=SEARCHED) if found.ahead.author else found.ahead
+    return forecast(facts, ahead).to_json()
+
+
+def _propose(facts: TeamFacts, ahead: Lookahead) -> None:
+    """Search a schedule as a robot does, and add it to the facts as the first robot's."""
+    from mrbt_mesh.core.agent.scheduler import evaluations_of
+    from mrbt_mesh.core.facts import records
+    from mrbt_mesh.core.facts.store import Version, parse_entry
+    from mrbt_mesh.core.scheduling.search import search
+    from mrbt_mesh.formats.facts_file import ALIVE
+
+    best = search(ahead.problem, evaluations_of(ahead.problem), 0)
+    proposal = ahead.proposal(best.schedule).to_value()
+    facts.map.merge([parse_entry(ahead.robots[0], records.SCHEDULE, Version(ALIVE, 1), proposal)])
 
 
 def _problem(found: Plan, facts: TeamFacts, robots: list[str]) -> dict[str, Any]:

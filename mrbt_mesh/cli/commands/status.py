@@ -92,7 +92,9 @@ async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
 
 def status_data(watcher: Watcher) -> dict[str, Any]:
     """The status as plain data."""
+    from mrbt_mesh.core.observer.forecast import forecast_of
     from mrbt_mesh.core.observer.headline import headline, robots_that_differ
+    from mrbt_mesh.runtime.fencing import boottime_us
 
     observer, run_dir = watcher.observer, watcher.address.run_dir
     started = run_dir.robots() if run_dir is not None else []
@@ -100,6 +102,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
     plan = observer.plan
     statements = headline(observer, robots_that_differ(observer))
     waiting = plan.waiting if plan else ()
+    forecast = forecast_of(observer, boottime_us())
     working: dict[str, list[str]] = {}
     for robot, row in robots.items():
         if row["global_task"]:
@@ -114,6 +117,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
             name: {"status": str(task.state), "robots": working.get(name, [])}
             for name, task in observer.record.task_log.tasks.items()
         },
+        "forecast": forecast.to_json() if forecast is not None else None,
         "bounds": [bounds.to_json() for bounds in plan.bounds] if plan else [],
         "blocked": [
             {"request": w.global_task, "reason": w.reason} for w in waiting if w.is_blocked

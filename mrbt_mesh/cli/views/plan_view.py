@@ -11,18 +11,18 @@ from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.tree_view import render_tree
+from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.planning.plan import (
     Bidding,
     Plan,
     RobotAssignment,
     assignment_reason,
-    plan_bids,
 )
 
 
 def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> RenderableType:
-    """The whole plan for a terminal. `problem`: its `bounds` and `objective`."""
+    """The whole plan for a terminal. `problem`: its `bounds`, `objective` and `forecast`."""
     workers: dict[str, list[str]] = {}
     for robot, own in plan.assignments.items():
         workers.setdefault(own.activation, []).append(robot)
@@ -35,16 +35,26 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Ren
             notes[request.node] = Text(waiting[request.activation].reason, style=style)
         else:
             robots = ", ".join(workers.get(request.activation, []))
-            notes[request.node] = Text(robots, style="bold")
+            notes[request.node] = Text(robots, style="bold") if robots else _later(plan, request)
     parts: list[RenderableType] = [_lines(plan)]
     if plan.demands:
         parts += ["", render_bounds(problem["bounds"])]
         parts.append(Text(f"objective, the sum of p(i, l): {problem['objective']:g}", "dim"))
     if plan.biddings:
         parts += ["", _bids(plan)]
+    if problem["forecast"] is not None:
+        parts += ["", render_forecast(problem["forecast"])]
     result = Text(f"mission: {plan.result.name.lower()}", style="bold")
     tree = render_tree(mission.tree, plan.evaluation, notes)
     return Group(tree, "", *parts, "", result)
+
+
+def _later(plan: Plan, request: Request) -> Text:
+    """The robots that a schedule has on a request later."""
+    step = plan.ahead.step_of(request.activation) if plan.ahead is not None else None
+    if plan.ahead is None or step is None:
+        return Text()
+    return Text(f"later: {', '.join(plan.ahead.members(step))}", "dim")
 
 
 def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
@@ -61,16 +71,25 @@ def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
     return rows
 
 
+def render_forecast(forecast: Mapping[str, Any]) -> RenderableType:
+    """Where each robot is, and what is next (`Forecast.to_json`)."""
+    rows = table("robot", "is at", "next")
+    for name, robot in forecast["robots"].items():
+        rows.add_row(Text(name, "bold"), robot["where"], robot["next"] or Text("nothing", "dim"))
+    left_out = [f"not scheduled: {x['global_task']}: {x['reason']}" for x in forecast["left_out"]]
+    texts = [Text(forecast["text"]), *(Text(each, "yellow") for each in left_out)]
+    return Group(rows, *texts)
+
+
 def _lines(plan: Plan) -> Table:
     """The assignment of each robot, with its reason."""
     rows = table("robot", "does", "for", "why")
-    bids = plan_bids(plan)
     for robot in sorted({*plan.assignments, *plan.idle}):
         line = plan.assignments.get(robot)
         if line is None:
             rows.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
             continue
-        why = assignment_reason(line, bids)
+        why = assignment_reason(plan, robot)
         rows.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
     return rows
 

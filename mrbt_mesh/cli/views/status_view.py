@@ -11,7 +11,7 @@ from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.marks import STATE_MARKS, by_urgency, statement_text
-from mrbt_mesh.cli.views.plan_view import render_bounds
+from mrbt_mesh.cli.views.plan_view import render_bounds, render_forecast
 from mrbt_mesh.cli.views.summary_view import (
     MOST_FAILURES,
     capability_changes,
@@ -39,6 +39,8 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
     parts: list[RenderableType] = [Text(data["mission"], "bold")]
     parts += [Text.assemble("  ", statement_text(each)) for each in data["headline"]]
     parts.append(robots)
+    if data["forecast"] is not None:
+        parts.append(render_forecast(data["forecast"]))
     for status in ("running", "success", "failure", "cancelled"):
         names = [name for name, row in data["global_tasks"].items() if row["status"] == status]
         if names:

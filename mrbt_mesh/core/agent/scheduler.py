@@ -16,6 +16,7 @@ from mrbt_mesh.core.facts.records import Proposal
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
+from mrbt_mesh.core.scheduling.problem import SchedulingProblem
 from mrbt_mesh.core.scheduling.search import search
 
 # By which part of the cost a proposal must be better than the schedule in force.
@@ -24,6 +25,15 @@ MARGIN = 100
 # of a second on a usual machine, and some milliseconds.
 MOST_WORK, LITTLE_WORK = 1_200_000, 4_000
 MIN_EVALUATIONS, MAX_EVALUATIONS = 50, 10_000
+
+
+def evaluations_of(problem: SchedulingProblem) -> int:
+    """How many orders a robot tries."""
+    return min(max(MOST_WORK // _work_of(problem), MIN_EVALUATIONS), MAX_EVALUATIONS)
+
+
+def _work_of(problem: SchedulingProblem) -> int:
+    return len(problem.tasks) * len(problem.free_ms)
 
 
 class Scheduler:
@@ -52,13 +62,13 @@ class Scheduler:
         self._searched, self._is_searching = ahead, True
         self._number += 1
         problem, me = ahead.problem, self._context.me
-        work = len(problem.tasks) * len(problem.free_ms)
-        evaluations = min(max(MOST_WORK // work, MIN_EVALUATIONS), MAX_EVALUATIONS)
         seed = sorted({*self._context.mission.robots, me}).index(me)
+        evaluations = evaluations_of(problem)
         self._context.emit(
             SearchSchedule(self._number, partial(search, problem, evaluations, seed))
         )
-        if ahead.schedule is None and me == min(ahead.robots) and work <= LITTLE_WORK:
+        is_first = ahead.schedule is None and me == min(ahead.robots)
+        if is_first and _work_of(problem) <= LITTLE_WORK:
             proposal = ahead.proposal(search(problem, 0, seed).schedule)
             self._context.write([(records.SCHEDULE, proposal)], now_us)
 

@@ -73,6 +73,10 @@ class WorkLog:
         if claim.phase is Phase.RUNNING and span.running_us is None:
             span.running_us = now_us
 
+    def latest(self, robot: str) -> WorkSpan | None:
+        """The robot's last claim, over or not; None before its first."""
+        return self._latest.get(robot)
+
     def given_up(self, robot: str, now_us: int) -> None:
         """The robot holds nothing any more."""
         self._end(robot, WorkEnd.DROPPED, now_us)

@@ -370,13 +370,16 @@ def _why_idle(
 
 
 def _what_is_next(ahead: Lookahead, idle: Collection[str]) -> dict[str, str]:
-    """For robots that the schedule in force has on something later: what."""
-    opens = ahead.opens
-    return {
-        robot: f"next in the schedule: {opens[step.task].request.subject}"
-        for robot, step in ahead.next_steps.items()
-        if robot in idle
-    }
+    """For robots that the schedule in force has on something later: what, and with whom."""
+    found = {}
+    for robot, step in ahead.next_steps.items():
+        if robot in idle:
+            partners = ", ".join(each for each in ahead.members(step) if each != robot)
+            what = ahead.opens[step.task].request.subject + (
+                f" with {partners}" if partners else ""
+            )
+            found[robot] = f"next in the schedule: {what}"
+    return found
 
 
 def _able_requests(robots: Sequence[str], demands: Sequence[Group]) -> dict[str, list[int]]:

@@ -313,16 +313,20 @@ class Plan:
         }
 
 
-def assignment_reason(
-    assignment: RobotAssignment, bids: Mapping[tuple[str, str], Mapping[str, int | None]]
-) -> str:
-    """Why a robot has this assignment, for people; `bids` as `plan_bids` has them."""
-    why = "goes on with what it runs" if assignment.pinned else "part of the best assignment"
+def assignment_reason(plan: Plan, robot: str) -> str:
+    """Why a robot has its assignment, for people."""
+    assignment = plan.assignments[robot]
     place = (assignment.activation, assignment.local_task)
-    number = f"{assignment.performance / MICRO:g}"
-    if place not in bids:
-        return f"{why} (performance {number})"
-    return why + (" (no bid)" if bids[place].get(assignment.robot) is None else f" (bid {number})")
+    why = "part of the best assignment"
+    if assignment.pinned:
+        why = "goes on with what it runs"
+    elif plan.ahead is not None and plan.ahead.is_next(robot, assignment.activation):
+        why = f"first in the schedule of {plan.ahead.author}"
+    bids = plan_bids(plan).get(place)
+    if bids is None:
+        return f"{why} (performance {assignment.performance / MICRO:g})"
+    bid = bids.get(robot)
+    return why + (" (no bid)" if bid is None else f" (bid {assignment.performance / MICRO:g})")
 
 
 def plan_bids(plan: Plan) -> dict[tuple[str, str], Mapping[str, int | None]]:

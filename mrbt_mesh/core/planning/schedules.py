@@ -77,6 +77,16 @@ class Lookahead:
                     found.setdefault(self.robots[robot], step)
         return found
 
+    def is_next(self, robot: str, activation: str) -> bool:
+        """Whether the schedule in force has this as the robot's next."""
+        step = self.next_steps.get(robot)
+        return step is not None and self.opens[step.task].request.activation == activation
+
+    def step_of(self, activation: str) -> Step | None:
+        """The step for this activation of the schedule in force, if there is one."""
+        number = self.numbers.get(activation)
+        return next((each for each in self.schedule or () if each.task == number), None)
+
     def members(self, step: Step) -> list[str]:
         """The robots of a step, sorted by id."""
         return sorted(self.robots[robot] for robots in step.coalition for robot in robots)

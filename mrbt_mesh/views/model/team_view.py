@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
@@ -50,7 +51,8 @@ class TeamState:
     first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
     `task/NAME`: a global task. `node/N`: `[status, robots, note, activations]` of a node of T_G
     that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot
-    reports.
+    reports. `forecast`: of a team that travels, as `Forecast`, made at `at_s`, from which its times
+    count.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -80,6 +82,7 @@ class TeamState:
         if causes != self._causes:
             self._causes = causes
             self._what_follows_from_facts()
+            self._forecast(now_us)
 
     def count_activations(self) -> None:
         """Count the plan's activations; for callers that skip `update` after some plans."""
@@ -104,6 +107,14 @@ class TeamState:
         states = place_states(self._places, observer.facts, has_succeeded)
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
+
+    def _forecast(self, now_us: int) -> None:
+        """Foretell again with every plan, since nothing happens in between."""
+        if self.observer.mission.travel is not None:
+            found = forecast_of(self.observer, now_us)
+            at_s = self.observer.record.seconds(now_us)
+            item = None if found is None else found.to_json() | {"at_s": at_s}
+            self.changes.put("forecast", item)
 
     def _team(self) -> dict[str, Any]:
         record = self.observer.record

@@ -66,6 +66,9 @@ def _candidate(
     line = plan.assignments.get(robot) if plan is not None else None
     if line is not None and (line.activation, line.local_task) == (activation, local_task):
         how = "goes on with it" if line.pinned else "is chosen: the best assignment of all robots"
+        if not line.pinned and plan is not None and plan.ahead is not None:
+            is_next = plan.ahead.is_next(robot, activation)
+            how = "is chosen: its first task of the schedule" if is_next else how
         return Candidate(robot, units, True, how)
     if observer.facts.results(activation, local_task).get(robot) is False:
         return Candidate(robot, units, False, _failed(observer, robot, activation, local_task))
@@ -157,7 +160,7 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
     if line is None:
         return _answer(robot, f"{robot} does nothing now: {plan.idle[robot]}.", [])
     found = candidates(observer, line.activation, line.local_task)
-    reason = assignment_reason(line, plan_bids(plan))
+    reason = assignment_reason(plan, robot)
     what = f"{robot} does {line.local_task} for {line.global_task}: {reason}."
     return _answer(robot, f"{what} {_others(found, robot)}", found, line.local_task)
 
@@ -176,6 +179,9 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
     bounds = "; ".join(map(_needed, known.needs))
     if waiting is not None:
         sentence = f"{task} is {waiting.reason}. It needs {bounds}."
+    elif not lines and plan.ahead is not None and (step := plan.ahead.step_of(activation)):
+        later = shortened(plan.ahead.members(step))
+        sentence = f"{task} is done later by {later}: {plan.ahead.author}'s schedule."
     elif not lines:
         sentence = f"{task} is requested, and no robot is assigned to it. It needs {bounds}."
     else:

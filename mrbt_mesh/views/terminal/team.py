@@ -44,6 +44,11 @@ class ShownTeam:
         return item
 
     @property
+    def forecast(self) -> Item | None:
+        """The item `forecast`, while the team runs."""
+        return None if self.team["ended"] else self._items["forecast"].get("")
+
+    @property
     def robots(self) -> dict[str, Item]:
         """The items `robot/ID`."""
         return self._items["robot"]

@@ -239,3 +239,31 @@ def test_plan_refuses_unknown_robots_and_missing_files(tmp_path: Path) -> None:
     assert "--alive A1,A9: mission vehicle_repair has no robot 'A9'" in problems
     problems = refused(mrbt("plan", REPAIR, "--facts", str(tmp_path / "none.yaml")))
     assert "there is no such file" in problems
+
+
+DRIVING = """
+mission: driving
+travel: {places: {dock: [0, 0], near: [2, 0], far: [6, 0]}, speed: 2, start: dock}
+local_tasks: {lift: {parameters: [place], work: 2, at: $place}}
+robot_types: {cart: {capabilities: {lift: 1}}}
+robots: {R1: cart, R2: cart}
+global_tasks:
+  one: {parameters: [place], needs: {lift($place): {min: 1, max: 1}}}
+  both: {parameters: [place], needs: {lift($place): {min: 2, max: 2}}, simultaneous: true}
+tree: {Sequence: [one(near), both(far), one(dock)]}
+"""
+
+
+def test_plan_searches_a_schedule_for_robots_that_travel(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(DRIVING)
+    data = plan(str(mission))
+    worker, other = ("R1", "R2") if "R1" in data["lines"] else ("R2", "R1")
+    assert data["idle"] == {other: f"next in the schedule: both(far) with {worker}"}
+    found = data["forecast"]
+    assert found["robots"][worker]["next"].startswith(
+        f"lift(near) in 1.0 s, then lift(far) with {other} in 6.0 s"
+    )
+    text = " ".join(done(mrbt("plan", str(mission))).split())
+    assert "schedule by this command, since no robot searches, 3 tasks, ends in 13.0 s" in text
+    assert plan(REPAIR)["forecast"] is None
