@@ -119,7 +119,8 @@ def test_files_that_cannot_be_programs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["vehicle_repair", "explore", "tool_search", "couriers", "assembly", "inspection"]
+    "name",
+    ["vehicle_repair", "explore", "tool_search", "couriers", "depot", "assembly", "inspection"],
 )
 def test_the_examples_robots_can_do_what_they_claim(name: str) -> None:
     mission = load_mission(ROOT / "examples" / name / "mission.yaml")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import pytest
 
 from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.sim import Kill
 from mrbt_mesh.testing import RunMission
-from tests.support.paths import mission_file
+from tests.support.paths import ROOT, mission_file
 from tests.support.runs import Run
 
 
@@ -63,6 +64,16 @@ def test_no_tools_at_all_is_a_failure(run_mission: RunMission) -> None:
     assert run.result == "failure"
     assert len(run.failed("search")) == 2
     assert run.started("large_screwdriver") == []
+
+
+def test_the_depot_is_ready_sooner_by_schedules(run_mission: RunMission, tmp_path: Path) -> None:
+    text = mission_file("depot").read_text().replace("../../agents", str(ROOT / "agents"))
+    without = tmp_path / "mission.yaml"
+    without.write_text(text.replace("travel:", "travel:\n  horizon: 1"))
+    looking_ahead, one_by_one = (
+        run_mission(path, seed=1) for path in (mission_file("depot"), without)
+    )
+    assert looking_ahead.duration_s < 0.7 * one_by_one.duration_s
 
 
 def test_couriers_bid_from_where_they_are_and_the_sum_of_ways_is_the_least(run: Run) -> None:

@@ -16,8 +16,9 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
-from mrbt_mesh.core.planning.demands import demands_of
+from mrbt_mesh.core.planning.demands import Group, demands_of
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.schedules import by_schedule
 from mrbt_mesh.core.planning.side_constraints import feasibility
 from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
@@ -119,7 +120,10 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
     waiting = {w.activation for w in plan.waiting}
     on = Counter((each.activation, each.local_task) for each in plan.assignments.values())
     capable = capabilities_of(agent.facts, alive)
-    for group in demands_of(agent.facts, plan.evaluation.requests, capable):
+    groups: Sequence[Group] = demands_of(agent.facts, plan.evaluation.requests, capable)
+    if plan.ahead is not None:
+        groups = by_schedule(plan.ahead, groups)
+    for group in groups:
         for demand in group:
             place = (demand.request.activation, demand.local_task)
             low = 0 if place[0] in waiting else demand.lower

@@ -33,6 +33,6 @@ def test_robots_and_tasks_in_units() -> None:
 
 
 def test_all_examples_are_plain_data() -> None:
-    for name in ("vehicle_repair", "couriers", "dispense", "explore", "assembly"):
+    for name in ("vehicle_repair", "couriers", "depot", "dispense", "explore", "assembly"):
         told = mission_view(example(name)[0])
         assert json.loads(json.dumps(told)) == told
