@@ -6,12 +6,15 @@ so it is looked ahead for a number of tasks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, EvaluationFacts, OverlaidFacts, Request
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.bt.tree import Kind, Status
+
+ONE_AFTER_THE_OTHER = frozenset({Kind.SEQUENCE, Kind.FALLBACK, Kind.IF_THEN_ELSE})
 
 
 @dataclass
@@ -44,39 +47,64 @@ class IfTheySucceed(OverlaidFacts):
 
 
 def tasks_ahead(
-    evaluator: Evaluator, facts: EvaluationFacts, most: int, running: str = ""
-) -> tuple[Request, ...]:
-    """The requests of now and of later, at most so many, in the order in which they are made.
-
-    `running`: an activation that does not end, however long one waits.
+    evaluator: Evaluator, facts: EvaluationFacts, most: int
+) -> tuple[tuple[Request, ...], ...]:
+    """The requests of now, and those of each time after all before have succeeded; at most so many
+    in all.
     """
-    later, found = IfTheySucceed(facts), dict[str, Request]()
+    later, found, rounds = IfTheySucceed(facts), set[str](), list[tuple[Request, ...]]()
     while True:
         evaluation = evaluator.evaluate(later)
         fresh = [each for each in evaluation.requests if each.activation not in found]
-        for each in fresh[: most - len(found)]:
-            found[each.activation] = each
-            if each.activation != running:
-                later.succeeded.add(each.activation)
-        if not fresh or len(found) == most:
-            return tuple(found.values())
+        fresh = fresh[: most - len(found)]
+        if not fresh:
+            return tuple(rounds)
+        rounds.append(tuple(fresh))
+        found.update(each.activation for each in fresh)
+        later.succeeded |= found
         later.remember(evaluation)
 
 
 def precedence(
-    evaluator: Evaluator, facts: EvaluationFacts, ahead: Sequence[Request], present: int
+    evaluator: Evaluator, rounds: Sequence[Sequence[Request]]
 ) -> Mapping[str, tuple[str, ...]]:
-    """Activation -> those that must succeed before it is asked for; both lie `ahead`.
+    """Activation -> those that may have to succeed before it is asked for; of `tasks_ahead`.
 
-    `present`: how many of them, the first ones, are asked for now. One is after another if it is
-    not asked for while that other runs, even if all else succeeds.
+    One is after another of an earlier round, if both are below different children of a node that
+    ticks its children one after the other, or belong to different attempts of a loop. So it is
+    after whatever holds it up, and now and then after something that a Parallel need not wait for.
     """
-    after: dict[str, list[str]] = {each.activation: [] for each in ahead[present:]}
-    if after:
-        for before in ahead:
-            reached = tasks_ahead(evaluator, facts, len(ahead) + present, before.activation)
-            without = {each.activation for each in reached}
-            for later, found in after.items():
-                if later not in without and later != before.activation:
-                    found.append(before.activation)
-    return {later: tuple(found) for later, found in after.items()}
+    nodes, tasks = evaluator.tree.nodes, [each for found in rounds for each in found]
+    # Sets of tasks as bit masks: those below a node, and those in one attempt of a loop.
+    below = dict[int, int]()
+    attempt = dict[tuple[int, tuple[int, ...]], int]()
+    for number, each in enumerate(tasks):
+        node = each.node
+        while node >= 0:
+            below[node] = below.get(node, 0) | 1 << number
+            node = nodes[node].parent
+        for key in _attempts(evaluator, each):
+            attempt[key] = attempt.get(key, 0) | 1 << number
+    result, earlier, number = dict[str, tuple[str, ...]](), 0, 0
+    for found in rounds:
+        for each in found:
+            mask, child = 0, each.node
+            while (parent := nodes[child].parent) >= 0:
+                if nodes[parent].kind in ONE_AFTER_THE_OTHER:
+                    mask |= below[parent] & ~below[child]
+                child = parent
+            for key in _attempts(evaluator, each):
+                mask |= below[key[0]] & ~attempt[key]
+            mask &= earlier
+            before = (task.activation for bit, task in enumerate(tasks) if mask >> bit & 1)
+            result[each.activation] = tuple(before)
+        number += len(found)
+        earlier = (1 << number) - 1
+    return result
+
+
+def _attempts(evaluator: Evaluator, each: Request) -> Iterator[tuple[int, tuple[int, ...]]]:
+    """The loops around a request, each with the attempts of it and of those around it."""
+    numbers = parse_activation(each.activation).attempts
+    for position, loop in enumerate(evaluator.enclosing_loops[each.node]):
+        yield loop, numbers[: position + 1]

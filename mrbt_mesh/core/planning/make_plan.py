@@ -122,7 +122,7 @@ def check_consistency(
         offered = spare_scarce(facts, evaluation, bids.groups, team)
     ahead = None
     if mission.travel is not None:
-        ahead = look_ahead(facts, evaluation, capabilities)
+        ahead = look_ahead(facts, capabilities)
         offered = by_schedule(ahead, offered)
     kept, pinned = kept_requests(
         facts,

@@ -16,7 +16,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from mrbt_mesh.core.bt.evaluation import Evaluation, Request
+from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.records import Proposal, ProposedStep
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
@@ -132,9 +132,9 @@ class Lookahead:
             return None
 
 
-def look_ahead(facts: TeamFacts, evaluation: Evaluation, capabilities: Capabilities) -> Lookahead:
+def look_ahead(facts: TeamFacts, capabilities: Capabilities) -> Lookahead:
     """The problem of this moment, and the schedule in force."""
-    found = _lookahead(facts, evaluation, capabilities)
+    found = _lookahead(facts, capabilities)
     those = []
     for author in sorted(facts.proposals):
         fitting = found.fitting(facts.proposals[author])
@@ -202,12 +202,12 @@ def _without(demand: Demand, robots: Collection[str]) -> Demand:
 # -- the problem ----------------------------------------------------------------------------------
 
 
-def _lookahead(facts: TeamFacts, evaluation: Evaluation, capabilities: Capabilities) -> Lookahead:
+def _lookahead(facts: TeamFacts, capabilities: Capabilities) -> Lookahead:
     mission, evaluator = facts.mission, facts.mission.evaluator
     travel = mission.travel
     assert travel is not None
-    ahead = tasks_ahead(evaluator, facts, travel.horizon)
-    after = precedence(evaluator, facts, ahead, len(evaluation.requests))
+    rounds = tasks_ahead(evaluator, facts, travel.horizon)
+    after = precedence(evaluator, rounds)
     running = running_claims(facts, capabilities.team)
     places = {r: facts.place_of(r) for r in capabilities.team}
     numbers = {r: number for number, r in enumerate(r for r in places if places[r])}
@@ -215,7 +215,7 @@ def _lookahead(facts: TeamFacts, evaluation: Evaluation, capabilities: Capabilit
     ends_ms: dict[str, int] = {}
     opens: list[Open] = []
     left_out: dict[str, str] = {}
-    for request in ahead:
+    for request in (each for found in rounds for each in found):
         activation = request.activation
         group = request_demands(facts, request, capabilities, running.get(activation, {}))
         for demand in group:
