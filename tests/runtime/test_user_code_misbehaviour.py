@@ -23,6 +23,7 @@ from mrbt_mesh import RobotProgram, TaskContext, TaskFailedError
 from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.sim import Lose, SimulationResult, run, simulate
@@ -217,6 +218,23 @@ async def rest(task: TaskContext) -> None:
     await anyio.sleep(10)
 
 
+def result_of_travel(case: Way) -> SimulationResult:
+    """The same as the function that drives to the place of the local task."""
+    robot = RobotProgram()
+    robot.local_task("*")(rest)
+
+    @robot.travel
+    async def drive(task: TaskContext, place: str) -> Any:
+        is_bad = case.kind == "local task" or task.robot == "R1"
+        return await (case.function if is_bad else rest)(task)
+
+    places = {"dock": (0, 0), "home": (0, 0)}
+    travel = Travel(places, {"bad": "dock"}, {"R1": "home", "R2": "home"}, {"R1": 1, "R2": 1})
+    mission = replace(mission_of(case.kind), travel=travel)
+    schedule = [(2_000_000, Lose("R1", "bad"))] if case.kind == "cancelled" else []
+    return simulate(mission, robot, seed=1, schedule=schedule, timeout_us=200_000_000)
+
+
 def result_of(case: Way) -> SimulationResult:
     robot = RobotProgram()
     robot.local_task("rest")(rest)
@@ -254,17 +272,35 @@ def short_limit(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_no_robot_dies_and_each_way_is_told(name: str) -> None:
     case = WAYS[name]
     found = result_of(case)
+    said = check(case, found)
     assert found.result == case.result
+    if case.told is None:
+        assert said == []
+    else:
+        assert any(re.search(case.told, each) for each in said), said
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(
+    "name", [n for n, each in WAYS.items() if each.kind in ("local task", "cancelled")]
+)
+def test_a_function_that_drives_may_do_the_same(name: str) -> None:
+    case = WAYS[name]
+    found = result_of_travel(case)
+    told = check(case, found)
+    if case.kind == "local task" and case.result == "failure":
+        assert found.result == "failure"
+        assert any(each.startswith("cannot reach dock") for each in told), told
+
+
+def check(case: Way, found: SimulationResult) -> list[str]:
+    """What is told of a run of which no robot died."""
     assert not [each for each in found.summary["faults"] if each["kind"] == "major"]
     # Of code that does not stop, the checkers say that it runs beside its successor.
     assert case.kind == "cancelled" or not found.violations
     said = [each["reason"] for each in found.summary["failures"]]
     said += [each["problem"] for each in found.summary["problems"]]
-    said = [each for each in said if each]
-    if case.told is None:
-        assert said == []
-    else:
-        assert any(re.search(case.told, each) for each in said), said
+    return [each for each in said if each]
 
 
 def test_there_are_enough_of_them() -> None:
