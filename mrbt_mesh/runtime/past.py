@@ -10,7 +10,7 @@ from pathlib import Path
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.player import Player
-from mrbt_mesh.recording.reader import RecordingError, read_recording
+from mrbt_mesh.recording.reader import RecordingError, open_recording
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 
@@ -49,7 +49,7 @@ def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]
 
     `epoch_us`: the Unix time at which this machine's clock was 0. Raises RecordingError.
     """
-    recording = read_recording(path)
+    recording = open_recording(path)
     said = recording.metadata
     is_of_run = (said.run, said.mission_digest) == (observer.facts.run, observer.mission.digest)
     if not is_of_run or not recording.records:

@@ -12,7 +12,7 @@ from mrbt_mesh.cli.virtual.named_faults import read_faults
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.player import Player
-from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.recording.reader import open_recording
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.run import SimulationError
 from mrbt_mesh.views.recordings.showing import time_of
@@ -29,7 +29,7 @@ def continued(
     timeout_s: float,
 ) -> dict[str, Any]:
     """Both summaries, and the assumptions. Raises InputError for options that do not fit."""
-    recording = read_recording(file)
+    recording = open_recording(file)
     player = Player(recording)
     at_us = time_of(player, at_s)
     named = read_faults(
@@ -38,7 +38,6 @@ def continued(
     for each in named:
         if each.at_us < round(at_s * SECOND_US):
             raise InputError(f"{each.said}: before --at {at_s:g}, when it goes on")
-    player.seek(player.end_us)
     try:
         found = what_if(
             recording,
@@ -65,8 +64,8 @@ def continued(
         "assumed": list(ASSUMED),
         "under_way": found.under_way,
         "recorded": {
-            **player.summary(),
-            "over_at_s": over_at_s(player.observer.record.ended_us),
+            **found.recorded.summary(),
+            "over_at_s": over_at_s(found.recorded.observer.record.ended_us),
         },
         "what_if": {
             **found.result.summary,

@@ -103,12 +103,16 @@ class RecordedCourse:
         self._lives: dict[str, list[tuple[int, Incarnation]]] = {}
         self._faults: list[tuple[int, Fault]] = []
         played = player.play_to(player.end_us)
-        for record, _ in zip(player.recording.records, played, strict=True):
+        records = player.recording.records
+        for index, _ in enumerate(played):
+            if records.topics[index] not in (channels.FACTS, channels.ROBOTS):
+                continue
+            record = records[index]
             if record.topic == channels.FACTS:
                 entry = player.state.facts.map.get(record.data["author"], record.data["name"])
                 if entry is not None:
                     self._fact(entry, record.at_us)
-            elif record.topic == channels.ROBOTS:
+            else:
                 self._seen(record.data["robot"], record.data["incarnation"], record.at_us)
         self._deaths = [
             self._death(each) for each in player.observer.record.major if not each.is_older

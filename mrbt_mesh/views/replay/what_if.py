@@ -32,12 +32,13 @@ ASSUMED = (
 class Continuation:
     """The simulated continuation from `at_us` of the recording; times of `result` begin at 0.
 
-    `under_way`: robot -> the local task that it had then.
+    `under_way`: robot -> the local task that it had then. `recorded`: the recording at its end.
     """
 
     at_us: int
     under_way: dict[str, str]
     result: SimulationResult
+    recorded: Player
 
     def recorded_us(self, simulated_us: int) -> int:
         """A time of the result as one of the recording."""
@@ -60,8 +61,8 @@ def what_if(
     is alive then or the recording is damaged, ValueError for faults of robots that the mission does
     not have, SimulationError.
     """
-    course = RecordedCourse(Player(recording))
-    player = Player(recording)
+    recorded, player = Player(recording), Player(recording)
+    course = RecordedCourse(recorded)
     deadlines_us = _deadlines(player, at_us)
     state, mission = player.state, player.mission
     lives = {
@@ -103,7 +104,7 @@ def what_if(
     claims = {robot: state.facts.valid_claim(robot) for robot in lives}
     running = {r: c for r, c in claims.items() if c is not None and c.phase is Phase.RUNNING}
     under_way = {robot: claim.local_task for robot, claim in running.items()}
-    return Continuation(at_us, under_way, result)
+    return Continuation(at_us, under_way, result, recorded)
 
 
 def _deadlines(player: Player, at_us: int) -> dict[Due, int]:

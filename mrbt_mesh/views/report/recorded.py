@@ -30,7 +30,7 @@ def report_recording(recording: Recording, title: str) -> RunReport:
     """Play the recording once and count; raises RecordingError for a damaged one."""
     player, history = Player(recording), History()
     record = player.observer.record
-    for at_us in sorted({each.at_us for each in recording.records}):
+    for at_us in sorted(set(recording.records.times_us)):
         player.seek(at_us)
         if record.ended_us is None:
             history.look(player.observer, at_us)

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
-from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.recording.reader import open_recording
 from mrbt_mesh.runtime.run_dir import ORDERS_FILE, SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.report.model import (
@@ -45,7 +45,7 @@ def read_report(paths: Iterable[Path], verify: Verify) -> RunsReport:
         if path.is_dir():
             runs.append(_run_dir(path, verify))
         elif path.suffix == ".mcap":
-            found = report_recording(read_recording(path), path.stem)
+            found = report_recording(open_recording(path), path.stem)
             runs.append(replace(found, proof=_proof(verify(path))))
         else:
             data = _json_object(path)
@@ -65,7 +65,7 @@ def _run_dir(path: Path, verify: Verify) -> RunReport:
     title, file = path.resolve().name, _recording_of(path)
     with _refusing(f"{summary}: is no summary of a run"):
         if file is not None:
-            found = report_recording(read_recording(file), title)
+            found = report_recording(open_recording(file), title)
             began_unix_s = found.identity.began_unix_s if found.identity is not None else None
             orders = tuple(_orders(path / ORDERS_FILE, began_unix_s))
             return replace(found, proof=_proof(verify(path)), orders=orders)
@@ -101,7 +101,7 @@ def _drill(data: Mapping[str, Any]) -> RunReport:
     file = _recording_of(Path(data["run_dir"])) if data["run_dir"] else None
     if file is None:
         return report_drill(data, title)
-    found = report_recording(read_recording(file), title)
+    found = report_recording(open_recording(file), title)
     return replace(found, verdict=str(data["color"]), expectations=drill_expectations(data))
 
 
