@@ -34,7 +34,7 @@ from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Durability, Replica
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask
-from mrbt_mesh.core.planning import bids, capabilities, demands, make_plan
+from mrbt_mesh.core.planning import bids, capabilities, demands, make_plan, schedules
 
 Patch = tuple[Any, str, Callable[..., Any]]
 MUTATIONS: dict[str, Callable[[], contextlib.AbstractContextManager[None]]] = {}
@@ -204,6 +204,17 @@ def any_optimum(
 def bids_not_awaited(original: Any, *given: Any) -> bids.Bidding:
     """The plan takes the bids that there are; robots without a bid are the last resort."""
     return replace(original(*given), is_open=False)
+
+
+@mutation(make_plan, "look_ahead")
+def schedules_by_arrival(original: Any, facts: TeamFacts, *given: Any) -> schedules.Lookahead:
+    """The schedule in force is the one that has come first, not the one of the least cost."""
+    found = original(facts, *given)
+    for author, proposal in facts.proposals.items():
+        fitting = found.fitting(proposal)
+        if fitting is not None and fitting[0]:
+            return replace(found, schedule=fitting[0], course=fitting[1], author=author)
+    return found
 
 
 @mutation(Agent, "handle")
