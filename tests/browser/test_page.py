@@ -18,7 +18,7 @@ from tests.support.browser import (
     page_of,
     picture,
 )
-from tests.support.paths import EXAMPLES
+from tests.support.paths import EXAMPLES, mission_file
 from tests.support.team import EXPLORE, REPAIR, Team
 
 if TYPE_CHECKING:
@@ -330,3 +330,26 @@ def test_another_run_on_the_same_port_is_offered_and_never_mixed(
         page.wait_for_selector('.card:has-text("R1")')
         assert page.inner_text("#mission") == "explore"
     assert [each for each in problems if "ERR_CONNECTION" not in each] == []
+
+
+def test_the_future_of_robots_that_travel_is_shown_until_they_are_done(
+    team: Team, browser: Browser
+) -> None:
+    team.hold("C1", "C2", "C3", "L1", "L2", "S1")
+    team.up(mission_file("depot"), "--web")
+    page, problems = opened(browser, page_of(team), LAPTOP)
+    page.wait_for_selector('#forecast:has-text("for makespan, 14 tasks, ends at")')
+    # The tips of the lane of C1, from its begin to its end.
+    lane, tips = page.locator("#spans"), set()
+    box = lane.bounding_box()
+    assert box is not None
+    for x in range(80, int(box["width"]), 8):
+        lane.hover(position={"x": x, "y": 12})
+        tips.add(page.inner_text("#tip"))
+    assert any("expected from" in each for each in tips), tips
+    assert accessibility_violations(page) == []
+    picture(page, "forecast")
+    team.release()
+    page.wait_for_selector(ended())
+    page.wait_for_selector("#forecast", state="hidden")
+    assert problems == []

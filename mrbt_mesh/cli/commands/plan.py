@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.planning.schedules import Lookahead
 
 # Of a schedule that no robot has proposed.
-SEARCHED = "this command, since no robot searches"
+SEARCHED = "this command (no robot searches)"
 
 
 @click.command(cls=MrbtCommand)

@@ -62,26 +62,22 @@ class RobotForecast:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Of a team that travels. Without a schedule in force `why_none` says why, `ends_s` is None,
-    and robots have no steps.
+    """Of a team that travels. Without a schedule in force `reason` says why, `ends_s` is None, and
+    robots have no steps.
 
-    `author` has proposed it. `ends_s`: when the last of its `tasks` has ended, and all robots are
+    `author` has proposed it. `ends_s`: when the last of its tasks has ended, and all robots are
     back if they return. `left_out`: (global task, why schedules leave it out).
     """
 
     objective: str
     author: str
-    tasks: int
+    reason: str
     ends_s: float | None
-    why_none: str
     robots: Mapping[str, RobotForecast]
     left_out: tuple[tuple[str, str], ...]
 
     def __str__(self) -> str:
-        if self.ends_s is None:
-            return f"no schedule: {self.why_none}"
-        tasks = "1 task" if self.tasks == 1 else f"{self.tasks} tasks"
-        return f"schedule by {self.author}, {tasks}, ends in {self.ends_s:.1f} s ({self.objective})"
+        return self.reason + ("" if self.ends_s is None else f", ends in {self.ends_s:.1f} s")
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, with texts for people: `text`, and of each robot `where` and `next`."""
@@ -124,9 +120,8 @@ def forecast(
     return Forecast(
         str(travel.objective),
         ahead.author,
-        len(ahead.schedule or ()),
+        _reason(ahead, travel.objective),
         ends_s,
-        "" if ahead.schedule is not None else _why_none(ahead),
         robots,
         tuple((parse_activation(name).subject, why) for name, why in ahead.left_out.items()),
     )
@@ -146,12 +141,16 @@ def forecast_of(observer: Observer, now_us: int) -> Forecast | None:
     return forecast(observer.facts, plan.ahead, elapsed_ms)
 
 
-def _why_none(ahead: Lookahead) -> str:
+def _reason(ahead: Lookahead, objective: Objective) -> str:
+    if ahead.schedule is not None:
+        count = len(ahead.schedule)
+        tasks = "1 task" if count == 1 else f"{count} tasks"
+        return f"schedule by {ahead.author} for {objective}, {tasks}"
     if not ahead.robots:
-        return "nobody knows where a robot is"
+        return "no schedule: nobody knows where any robot is"
     if len(ahead.opens) < 2:
-        return "less than two tasks ahead lack robots"
-    return "no robot has proposed one that fits"
+        return "no schedule: less than two tasks ahead lack robots"
+    return "no schedule: no robot has proposed one that fits"
 
 
 def _now(facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int]) -> SchedulingProblem:

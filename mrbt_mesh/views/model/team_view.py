@@ -51,8 +51,7 @@ class TeamState:
     first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
     `task/NAME`: a global task. `node/N`: `[status, robots, note, activations]` of a node of T_G
     that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot
-    reports. `forecast`: of a team that travels, as `Forecast`, made at `at_s`, from which its times
-    count.
+    reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -82,7 +81,6 @@ class TeamState:
         if causes != self._causes:
             self._causes = causes
             self._what_follows_from_facts()
-            self._forecast(now_us)
 
     def count_activations(self) -> None:
         """Count the plan's activations; for callers that skip `update` after some plans."""
@@ -107,14 +105,6 @@ class TeamState:
         states = place_states(self._places, observer.facts, has_succeeded)
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
-
-    def _forecast(self, now_us: int) -> None:
-        """Foretell again with every plan, since nothing happens in between."""
-        if self.observer.mission.travel is not None:
-            found = forecast_of(self.observer, now_us)
-            at_s = self.observer.record.seconds(now_us)
-            item = None if found is None else found.to_json() | {"at_s": at_s}
-            self.changes.put("forecast", item)
 
     def _team(self) -> dict[str, Any]:
         record = self.observer.record
@@ -276,7 +266,8 @@ class Shown(Protocol):
 
 class TeamView:
     """Follows one observer of a running team. `changes` has the items of `TeamState`,
-    `TimelineView` and `TakeoversView`.
+    `TimelineView` and `TakeoversView`, and if the team travels its `forecast`, whose times count
+    from `at_s`.
     """
 
     def __init__(self, observer: Observer) -> None:
@@ -285,6 +276,7 @@ class TeamView:
         self._state = TeamState(observer, self.changes)
         self._timeline = TimelineView(observer)
         self._takeovers = TakeoversView(observer)
+        self._foretold: Plan | None = None
 
     def update(self, now_us: int) -> bool:
         """Look at the observer, which is up to date; whether anything has changed."""
@@ -292,6 +284,11 @@ class TeamView:
         self._state.update(now_us)
         self._timeline.put(self.changes)
         self._takeovers.put(self.changes)
+        if self.observer.plan is not self._foretold:
+            self._foretold = self.observer.plan
+            found = forecast_of(self.observer, now_us)
+            item = None if found is None else found.to_json() | {"at_s": self.seconds(now_us)}
+            self.changes.put("forecast", item)
         return self.changes.version != before
 
     def seconds(self, at_us: int) -> float | None:

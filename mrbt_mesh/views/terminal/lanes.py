@@ -23,7 +23,8 @@ LEAST_S = 10.0
 LABEL_COLUMNS = 10
 LEAST_LABEL = 3
 LEGEND = (
-    "┣┄ claimed  ━ at work  ✔ done  ✘ failed  ┤ not needed any more  ✖ died  ↳ took over  ▾ lost"
+    "┣┄ claimed  ━ at work  ✔ done  ✘ failed  ┤ not needed any more  ✖ died  ↳ took over  ▾ lost  "
+    "│ now  ├╌ expected  ┊ expected end"
 )
 
 
@@ -76,7 +77,28 @@ def lane(shown: ShownTeam, robot: str, window: Window) -> Text:
             canvas.put(window.column(loss["at_s"]), "▾", "bold yellow")
     for fault in shown.faults:
         _draw_fault(canvas, fault, robot, window, shown.now_s)
+    if shown.forecast is not None:
+        _draw_forecast(canvas, shown.forecast, robot, window, shown.now_s)
     return canvas.text()
+
+
+def _draw_forecast(
+    canvas: _Canvas, forecast: Item, robot: str, window: Window, now_s: float
+) -> None:
+    """What is expected, after the line of the present."""
+    at_s, known = forecast["at_s"], forecast["robots"].get(robot)
+    now = window.column(now_s)
+    if forecast["ends_s"] is not None:
+        canvas.put(window.column(max(now_s, at_s + forecast["ends_s"])), "┊", "dim")
+    if known is not None:
+        spans = [(0.0, known["work_s"], "")] if known["work"] else []
+        spans += [(x["begins_s"], x["ends_s"], x["local_task"]) for x in known["steps"]]
+        for begins_s, ends_s, name in spans:
+            start, stop = window.column(at_s + begins_s), window.column(at_s + ends_s)
+            start = max(start, now + 1)
+            text = ("├" if name else "╌") + name[: max(0, stop - start - 2)]
+            canvas.put(start, text.ljust(stop - start, "╌"), "dim cyan")
+    canvas.put(now, "│", "cyan")
 
 
 def _draw_work(canvas: _Canvas, work: Item, window: Window, now_s: float) -> None:

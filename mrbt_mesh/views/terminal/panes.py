@@ -16,7 +16,7 @@ from textual.widgets import Static
 from mrbt_mesh.cli.views.marks import by_urgency, statement_text
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.views.model.why import why_robot, why_task
-from mrbt_mesh.views.terminal.lanes import LEAST_S, Window, axis, lane, latest_fault
+from mrbt_mesh.views.terminal.lanes import LEAST_S, USUAL_S, Window, axis, lane, latest_fault
 from mrbt_mesh.views.terminal.robot_rows import (
     capabilities_text,
     robot_text,
@@ -200,9 +200,14 @@ class TimelinePane(Vertical):
         yield self.lanes
         yield self._axis
 
+    @property
+    def _end_s(self) -> float:
+        """Now, or the expected end; it leaves half of what is usual to what has happened."""
+        return min(self._shown.expected_end_s, self._shown.now_s + USUAL_S / 2)
+
     def window(self, width: int) -> Window:
         """What is shown, in `width` columns."""
-        now_s = self._shown.now_s
+        now_s = self._end_s
         usual = Window.latest(now_s, width)
         if self.span_s is None and self.to_s is None:
             return usual
@@ -228,6 +233,9 @@ class TimelinePane(Vertical):
         self._axis.update(line.append_text(axis(window)))
         how = "follows" if self.to_s is None else "l: follow again"
         title = f"timeline  {window.to_s - window.from_s:.3g} s, {how}"
+        if (forecast := self._shown.forecast) is not None:
+            ends = f", ends at {self._shown.expected_end_s:.1f} s" if forecast["ends_s"] else ""
+            title += f"  {forecast['reason']}{ends}"
         self.border_title = escape(f"{title}  {latest_fault(self._shown)}")
 
     def zoom(self, steps: int) -> None:
@@ -242,7 +250,7 @@ class TimelinePane(Vertical):
         window = self.window(1)
         to_s = window.to_s + steps * (window.to_s - window.from_s) / SIDE
         self.span_s = window.to_s - window.from_s
-        self.to_s = max(to_s, self.span_s) if to_s < self._shown.now_s else None
+        self.to_s = max(to_s, self.span_s) if to_s < self._end_s else None
         self.look()
 
     def follow(self) -> None:

@@ -45,8 +45,16 @@ class ShownTeam:
 
     @property
     def forecast(self) -> Item | None:
-        """The item `forecast`, while the team runs."""
-        return None if self.team["ended"] else self._items["forecast"].get("")
+        """The item `forecast`, if there is one."""
+        return self._items["forecast"].get("")
+
+    @property
+    def expected_end_s(self) -> float:
+        """When the schedule in force ends; now where there is none."""
+        forecast = self.forecast
+        if forecast is None or forecast["ends_s"] is None:
+            return self.now_s
+        return max(self.now_s, float(forecast["at_s"] + forecast["ends_s"]))
 
     @property
     def robots(self) -> dict[str, Item]:

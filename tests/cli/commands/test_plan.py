@@ -265,5 +265,7 @@ def test_plan_searches_a_schedule_for_robots_that_travel(tmp_path: Path) -> None
         f"lift(near) in 1.0 s, then lift(far) with {other} in 6.0 s"
     )
     text = " ".join(done(mrbt("plan", str(mission))).split())
-    assert "schedule by this command, since no robot searches, 3 tasks, ends in 13.0 s" in text
+    assert (
+        "schedule by this command (no robot searches) for makespan, 3 tasks, ends in 13.0 s" in text
+    )
     assert plan(REPAIR)["forecast"] is None

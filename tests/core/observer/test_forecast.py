@@ -25,7 +25,7 @@ def test_where_robots_go_next_and_when_and_why() -> None:
     assert str(told(world)) == "no schedule: no robot has proposed one that fits"
     propose(world, "R2", *FAR)
     found = told(world)
-    assert str(found) == "schedule by R2, 4 tasks, ends in 32.0 s (makespan)"
+    assert str(found) == "schedule by R2 for makespan, 4 tasks, ends in 32.0 s"
     assert found.robots["R1"].where == "a"
     assert found.robots["R1"].next_text() == "c in 20.0 s, then d in 31.0 s"
     assert found.to_json()["robots"]["R2"]["next"] == "b in 20.0 s, then a in 31.0 s"

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.recording.folder import observer_files
+from mrbt_mesh.recording.player import Player
+from mrbt_mesh.recording.reader import read_recording
+from mrbt_mesh.sim import simulate
 from mrbt_mesh.views.model.team_view import TeamView
+from tests.support.depot import depot, worker
 from tests.support.runs import run_example
 from tests.support.watched import COVER, watched
 
@@ -120,3 +126,16 @@ def test_spans_of_a_run_are_what_the_robots_did() -> None:
     assert done == sorted((event["robot"], event["global_task"]) for event in ends)
     assert len(done) > 10
     assert items["team"]["ended"] == "success"
+
+
+def test_a_team_that_travels_has_a_forecast_until_its_end(tmp_path: Path) -> None:
+    simulate(depot("Sequence: [scan_at(a), scan_at(b)]"), worker(), seed=1, record=tmp_path)
+    player = Player(read_recording(observer_files(tmp_path)[0]))
+    view, texts = TeamView(player.observer), []
+    for at_us in sorted({each.at_us for each in player.recording.records}):
+        player.seek(at_us)
+        if view.update(at_us) and "forecast" in (items := view.changes.since(0)):
+            texts.append(items["forecast"]["reason"])
+    assert any(each.endswith("for makespan, 2 tasks") for each in texts), texts
+    assert texts[-1] == "no schedule: less than two tasks ahead lack robots"
+    assert "forecast" not in view.changes.since(0)

@@ -149,3 +149,15 @@ def test_what_a_recording_has_of_later_times_is_not_drawn_yet() -> None:
     assert drawn(found, "A", 5.0).rstrip() == "┣weld━━━━━━━━━━━━━━▶"
     assert drawn(found, "B", 5.0).rstrip() == ""
     assert latest_fault(found) == ""
+
+
+def test_what_is_expected_is_drawn_after_the_line_of_the_present() -> None:
+    step = {"begins_s": 5.0, "ends_s": 8.0, "local_task": "lift"}
+    robots = {"A": {"work": "weld", "work_s": 2.0, "steps": [step]}}
+    found = past(
+        work_0=work("A", "weld", 0.0, 0.0, None),
+        forecast={"at_s": 1.0, "ends_s": 8.5, "robots": robots},
+    )
+    assert drawn(found, "A", 2.0) == "┣weld━━▶│╌╌╌            ├lift╌╌╌╌╌╌╌  ┊ "
+    assert drawn(found, "B", 2.0) == "        │                             ┊ "
+    assert found.expected_end_s == 9.5

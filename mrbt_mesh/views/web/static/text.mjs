@@ -47,7 +47,8 @@ export function allSigns() {
     table("Robots", [...Object.entries(STATES).map(([state, [sign, , meaning]]) => [sign, `${state}: ${meaning}`]),
       ["⚠", "a problem of its program or journal, or a lost capability, which is struck out"]]),
     table("Timeline", [...Object.entries(ENDS).map(([end, text]) => [swatch(end), text]),
-      [element("i", { class: "hatched" }), "not watched: nothing is known of this time"], ...MARKS]),
+      [element("i", { class: "hatched" }), "not watched: nothing is known of this time"],
+      [element("i", { class: "dashed" }), "expected, by the schedule in force; the dashed line is its end"], ...MARKS]),
     table("State of a node", Object.entries(SIGN).map(([status, sign]) => [sign, status === "idle" ? "idle: the tree does not reach it now" : status])),
     table("Kind of a node", [...Object.entries(KINDS).filter(([, sign]) => sign).map(([kind, sign]) => [sign, kind]), ["◆", "another kind"]]),
   ];

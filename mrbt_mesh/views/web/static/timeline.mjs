@@ -51,6 +51,7 @@ export class TimelineView {
         this._addLane(this._store.get(key)?.robot);
       } else if (kind === "robot" && this._store.get(key)) isNew = this._addLane(name) || isNew;
       else if (kind === "event") this._isEventful = true;
+      else if (key === "forecast" || key === "connection") isNew = true;
       else if (key === "older") { byId("events").replaceChildren(); this._isEventful = isNew = true; }
     }
     if (this._isFollowing && keys.has("team") && this._store.get("team")?.ended) this._whole();
@@ -97,6 +98,15 @@ export class TimelineView {
 
   // Those of the team, by name, and those of a run beside it.
   _items(kind) { return [...this._store.all(kind), ...(this._beside?.items(kind) ?? []).map((item) => [null, item])]; }
+
+  // What is expected of a running team, if it travels.
+  get _forecast() { return this._store.state === "over" ? null : this._store.get("forecast"); }
+
+  // Until when there is something to see, and something expected.
+  _last() {
+    const forecast = this._forecast, end = this._end() ?? 0;
+    return forecast?.ends_s ? Math.max(end, forecast.at_s + forecast.ends_s) : end;
+  }
 
   // Until when there is something to see; what has not ended goes on until then.
   _end() { return this._recording ? Math.max(this._recording.to_s, this._beside?.to ?? 0) : this._store.now(); }
@@ -156,7 +166,7 @@ export class TimelineView {
     this._drawnAt = now;
     if (this._isFollowing) {
       const long = Math.min(this._span[1] - this._span[0], Math.max(FOLLOWED_S, 5));
-      const last = Math.max(long * 0.92, now);
+      const last = Math.max(long * 0.92, Math.min(this._last(), now + long / 2));
       this._span = [last - long * 0.92, last + long * 0.08];
     }
     // The canvas is as high as what is seen of the lanes, and stays in place while they scroll.
@@ -176,6 +186,7 @@ export class TimelineView {
     for (const [, loss] of this._items("loss")) this._paintLoss(context, loss);
     for (const [name, fault] of this._items("fault")) this._paintFault(context, name, fault, this._endOf(fault, end));
     if (this._recording) this._paintAhead(context, now, own);
+    this._paintForecast(context, now, own);
     if (own < height) { context.fillStyle = this._colours.muted; context.fillRect(0, own - 1, this._width, 2); }
     context.fillStyle = this._colours.panel;
     context.fillRect(0, this._top, this._gutter - 4, seen);
@@ -293,6 +304,46 @@ export class TimelineView {
     }
     context.globalAlpha = 1;
     this._hits.push({ x: from, y, wide: Math.max(4, to - from), height, work });
+  }
+
+  // What is expected, dashed, after the line of the present.
+  _paintForecast(context, now, height) {
+    const forecast = this._forecast, at = forecast?.at_s ?? 0;
+    byId("forecast").hidden = !forecast;
+    if (!forecast) return;
+    const end = forecast.ends_s === null ? "" : `, ends at ${seconds(at + forecast.ends_s)}`;
+    const leftOut = forecast.left_out.map((each) => `; not in it: ${each.global_task}, ${each.reason}`).join("");
+    setText(byId("forecast"), forecast.reason + end + leftOut);
+    context.save();
+    context.beginPath(); context.rect(Math.max(this._gutter, this._x(now)), 0, this._width, height); context.clip();
+    context.strokeStyle = context.fillStyle = this._colours.running;
+    context.lineWidth = 1;
+    context.setLineDash([4, 3]);
+    for (const [robot, { work, work_s, steps }] of Object.entries(forecast.robots)) {
+      if (work) this._paintExpected(context, robot, { local_task: work, begins_s: 0, ends_s: work_s }, at, now, true);
+      for (const step of steps) this._paintExpected(context, robot, step, at, now);
+    }
+    if (forecast.ends_s !== null) {
+      const x = Math.round(this._x(Math.max(now, at + forecast.ends_s))) + 0.5;
+      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
+      this._hits.push({ x: x - 3, y: 0, wide: 6, height, text: forecast.reason + end });
+    }
+    context.restore();
+  }
+
+  _paintExpected(context, robot, step, at, now, isAtWork = false) {
+    const lane = this._robots.indexOf(robot), from = at + step.begins_s, to = at + step.ends_s;
+    if (lane < 0 || to < Math.max(now, this._span[0]) || from > this._span[1]) return;
+    const x = Math.max(this._gutter, this._x(Math.max(now, from))), y = lane * this._lane + 4, wide = this._x(to) - x, height = this._lane - 4;
+    context.beginPath(); context.roundRect(x, y + 0.5, wide, height - 1, 3); context.stroke();
+    const what = step.partners?.length ? `${step.local_task} with ${step.partners.join(", ")}` : step.local_task;
+    if (wide > 34 && !isAtWork) {
+      context.font = `11px ${this._font}`;
+      context.textBaseline = "middle";
+      context.fillText(this._shortened(context, step.local_task, wide - 10), x + 6, y + height / 2 + 0.5);
+    }
+    const when = isAtWork ? `expected to end at ${seconds(to)}` : `expected from ${seconds(from)} to ${seconds(to)}`;
+    this._hits.push({ x, y, wide: Math.max(4, wide), height, text: `${robot}: ${what}${step.place ? ` at ${step.place}` : ""}, ${when}` });
   }
 
   // As much of a text as fits; its end tells most names apart, so the middle is left out.
@@ -449,7 +500,7 @@ export class TimelineView {
   }
 
   _set(from, to, isFollowing = false) {
-    const now = this._end() ?? FOLLOWED_S;
+    const now = this._last() || FOLLOWED_S;
     let long = Math.max(MOST_ZOOM_S, Math.min(to - from, Math.max(FOLLOWED_S, now * 1.2)));
     const start = Math.max(Math.min(-long * 0.05, this._begin()), Math.min(from, now));
     this._span = [start, start + long];
@@ -462,7 +513,7 @@ export class TimelineView {
     this.draw();
   }
 
-  _whole() { this._set(this._begin(), Math.max(5, (this._end() ?? 0) * 1.05)); }
+  _whole() { this._set(this._begin(), Math.max(5, this._last() * 1.05)); }
 
   // Where a recording is; of a team, the time that is followed, or the middle of what is shown.
   moment() { return this._recording || this._isFollowing ? this._store.now() ?? 0 : (this._span[0] + this._span[1]) / 2; }
@@ -494,7 +545,7 @@ export class TimelineView {
     const tip = byId("tip"), hit = this._hitAt(event);
     tip.hidden = !hit;
     if (!hit) return;
-    setText(tip, hit.work ? workText(hit.work, this._endOf(hit.work, this._end())) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.own_s ?? hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
+    setText(tip, hit.text ? hit.text : hit.work ? workText(hit.work, this._endOf(hit.work, this._end())) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.own_s ?? hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
       : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} ${lostText(hit.loss.local_tasks, hit.loss.reason)}`);
     const box = byId("timeline").getBoundingClientRect();
     tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
