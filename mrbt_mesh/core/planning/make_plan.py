@@ -355,7 +355,7 @@ def _why_idle(
         served = [index for index in found if index in kept]
         names = sorted({demands[index][0].request.subject for index in served or found})
         if not found:
-            reasons[robot] = "no request needs what it can do"
+            reasons[robot] = "nothing that it can do is needed now"
         elif robot in spared:
             names = sorted({demands[index][0].request.subject for index in found})
             reasons[robot] = f"{', '.join(names)}: spared for what fewer robots can do"
@@ -363,7 +363,7 @@ def _why_idle(
             names = sorted({demands[index][0].request.subject for index in waiting})
             reasons[robot] = f"{', '.join(names)}: waits for bids"
         elif served:
-            reasons[robot] = f"{', '.join(names)}: as many robots as are allowed or useful"
+            reasons[robot] = f"{', '.join(names)}: enough robots are on it"
         else:
             reasons[robot] = f"{', '.join(names)}: waits for robots"
     return reasons

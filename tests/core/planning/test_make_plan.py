@@ -130,12 +130,12 @@ def test_a_request_that_waits_for_busy_robots_is_not_blocked() -> None:
 def test_every_robot_without_a_task_learns_why() -> None:
     world = repair()
     assert world.plan().idle == {
-        "A1": "no request needs what it can do",
-        "B1": "no request needs what it can do",
+        "A1": "nothing that it can do is needed now",
+        "B1": "nothing that it can do is needed now",
     }
     uncover(world)
     world.leave("C1")
-    assert world.plan().idle == {"C1": "leaving", "C2": "no request needs what it can do"}
+    assert world.plan().idle == {"C1": "leaving", "C2": "nothing that it can do is needed now"}
     for subject, robot, local in (("part1", "A1", "diagnose"), ("part2", "B1", "fix")):
         world.outcome(world.activation(subject), True, robot, local)
     assert world.plan().idle["A1"] == "nothing is requested"
@@ -153,7 +153,7 @@ def test_a_robot_that_nobody_has_heard_describe_itself_is_not_leaving() -> None:
 def test_a_robot_that_is_not_needed_any_more_learns_for_what() -> None:
     lift = task("lift", ("lift", 1, 1))
     world = World(make_mission(action("lift"), {n: {"lift": 1.0} for n in "AB"}, [lift]))
-    assert world.plan().idle == {"B": "lift: as many robots as are allowed or useful"}
+    assert world.plan().idle == {"B": "lift: enough robots are on it"}
 
 
 def test_every_robot_has_a_line_or_a_reason_and_never_both() -> None:

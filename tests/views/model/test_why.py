@@ -22,7 +22,7 @@ def observed(*commands: str) -> Observer:
 def test_a_robot_at_work_and_who_else_could() -> None:
     told = why_robot(observed(), "A")
     assert told["sentence"].startswith("A does weld for weld: goes on with what it runs")
-    assert "B (0.5) is free: weld: as many robots as are allowed or useful" in told["sentence"]
+    assert "B (0.5) is free: weld: enough robots are on it" in told["sentence"]
     rows = told["groups"][0]["candidates"]
     assert [(row["robot"], row["performance"], row["chosen"]) for row in rows] == [
         ("A", 1.0, True),
@@ -32,7 +32,7 @@ def test_a_robot_at_work_and_who_else_could() -> None:
 
 def test_an_idle_robot() -> None:
     told = why_robot(observed(), "C")
-    assert told["sentence"] == "C does nothing now: no request needs what it can do."
+    assert told["sentence"] == "C does nothing now: nothing that it can do is needed now."
     assert told["groups"] == []
 
 
