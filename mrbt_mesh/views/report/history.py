@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from mrbt_mesh.core.facts.records import Proposal
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.core.observer.forecast import ExpectedStep, forecast_of
 from mrbt_mesh.core.observer.headline import reported_plans
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
@@ -85,9 +87,14 @@ class PlansHeld:
 
 
 class History:
-    """Call `look` after each step of the player, and `end` once."""
+    """Call `look` after each step of the player, and `end` once.
+
+    `scheduled`: activation -> what the last schedule with it foretold when it came into force.
+    """
 
     def __init__(self) -> None:
+        self.scheduled: dict[str, tuple[int, str, dict[str, ExpectedStep]]] = {}
+        self._in_force: Proposal | None = None
         self.takeovers: dict[int, str] = {}
         self.plans_held = PlansHeld()
         self._agreement = AgreementView()
@@ -116,9 +123,25 @@ class History:
         differ = tuple(sorted(self._agreement.look(observer, now_us)))
         self._differing.look({(", ".join(differ), ""): differ} if differ else {}, now_us)
         self._left.look({(r, ""): () for r, s in states.items() if s is State.LEFT}, now_us)
+        self._look_ahead(observer, now_us)
         for index, fault in enumerate(observer.record.major):
             if fault.replacement and fault.held and index not in self.takeovers:
                 self.takeovers[index] = _could(observer, fault)
+
+    def _look_ahead(self, observer: Observer, now_us: int) -> None:
+        ahead = observer.plan.ahead if observer.plan is not None else None
+        if ahead is None or not ahead.author:
+            return
+        proposal = observer.facts.proposals[ahead.author]
+        found = None if proposal is self._in_force else forecast_of(observer, now_us)
+        if found is None:
+            return
+        self._in_force = proposal
+        steps: dict[str, dict[str, ExpectedStep]] = {}
+        for robot, known in found.robots.items():
+            for step in known.steps:
+                steps.setdefault(step.activation, {})[robot] = step
+        self.scheduled |= {name: (now_us, ahead.author, each) for name, each in steps.items()}
 
     def end(self, now_us: int) -> None:
         """The run is over: what holds, held until now."""

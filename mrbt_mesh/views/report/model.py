@@ -146,6 +146,23 @@ class TaskEnd:
 
 
 @dataclass(frozen=True)
+class ScheduledTask:
+    """A task as the last schedule with it foretold it when that came into force, `known_s`, and
+    what was done. `began_s`, `ended_s`: of all who took part; None: not begun, not ended well.
+    """
+
+    name: str
+    author: str
+    known_s: float
+    robots: tuple[str, ...]
+    begins_s: float
+    ends_s: float
+    done_by: tuple[str, ...]
+    began_s: float | None
+    ended_s: float | None
+
+
+@dataclass(frozen=True)
 class Expectation:
     """What a drill expected, and what was found."""
 
@@ -203,7 +220,7 @@ class RunReport:
     """One run. `plans` and `differences` are None where nobody recorded what robots reported; so
     are `work`, `waits` where only a summary is left, and `robots` then say only type and state.
 
-    `identity`, `proof` and `orders` are those of a recorded run.
+    `identity`, `proof` and `orders` are those of a recorded run, `scheduled` of one that travels.
 
     `verdict`: a drill's. `notes`: what the figures do not have, and why.
     """
@@ -226,6 +243,7 @@ class RunReport:
     identity: RunIdentity | None = None
     proof: Proof | None = None
     orders: tuple[ReportedOrder, ...] = ()
+    scheduled: tuple[ScheduledTask, ...] = ()
 
     @property
     def deaths(self) -> list[ReportedFault]:

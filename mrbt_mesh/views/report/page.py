@@ -94,6 +94,7 @@ def _run(run: RunReport) -> str:
         _section("What operators ordered", _orders(run)),
         _section("Failures", _failures(run)),
         _pair(_section("Robots", _robots(run)), _section("Global tasks", _tasks(run))),
+        _section("Scheduled and done", _scheduled(run)),
         _section("What waited for whom", _waits(run)),
         _section("Agreement", _agreement(run)),
         _section("Verification", _proof(run)),
@@ -269,6 +270,23 @@ def _tasks(run: RunReport) -> str:
     rows = ((task.name, task.status, ", ".join(task.robots)) for task in needed)
     note = f"{left} were not needed" if left else ""
     return _table(("global task", "result", "robots"), rows, note)
+
+
+def _scheduled(run: RunReport) -> str:
+    """Each task as the last schedule with it foretold it when it came into force."""
+    rows = (
+        (
+            each.name,
+            f"{each.author} at {_seconds(each.known_s)}",
+            ", ".join(each.robots),
+            f"{_seconds(each.begins_s)} to {_seconds(each.ends_s)}",
+            ", ".join(each.done_by) or "nobody",
+            f"{_seconds(each.began_s)} to {_seconds(each.ended_s)}",
+            "–" if each.ended_s is None else f"{each.ended_s - each.ends_s:+.1f} s",
+        )
+        for each in run.scheduled
+    )
+    return _table(("task", "schedule by", "for", "expected", "done by", "done", "late"), rows)
 
 
 def _waits(run: RunReport) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
@@ -15,6 +15,7 @@ from mrbt_mesh.views.report.model import (
     RobotUse,
     RunIdentity,
     RunReport,
+    ScheduledTask,
     TaskEnd,
     Wait,
     WaitKind,
@@ -64,7 +65,37 @@ def report_recording(recording: Recording, title: str) -> RunReport:
         notes=tuple(notes),
         failures=reported_failures(summary),
         identity=_identity(recording, start_us),
+        scheduled=_scheduled(history, spans, start_us),
     )
+
+
+def _scheduled(
+    history: History, spans: Iterable[WorkSpan], start_us: int
+) -> tuple[ScheduledTask, ...]:
+    """What was foretold, and what was done, by the expected begin."""
+    works: dict[str, list[WorkSpan]] = {}
+    for span in spans:
+        works.setdefault(span.activation, []).append(span)
+    found = []
+    for activation, (at_us, author, steps) in history.scheduled.items():
+        step, known_s = next(iter(steps.values())), (at_us - start_us) / 1e6
+        done = [work for work in works.get(activation, ()) if work.end is WorkEnd.DONE]
+        begun_us = [w.running_us for w in works.get(activation, ()) if w.running_us is not None]
+        ended_us = [work.ended_us for work in done if work.ended_us is not None]
+        found.append(
+            ScheduledTask(
+                step.global_task,
+                author,
+                known_s,
+                tuple(steps),
+                known_s + step.begins_s,
+                known_s + step.ends_s,
+                tuple(sorted({work.robot for work in done})),
+                (min(begun_us) - start_us) / 1e6 if begun_us else None,
+                (max(ended_us) - start_us) / 1e6 if ended_us else None,
+            )
+        )
+    return tuple(sorted(found, key=lambda each: (each.begins_s, each.name)))
 
 
 def _identity(recording: Recording, start_us: int) -> RunIdentity:

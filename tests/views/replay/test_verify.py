@@ -11,7 +11,10 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.facts.records import Proposal, ProposedStep
+from mrbt_mesh.core.facts.store import parse_entry
 from mrbt_mesh.recording.channels import ACTIONS, ALIVE, DROPPED, FACTS, LIFE, PLANS, STATUSES
+from mrbt_mesh.recording.messages import pack_fact, unpack_fact
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError, parse_recording
 from mrbt_mesh.sim import AgentOptions, Freeze, Kill, Leave, Lose, Schedule, Thaw
 from mrbt_mesh.sim.run import run_scenario, simulate
@@ -290,3 +293,67 @@ def test_recordings_of_different_runs_are_refused(
     record_example(tmp_path, "explore", 1)
     with pytest.raises(RecordingError, match="are of different runs"):
         verify([repaired[0], *read_all(tmp_path)])
+
+
+def scheduled(folder: Path) -> list[Recording]:
+    """The recordings of a team that looks ahead."""
+    tree = "Parallel: {success: all, children: [scan_at(a), scan_at(b), lift_at(a), lift_at(b)]}"
+    simulate(depot(tree), worker(), seed=1, record=folder)
+    return read_all(folder)
+
+
+def exchanged(records: Records) -> Records:
+    """Every proposal gives the work of R1 to R3, and the other way round, whoever reads it."""
+    swap = {"R1": "R3", "R3": "R1"}
+
+    def other_way(record: RecordedMessage) -> RecordedMessage:
+        if record.topic != FACTS or record.data["name"] != "schedule":
+            return record
+        entry = unpack_fact(record.data)
+        assert isinstance(entry.record, Proposal)
+        steps = tuple(
+            ProposedStep(
+                step.activation, tuple(tuple(swap.get(r, r) for r in x) for x in step.robots)
+            )
+            for step in entry.record.steps
+        )
+        value = Proposal(steps).to_value()
+        forged = parse_entry(entry.author, entry.name, entry.version, value)
+        return replace(record, data=pack_fact(forged, record.data["number"]))
+
+    return [other_way(each) for each in records]
+
+
+def rewritten(
+    recording: Recording, change: Callable[[Records], Records], folder: Path
+) -> Recording:
+    path = folder / recording.name
+    path.unlink(missing_ok=True)
+    write_again(replace(recording, records=tuple(change(list(recording.records)))), path)
+    return parse_recording(path.read_bytes(), path)
+
+
+def test_what_was_done_follows_the_schedules(tmp_path: Path) -> None:
+    recordings = scheduled(tmp_path)
+    proved(recordings)
+    # All recordings agree on what was proposed, but nobody went by it.
+    forged = [rewritten(each, exchanged, tmp_path) for each in recordings]
+    found = texts(verify(forged))
+    assert re.search("the plan does not follow from its facts: other .*lines", found), found
+    assert "differs from the other recordings" not in found
+
+
+def test_a_robot_that_goes_elsewhere_than_its_schedule_says_is_found(tmp_path: Path) -> None:
+    recordings = scheduled(tmp_path)
+    r1 = next(each for each in recordings if each.metadata.robot == "R1")
+    ways = [each.data for each in r1.records if "travel_to" in each.data]
+    names = ("activation", "global_task", "local_task", "travel_to")
+    elsewhere = next(way for way in ways if way["travel_to"] != ways[0]["travel_to"])
+    change = {name: elsewhere[name] for name in names}
+
+    def goes_elsewhere(records: Records) -> Records:
+        return other(records, ACTIONS, change, event="started", travel_to=ways[0]["travel_to"])
+
+    others = [each for each in recordings if each is not r1]
+    found = texts(verify([rewritten(r1, goes_elsewhere, tmp_path), *others]))
+    assert "which its plan does not give it" in found, found

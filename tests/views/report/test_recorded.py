@@ -12,11 +12,12 @@ from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
-from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult
+from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
 from mrbt_mesh.views.report.model import ReportedWork, RunReport, RunsReport, WaitKind
 from mrbt_mesh.views.report.page import report_html
 from mrbt_mesh.views.report.recorded import report_recording, without
 from mrbt_mesh.views.report.summaries import report_summary
+from tests.support.depot import depot, worker
 from tests.support.recorded import record_example
 
 # How long an observer may learn of something later than it was, and each robot's tasks are few.
@@ -216,3 +217,21 @@ def test_failures_are_told_with_their_reasons(tmp_path: Path) -> None:
     assert {each.reason for each in report.failures} >= {"the large screwdriver does not fit"}
     assert report.failures == report_summary(result.summary, "run").failures
     assert "the large screwdriver does not fit" in report_html(RunsReport((report,)))
+
+
+def test_what_was_scheduled_is_held_against_what_was_done(tmp_path: Path) -> None:
+    tree = "Parallel: {success: all, children: [scan_at(a), scan_at(b), lift_at(a), lift_at(b)]}"
+    killed = [(5_000_000, Kill("R2"))]
+    result = simulate(depot(tree), worker(), seed=1, schedule=killed, record=tmp_path)
+    report = report_recording(read_recording(observer_file(tmp_path)), "run")
+    events = {e["activation"]: e for e in result.events if e["outcome"] == "success"}
+    names = {each["global_task"] for each in events.values()}
+    assert {each.name for each in report.scheduled} == names
+    for each in report.scheduled:
+        assert each.ended_s is not None
+        if each.known_s > 4.5:  # by a schedule after the death
+            assert each.robots == each.done_by
+            assert "R2" not in each.robots
+            assert each.ends_s == pytest.approx(each.ended_s, abs=0.2)
+    assert any(each.known_s > 4.5 for each in report.scheduled)
+    assert "Scheduled and done" in report_html(RunsReport((report,)))
