@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import anyio
@@ -48,6 +49,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.scheduling.problem import Schedule
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.blocked_loop import loop_watchdog
 from mrbt_mesh.runtime.context import RobotContext
@@ -450,8 +452,12 @@ class Driver:
     def _search_schedule(self, effect: SearchSchedule) -> None:
         # Of this thread alone: what the robot does goes first.
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), SEARCH_NICENESS)
-        found = ScheduleFound(effect.number, effect.find().schedule)
-        self._from_thread(self.submit, found)
+        schedule: Schedule = ()
+        try:
+            schedule = effect.find().schedule
+        except Exception as error:
+            self._from_thread(partial(self.log, "error", "search_failed", reason=repr(error)))
+        self._from_thread(self.submit, ScheduleFound(effect.number, schedule))
 
     # -- actions.Host ---------------------------------------------------------------------
 

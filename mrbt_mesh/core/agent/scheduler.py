@@ -45,6 +45,10 @@ class Scheduler:
         self._is_searching = False
         # What it has searched a schedule for last, None before.
         self._searched: Lookahead | None = None
+        if context.mission.travel is not None:
+            # Many places have many ways: they are computed before the robot has to be in time.
+            for kind in sorted({robot.type for robot in context.mission.robots.values()}):
+                context.mission.travel.table(kind)
 
     def follow(self, plan: Plan, now_us: int) -> None:
         """Search a schedule for what lies ahead, once: again if there are new tasks or other
