@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from math import inf
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -78,6 +79,13 @@ class Forecast:
 
     def __str__(self) -> str:
         return self.reason + ("" if self.ends_s is None else f", ends in {self.ends_s:.1f} s")
+
+    @property
+    def next_s(self) -> float:
+        """Until something is expected to begin or to end; infinite if nothing is."""
+        robots = self.robots.values()
+        ends = [robot.work_s for robot in robots if robot.work]
+        return min(ends + [step.begins_s for robot in robots for step in robot.steps], default=inf)
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, with texts for people: `text`, and of each robot `where` and `next`."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
+from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
@@ -40,6 +42,8 @@ class AgreementView:
         return {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()}
 
 
+# What is late is foretold again so often.
+LATE_US = SECOND_US
 # Of a node; one that comes back is not counted again as long as it is among the newest.
 KNOWN_ACTIVATIONS = 100
 
@@ -276,7 +280,9 @@ class TeamView:
         self._state = TeamState(observer, self.changes)
         self._timeline = TimelineView(observer)
         self._takeovers = TakeoversView(observer)
+        # Foretold again with every plan, and when something expected has not happened.
         self._foretold: Plan | None = None
+        self._late_us: float = math.inf
 
     def update(self, now_us: int) -> bool:
         """Look at the observer, which is up to date; whether anything has changed."""
@@ -284,12 +290,16 @@ class TeamView:
         self._state.update(now_us)
         self._timeline.put(self.changes)
         self._takeovers.put(self.changes)
-        if self.observer.plan is not self._foretold:
-            self._foretold = self.observer.plan
-            found = forecast_of(self.observer, now_us)
-            item = None if found is None else found.to_json() | {"at_s": self.seconds(now_us)}
-            self.changes.put("forecast", item)
+        if self.observer.plan is not self._foretold or now_us >= self._late_us:
+            self._foretell(now_us)
         return self.changes.version != before
+
+    def _foretell(self, now_us: int) -> None:
+        self._foretold, found = self.observer.plan, forecast_of(self.observer, now_us)
+        item = None if found is None else found.to_json() | {"at_s": self.seconds(now_us)}
+        self.changes.put("forecast", item)
+        next_s = found.next_s if found is not None else math.inf
+        self._late_us = now_us + max(LATE_US, next_s * SECOND_US)
 
     def seconds(self, at_us: int) -> float | None:
         """A time of the observer's clock in seconds from the start of the run."""

@@ -132,10 +132,19 @@ def test_a_team_that_travels_has_a_forecast_until_its_end(tmp_path: Path) -> Non
     simulate(depot("Sequence: [scan_at(a), scan_at(b)]"), worker(), seed=1, record=tmp_path)
     player = Player(read_recording(observer_files(tmp_path)[0]))
     view, texts = TeamView(player.observer), []
+    late: set[float] = set()
     for at_us in sorted({each.at_us for each in player.recording.records}):
         player.seek(at_us)
-        if view.update(at_us) and "forecast" in (items := view.changes.since(0)):
-            texts.append(items["forecast"]["reason"])
+        view.update(at_us)
+        found = view.changes.since(0).get("forecast")
+        if found is None:
+            continue
+        texts.append(found["reason"])
+        if not late and any(robot["goal"] for robot in found["robots"].values()):
+            view.update(at_us + 60_000_000)
+            robots = view.changes.since(0)["forecast"]["robots"].values()
+            late = {robot["steps"][0]["begins_s"] for robot in robots if robot["goal"]}
+    assert late == {0.0}, "what should have begun is expected at any moment"
     assert any(each.endswith("for makespan, 2 tasks") for each in texts), texts
     assert texts[-1] == "no schedule: less than two tasks ahead lack robots"
     assert "forecast" not in view.changes.since(0)
