@@ -13,8 +13,8 @@ from tests.support.runs import source
 # Quick ones, with all kinds of nodes, tasks and faults between them.
 SEEDS = (1, 3, 9, 12, 220, 224, 231, 238)
 EXAMPLES = (
-    *("assembly", "couriers", "depot", "dispense", "explore", "inspection"),
-    *("lift", "tool_search", "vehicle_repair"),
+    *("assembly", "couriers", "dispense", "explore", "inspection", "lift"),
+    *("tool_search", "vehicle_repair"),
 )
 
 

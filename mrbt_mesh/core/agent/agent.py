@@ -78,7 +78,7 @@ class Agent:
         self._health = health = Health(context)
         self._reports = reports = Reports(context, planner, executor, schedule, health)
         self._bidder = bidder = Bidder(context, health)
-        self._scheduler = scheduler = Scheduler(context)
+        self._scheduler = scheduler = Scheduler(context) if mission.travel is not None else None
         self._lifecycle = Lifecycle(context, planner, self._leased, duplicates, schedule)
         self._heartbeats = Heartbeats(context, schedule, tree, self._leased)
         self._commands = Commands(context, planner, reports, health)
@@ -108,12 +108,15 @@ class Agent:
             inputs.ProblemFound: health.problem_found,
             inputs.LeaveRequested: lambda _, now: reports.leave(now),
             inputs.PlanMade: planner.made,
-            inputs.ScheduleFound: lambda e, now: scheduler.found(e, planner.plan, now),
             inputs.JournalSynced: self._journal_synced,
             inputs.JournalReported: health.journal_reported,
             inputs.JournalOpened: health.journal_opened,
             inputs.TimerFired: lambda *_: None,
         }
+        if scheduler is not None:
+            self._handlers[inputs.ScheduleFound] = lambda e, now: scheduler.found(
+                e, planner.plan, now
+            )
         self._deadline_us = now_us
         # When time alone asks for more than asking others, and heartbeats.
         self._step_us = now_us
@@ -235,7 +238,8 @@ class Agent:
             return
         if mission.has_bids:
             self._bidder.ask(plan)
-        self._scheduler.follow(plan, now_us)
+        if self._scheduler is not None:
+            self._scheduler.follow(plan, now_us)
         self._executor.perform(plan, now_us)
         if leased is not None:
             leased.request()

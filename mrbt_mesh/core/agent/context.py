@@ -103,6 +103,8 @@ class Context:
     @property
     def place(self) -> str:
         """Where this robot is, or from which it has set out."""
+        if self.mission.travel is None:
+            return ""
         return self.work.place or self.facts.place_of(self.me)
 
     def claim(self) -> Fact:
