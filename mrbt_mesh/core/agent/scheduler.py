@@ -19,17 +19,19 @@ from mrbt_mesh.core.scheduling.dispatch import Dispatcher
 from mrbt_mesh.core.scheduling.problem import SchedulingProblem
 from mrbt_mesh.core.scheduling.search import search
 
-# By which part of the cost a proposal must be better than the schedule in force.
+# A proposal must cost less than the schedule in force by at least one part in this many.
 MARGIN = 100
-# An evaluation takes about as long as there are tasks times robots. So many of these make a third
-# of a second on a usual machine, and some milliseconds.
+# To evaluate an order takes time in proportion to tasks times robots. On a usual machine a third of
+# a second is enough for the first number of these, a few milliseconds for the second one.
 MOST_WORK, LITTLE_WORK = 1_200_000, 4_000
-MIN_EVALUATIONS, MAX_EVALUATIONS = 50, 10_000
+# Few tasks have few orders: more evaluations per pair of tasks find nothing new.
+MIN_EVALUATIONS, EVALUATIONS_PER_PAIR = 50, 25
 
 
 def evaluations_of(problem: SchedulingProblem) -> int:
     """How many orders a robot tries."""
-    return min(max(MOST_WORK // _work_of(problem), MIN_EVALUATIONS), MAX_EVALUATIONS)
+    in_time = max(MOST_WORK // _work_of(problem), MIN_EVALUATIONS)
+    return min(in_time, EVALUATIONS_PER_PAIR * len(problem.tasks) ** 2)
 
 
 def _work_of(problem: SchedulingProblem) -> int:

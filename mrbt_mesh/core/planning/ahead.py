@@ -47,14 +47,14 @@ class IfTheySucceed(OverlaidFacts):
 
 
 def tasks_ahead(
-    evaluator: Evaluator, facts: EvaluationFacts, most: int
+    evaluator: Evaluator, facts: EvaluationFacts, evaluation: Evaluation, most: int
 ) -> tuple[tuple[Request, ...], ...]:
-    """The requests of now, and those of each time after all before have succeeded; at most so many
-    in all.
+    """The requests of now, and round by round those that follow once all before have succeeded.
+
+    `evaluation`: that of these facts. `most`: the number of requests at which it ends.
     """
     later, found, rounds = IfTheySucceed(facts), set[str](), list[tuple[Request, ...]]()
     while True:
-        evaluation = evaluator.evaluate(later)
         fresh = [each for each in evaluation.requests if each.activation not in found]
         fresh = fresh[: most - len(found)]
         if not fresh:
@@ -63,6 +63,7 @@ def tasks_ahead(
         found.update(each.activation for each in fresh)
         later.succeeded |= found
         later.remember(evaluation)
+        evaluation = evaluator.evaluate(later)
 
 
 def precedence(

@@ -122,7 +122,7 @@ def check_consistency(
         offered = spare_scarce(facts, evaluation, bids.groups, team)
     ahead = None
     if mission.travel is not None:
-        ahead = look_ahead(facts, capabilities)
+        ahead = look_ahead(facts, evaluation, demands, capabilities)
         offered = by_schedule(ahead, offered)
     kept, pinned = kept_requests(
         facts,
@@ -316,10 +316,6 @@ def _with_leaders(
     the first robot that the schedule in force has on the activation, else that of the plan.
     """
     leaders: dict[str, tuple[str, int]] = {}
-    scheduled = {}
-    if ahead is not None:
-        steps = ((ahead.opens[step.task].request, step) for step in ahead.schedule or ())
-        scheduled = {request.activation: ahead.members(step)[0] for request, step in steps}
     result = {}
     for robot, assignment in assignments.items():
         task, activation = facts.mission.global_tasks[assignment.global_task], assignment.activation
@@ -327,7 +323,8 @@ def _with_leaders(
             if activation not in leaders:
                 token = coalition_at_work(facts, task, activation, incarnations(team))
                 number = facts.coalitions(activation).round_number(facts.grantors, token)
-                first = scheduled.get(activation, robot)
+                step = ahead.step_of(activation) if ahead is not None else None
+                first = ahead.members(step)[0] if ahead is not None and step else robot
                 leaders[activation] = (token.leader if token is not None else first, number)
             leader, number = leaders[activation]
             assignment = replace(assignment, leader=leader, round=number)

@@ -1,9 +1,10 @@
 """Schedules: of those that robots propose, the best that fits the facts is in force.
 
 A proposal is a fact, an order of the tasks that lie ahead with robots for each of them. Nothing of
-it is taken on its author's word: it fits while it is a schedule of what is still open, for the
-robots that are there, and agrees with what they have begun; what it costs is computed from the
-facts. So all robots with the same facts have the same schedule in force, or none.
+it is taken on its author's word: it fits while what is left of it is a schedule of what is still
+open, for the robots that are there; what it costs is computed from the facts. What has begun goes
+on, whatever is proposed. So all robots with the same facts have the same schedule in force, or
+none.
 
 While one is in force each robot has the first of its tasks that is still open, once T_G asks for
 it. Requests that schedules leave out, and all of them where none is in force, go to the robots that
@@ -16,14 +17,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from mrbt_mesh.core.bt.evaluation import Request
+from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.facts.records import Proposal, ProposedStep
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.core.planning.ahead import precedence, tasks_ahead
 from mrbt_mesh.core.planning.capabilities import Capabilities
-from mrbt_mesh.core.planning.demands import Demand, Group, request_demands, running_claims
+from mrbt_mesh.core.planning.demands import Demand, Group, request_demands
 from mrbt_mesh.core.scheduling.dispatch import can_be_served
 from mrbt_mesh.core.scheduling.problem import (
     Course,
@@ -68,6 +69,11 @@ class Lookahead:
         return {each.request.activation: number for number, each in enumerate(self.opens)}
 
     @cached_property
+    def _steps(self) -> Mapping[str, Step]:
+        opens = self.opens
+        return {opens[step.task].request.activation: step for step in self.schedule or ()}
+
+    @cached_property
     def next_steps(self) -> Mapping[str, Step]:
         """Robot -> the first step of the schedule in force that it has a part in."""
         found: dict[str, Step] = {}
@@ -84,8 +90,7 @@ class Lookahead:
 
     def step_of(self, activation: str) -> Step | None:
         """The step for this activation of the schedule in force, if there is one."""
-        number = self.numbers.get(activation)
-        return next((each for each in self.schedule or () if each.task == number), None)
+        return self._steps.get(activation)
 
     def members(self, step: Step) -> list[str]:
         """The robots of a step, sorted by id."""
@@ -132,9 +137,11 @@ class Lookahead:
             return None
 
 
-def look_ahead(facts: TeamFacts, capabilities: Capabilities) -> Lookahead:
-    """The problem of this moment, and the schedule in force."""
-    found = _lookahead(facts, capabilities)
+def look_ahead(
+    facts: TeamFacts, evaluation: Evaluation, demands: Sequence[Group], capabilities: Capabilities
+) -> Lookahead:
+    """The problem of this moment, and the schedule in force; `demands`: of the present requests."""
+    found = _lookahead(facts, evaluation, demands, capabilities)
     those = []
     for author in sorted(facts.proposals):
         fitting = found.fitting(facts.proposals[author])
@@ -160,41 +167,27 @@ def by_schedule(ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
         for robot, step in ahead.next_steps.items()
         if robot not in at_work and ahead.opens[step.task].request.activation in present
     }
-    steps = {ahead.opens[step.task].request.activation: step for step in ahead.schedule}
     result = []
     for group in demands:
-        step = steps.get(group[0].request.activation)
+        step = ahead.step_of(group[0].request.activation)
         if step is None:
-            result.append(tuple(_without(demand, due.keys()) for demand in group))
+            result.append(tuple(_only(each, each.candidates.keys() - due) for each in group))
             continue
-        those = [
-            {ahead.robots[r] for r in robots if due.get(ahead.robots[r]) is step}
-            for robots in step.coalition
-        ]
-        result.append(
-            tuple(_for(demand, robots) for demand, robots in zip(group, those, strict=True))
-        )
+        narrowed = []
+        for demand, members in zip(group, step.coalition, strict=True):
+            robots = {ahead.robots[r] for r in members if due.get(ahead.robots[r]) is step}
+            count = len(robots) + len(demand.pinned)
+            narrowed.append(replace(_only(demand, robots), lower=count, upper=count))
+        result.append(tuple(narrowed))
     return result
 
 
-def _for(demand: Demand, robots: set[str]) -> Demand:
-    """A demand for these robots, beside those at work."""
-    count = len(robots) + len(demand.pinned)
+def _only(demand: Demand, robots: Collection[str]) -> Demand:
+    """A demand whose candidates are these robots, and those at work on it."""
     candidates = {
         robot: value
         for robot, value in demand.candidates.items()
         if robot in robots or robot in demand.pinned
-    }
-    return replace(demand, lower=count, upper=count, candidates=candidates)
-
-
-def _without(demand: Demand, robots: Collection[str]) -> Demand:
-    if demand.candidates.keys().isdisjoint(robots):
-        return demand
-    candidates = {
-        robot: value
-        for robot, value in demand.candidates.items()
-        if robot not in robots or robot in demand.pinned
     }
     return replace(demand, candidates=candidates)
 
@@ -202,13 +195,15 @@ def _without(demand: Demand, robots: Collection[str]) -> Demand:
 # -- the problem ----------------------------------------------------------------------------------
 
 
-def _lookahead(facts: TeamFacts, capabilities: Capabilities) -> Lookahead:
+def _lookahead(
+    facts: TeamFacts, evaluation: Evaluation, demands: Sequence[Group], capabilities: Capabilities
+) -> Lookahead:
     mission, evaluator = facts.mission, facts.mission.evaluator
     travel = mission.travel
     assert travel is not None
-    rounds = tasks_ahead(evaluator, facts, travel.horizon)
+    rounds = tasks_ahead(evaluator, facts, evaluation, travel.horizon)
     after = precedence(evaluator, rounds)
-    running = running_claims(facts, capabilities.team)
+    known = {group[0].request.activation: group for group in demands}
     places = {r: facts.place_of(r) for r in capabilities.team}
     numbers = {r: number for number, r in enumerate(r for r in places if places[r])}
     free_ms = dict.fromkeys(numbers, 0)
@@ -217,7 +212,7 @@ def _lookahead(facts: TeamFacts, capabilities: Capabilities) -> Lookahead:
     left_out: dict[str, str] = {}
     for request in (each for found in rounds for each in found):
         activation = request.activation
-        group = request_demands(facts, request, capabilities, running.get(activation, {}))
+        group = known.get(activation) or request_demands(facts, request, capabilities, {})
         for demand in group:
             for robot in demand.pinned:
                 # How far it is is no fact: half of the work on average.

@@ -35,8 +35,7 @@ def flat(rounds: Sequence[Sequence[Request]]) -> list[Request]:
 def order(spec: NodeSpec, most: int = MOST) -> dict[str, set[str]]:
     """Subject of each task ahead -> subjects of those before it; of loops only the last one."""
     world = World(spec)
-    world.tick()
-    rounds = tasks_ahead(world.evaluator, world.facts, most)
+    rounds = tasks_ahead(world.evaluator, world.facts, world.tick(), most)
     ahead, after = flat(rounds), precedence(world.evaluator, rounds)
     names = {each.activation: each.subject for each in ahead}
     return {
@@ -70,7 +69,7 @@ def test_the_tree_says_what_comes_before_what(spec: NodeSpec, found: dict[str, s
 
 def test_a_loop_without_a_limit_is_looked_ahead_for_a_number_of_tasks() -> None:
     world = World(parallel(2, keep_running(action("a")), pair("b")))
-    ahead = flat(tasks_ahead(world.evaluator, world.facts, 5))
+    ahead = flat(tasks_ahead(world.evaluator, world.facts, world.tick(), 5))
     assert [each.subject for each in ahead] == ["a", "b1", "a", "b2", "a"]
 
 
@@ -79,8 +78,10 @@ def test_a_team_that_always_succeeds_asks_for_what_was_foretold(
     spec: NodeSpec, choice: random.Random
 ) -> None:
     world = World(spec)
-    world.tick()
-    names = {each.activation for each in flat(tasks_ahead(world.evaluator, world.facts, MOST))}
+    names = {
+        each.activation
+        for each in flat(tasks_ahead(world.evaluator, world.facts, world.tick(), MOST))
+    }
     for _ in range(MOST):
         asked = [each.activation for each in world.tick().requests]
         assert len(names) == MOST or names.issuperset(asked), spec
@@ -93,8 +94,7 @@ def test_a_team_that_always_succeeds_asks_for_what_was_foretold(
 def test_whatever_holds_a_task_up_comes_before_it(spec: NodeSpec, number: int) -> None:
     """One task never ends, all others succeed: what is not asked for then is after that one."""
     world = World(spec)
-    world.tick()
-    rounds = tasks_ahead(world.evaluator, world.facts, MOST)
+    rounds = tasks_ahead(world.evaluator, world.facts, world.tick(), MOST)
     ahead, after = flat(rounds), precedence(world.evaluator, rounds)
     if number >= len(ahead):
         return
