@@ -9,8 +9,8 @@ run in the simulator. Printed is the time of each mission, from when the first r
 the last one is back at its start, as a ratio to that of CTAS-D.
 
 `--plain`: without schedules, each robot bids minus its way for each task. `--noise 0.3`: ways and
-works take up to 30 % longer or shorter than the robots know. `--deaths 1`: so many robots that are
-not the last of their kind are killed in the middle. `--events DIR`: what the robots did, one file
+works take up to 30 % longer or shorter than the robots know. `--deaths 1`: one robot, not the last
+of its kind, is killed in the middle of the mission. `--events DIR`: what the robots did, one file
 for each case, as `mrbt sim --events` writes it.
 """
 

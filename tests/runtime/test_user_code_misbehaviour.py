@@ -294,7 +294,7 @@ def test_a_function_that_drives_may_do_the_same(name: str) -> None:
 
 
 def check(case: Way, found: SimulationResult) -> list[str]:
-    """What is told of a run of which no robot died."""
+    """What the run says of the case, in which no robot may die."""
     assert not [each for each in found.summary["faults"] if each["kind"] == "major"]
     # Of code that does not stop, the checkers say that it runs beside its successor.
     assert case.kind == "cancelled" or not found.violations

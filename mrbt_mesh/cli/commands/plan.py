@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.planning.plan import Plan
     from mrbt_mesh.core.planning.schedules import Lookahead
 
-# Of a schedule that no robot has proposed.
+# The author of a schedule that the command has searched itself.
 SEARCHED = "this command (no robot searches)"
 
 

@@ -53,7 +53,7 @@ class CoalitionStart(PlainStart):
         return Clearance(str(token), ((name, Coalition(tuple(members))),))
 
     def _all_are_there(self, robots: Iterable[str]) -> bool:
-        """Whether none of these robots is on its way, which it would be to this task."""
+        """Whether none of these robots, all assigned to this task, is still on its way."""
         return not any(self._context.facts.under_way(robot) for robot in robots)
 
     def _written_down(self, activation: str, claim: Claim, now_us: int) -> Clearance | None:

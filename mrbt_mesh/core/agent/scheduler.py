@@ -1,7 +1,7 @@
-"""Proposals of schedules: this robot looks for one where none is in force, in its spare time.
+"""Proposals of schedules, which this robot searches for in its spare time.
 
-Each robot begins elsewhere in its search, so that what the team finds is better than what one robot
-would. One that is slow need not find any.
+Each robot begins its search elsewhere, so the team finds better ones than one robot would. A robot
+that is slow need not find any.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Scheduler:
         # What it has searched a schedule for last, None before.
         self._searched: Lookahead | None = None
         if context.mission.travel is not None:
-            # Many places have many ways: they are computed before the robot has to be in time.
+            # With many places this takes a while, so it is done before there are deadlines.
             for kind in sorted({robot.type for robot in context.mission.robots.values()}):
                 context.mission.travel.table(kind)
 
@@ -79,8 +79,8 @@ class Scheduler:
             self._context.write([(records.SCHEDULE, proposal)], now_us)
 
     def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
-        """Take its proposal back once all go by another one: what is foretold changes a little with
-        every event, and nobody is to turn round for it.
+        """Take its proposal back once all robots follow another one. Costs change a little with
+        every event, and no robot should turn round for that.
         """
         context = self._context
         mine = context.facts.proposals.get(context.me)

@@ -72,8 +72,8 @@ def precedence(
     """Activation -> those that may have to succeed before it is asked for; of `tasks_ahead`.
 
     One is after another of an earlier round, if both are below different children of a node that
-    ticks its children one after the other, or belong to different attempts of a loop. So it is
-    after whatever holds it up, and now and then after something that a Parallel need not wait for.
+    ticks its children one after the other, or belong to different attempts of a loop. This includes
+    all that can hold it up, and sometimes a task for which a Parallel would not wait.
     """
     nodes, tasks = evaluator.tree.nodes, [each for found in rounds for each in found]
     # Sets of tasks as bit masks: those below a node, and those in one attempt of a loop.

@@ -215,7 +215,7 @@ def _lookahead(
         group = known.get(activation) or request_demands(facts, request, capabilities, {})
         for demand in group:
             for robot in demand.pinned:
-                # How far it is is no fact: half of the work on average.
+                # How far it has got is not among the facts: on average half is left.
                 work_ms = _work_ms(mission, demand, robot) // 2
                 ends_ms[activation] = max(ends_ms.get(activation, 0), work_ms)
                 if robot in numbers:
@@ -287,7 +287,7 @@ def _way(facts: TeamFacts, travel: Travel, robot: str) -> tuple[int, Sequence[Se
     table = travel.table(facts.members[robot].member.type)
     if not goal:
         return at, table
-    # It has set out, and how far it is is no fact: half of the way on average.
+    # How far it has come is not among the facts: on average half of the way is left.
     row = list(table[at])
     row[places.index(goal)] //= 2
     return len(places), [*table, row]

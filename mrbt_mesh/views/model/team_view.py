@@ -42,9 +42,9 @@ class AgreementView:
         return {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()}
 
 
-# What is late is foretold again so often.
+# How often the forecast is made anew while something is late.
 LATE_US = SECOND_US
-# Of a node; one that comes back is not counted again as long as it is among the newest.
+# How many activations of a node are remembered, so that none is counted twice.
 KNOWN_ACTIVATIONS = 100
 
 

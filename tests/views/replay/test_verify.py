@@ -303,7 +303,7 @@ def scheduled(folder: Path) -> list[Recording]:
 
 
 def exchanged(records: Records) -> Records:
-    """Every proposal gives the work of R1 to R3, and the other way round, whoever reads it."""
+    """In each robot's recording all proposals have R1 and R3 exchanged."""
     swap = {"R1": "R3", "R3": "R1"}
 
     def other_way(record: RecordedMessage) -> RecordedMessage:
