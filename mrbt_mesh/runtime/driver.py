@@ -83,7 +83,8 @@ LOOKS_PER_LEASE = 8
 # An answer is awaited for this many times the pause before the next question.
 LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
-SEARCH_NICENESS = 10
+# How long a search goes on before a pause.
+SEARCH_S, SEARCH_PAUSE_S = 0.001, 0.0005
 # Inputs from others wait no longer than this to be taken in together.
 MAX_SPACING_US = 20_000
 # A link is silent when this many beats are missing, but not before a dead one lost its lease.
@@ -450,11 +451,15 @@ class Driver:
             self.submit(PlanMade(effect.number, plan))
 
     def _search_schedule(self, effect: SearchSchedule) -> None:
-        # Of this thread alone: what the robot does goes first.
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), SEARCH_NICENESS)
+        # A thread keeps the interpreter for 5 ms, for which the loop would wait each time.
         schedule: Schedule = ()
+        begun_s = time.monotonic()
         try:
-            schedule = effect.find().schedule
+            for found in effect.steps:
+                schedule = found.schedule
+                if time.monotonic() - begun_s > SEARCH_S:
+                    time.sleep(SEARCH_PAUSE_S)
+                    begun_s = time.monotonic()
         except Exception as error:
             self._from_thread(partial(self.log, "error", "search_failed", reason=repr(error)))
         self._from_thread(self.submit, ScheduleFound(effect.number, schedule))

@@ -37,7 +37,7 @@ CAUGHT = {
     "per_robot_conditions_are_anybodys": ("I4", (183, 257)),
     "the_dead_are_waited_for": ("I6", (87, 89)),
     "the_dead_count_as_assigned": ("I6", (259,)),
-    "schedules_by_arrival": ("I1", (412,)),
+    "schedules_by_arrival": ("I1", (40, 187)),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -97,10 +97,12 @@ class MakePlan:
 
 @dataclass(frozen=True, slots=True)
 class SearchSchedule:
-    """Call `find` in another thread, at low priority; answered by ScheduleFound of that number."""
+    """Carry out these steps beside all else; the last one is answered by ScheduleFound of this
+    number.
+    """
 
     number: int
-    find: Callable[[], Dispatched] = field(repr=False, compare=False)
+    steps: Iterator[Dispatched] = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,11 @@
 """Proposals of schedules, which this robot searches for in its spare time.
 
 Each robot begins its search elsewhere, so the team finds better ones than one robot would. A robot
-that is slow need not find any.
+that is slow need not find any. Of robots on one computer only the first one searches: together they
+would keep each other from their work.
 """
 
 from __future__ import annotations
-
-from functools import partial
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import SearchSchedule
@@ -17,7 +16,7 @@ from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
 from mrbt_mesh.core.scheduling.problem import SchedulingProblem
-from mrbt_mesh.core.scheduling.search import search
+from mrbt_mesh.core.scheduling.search import search, search_steps
 
 # A proposal must cost less than the schedule in force by at least one part in this many.
 MARGIN = 100
@@ -62,17 +61,15 @@ class Scheduler:
         ahead = plan.ahead
         if ahead is None or self._is_searching:
             return
-        if len(ahead.opens) < 2 or not self._is_due(ahead):
+        if len(ahead.opens) < 2 or not self._is_due(ahead) or not self._is_first_here(ahead):
             self._withdraw(ahead, plan, now_us)
             return
         self._searched, self._is_searching = ahead, True
         self._number += 1
         problem, me = ahead.problem, self._context.me
         seed = sorted({*self._context.mission.robots, me}).index(me)
-        evaluations = evaluations_of(problem)
-        self._context.emit(
-            SearchSchedule(self._number, partial(search, problem, evaluations, seed))
-        )
+        steps = search_steps(problem, evaluations_of(problem), seed)
+        self._context.emit(SearchSchedule(self._number, steps))
         is_first = ahead.schedule is None and me == min(ahead.robots)
         if is_first and _work_of(problem) <= LITTLE_WORK:
             proposal = ahead.proposal(search(problem, 0, seed).schedule)
@@ -88,6 +85,13 @@ class Scheduler:
             return
         if context.membership.all_report_plan(plan.digest):
             context.write([(records.SCHEDULE, Proposal(()))], now_us)
+
+    def _is_first_here(self, ahead: Lookahead) -> bool:
+        """Whether no robot before it is on the same computer, as far as that is known."""
+        me, members = self._context.me, self._context.facts.members
+        host = members[me].member.host
+        here = (robot for robot in ahead.robots if members[robot].member.host == host)
+        return not host or me == min(here, default=me)
 
     def _is_due(self, ahead: Lookahead) -> bool:
         before = self._searched

@@ -17,7 +17,7 @@ from mrbt_mesh.core.scheduling.problem import Course, Objective, SchedulingProbl
 
 @dataclass(frozen=True, slots=True)
 class ExpectedStep:
-    """One task that a robot is to do, `partners` with it. `place`: empty if it can be done anywhere.
+    """One task that a robot is to do, `partners` with it. `place`: empty if anywhere.
 
     `begins_s`, `ends_s`: its work, from now on.
     """
@@ -162,7 +162,7 @@ def _reason(ahead: Lookahead, objective: Objective) -> str:
 
 
 def _now(facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int]) -> SchedulingProblem:
-    """The problem with the time that work and ways have taken; the facts count them as half done."""
+    """The problem with the time that work and ways have taken; facts count them as half done."""
     free_ms, tables = list(ahead.problem.free_ms), list(ahead.problem.travel_ms)
     places = list(facts.mission.travel.places) if facts.mission.travel is not None else []
     for number, robot in enumerate(ahead.robots):

@@ -23,12 +23,21 @@ def search(
 
     `known`: an order to begin with, if it is better. Raises ValueError as `Dispatcher` does.
     """
+    *_, best = search_steps(problem, evaluations, seed, known)
+    return best
+
+
+def search_steps(
+    problem: SchedulingProblem, evaluations: int, seed: int, known: Sequence[int] = ()
+) -> Iterator[Dispatched]:
+    """`search`, with the best schedule so far after each order."""
     dispatcher = Dispatcher(problem)
     orders = [*_by_rules(problem), *([list(known)] if known else [])]
     best = min((dispatcher.dispatch(order) for order in orders), key=lambda found: found.cost)
+    yield best
     count = len(problem.tasks)
     if count < 2:
-        return best
+        return
     order, cost = [step.task for step in best.schedule], best.cost
     first_threshold, numbers = cost // THRESHOLD_PART, _numbers(seed)
     for left in range(evaluations, 0, -1):
@@ -43,7 +52,7 @@ def search(
             order, cost = changed, found.cost
             if cost < best.cost:
                 best = found
-    return best
+        yield best
 
 
 def _by_rules(problem: SchedulingProblem) -> list[list[int]]:

@@ -243,8 +243,7 @@ class _Generator:
             "speed": pick.choice([1.0, 2.0, 5.0]),
             "start": {robot: pick.choice(names) for robot in self.robots},
             "objective": pick.choice(["makespan", "mean_completion"]),
-            # To search schedules takes most of the time of a run.
-            "horizon": pick.choice([1, 1, 1, 1, 1, 1, 1, 4]),
+            "horizon": pick.choice([1, 3, 6, 12]),
         }
         if pick.random() < 0.5:
             mission["program"] = f"{PROGRAM_FILE.name}:driver"

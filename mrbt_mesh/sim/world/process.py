@@ -41,7 +41,6 @@ from mrbt_mesh.core.agent.inputs import (
     ScheduleFound,
     TimerFired,
 )
-from mrbt_mesh.core.scheduling.dispatch import Dispatched
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
@@ -309,8 +308,8 @@ class SimProcess:
             case MakePlan():
                 due_us = self._clock.now_us + (world.setup.agents.plan_delay_us or 0)
                 self._clock.at(due_us, partial(self._make_plan, effect))
-            case SearchSchedule(number, find):
-                self._clock.at(self._clock.now_us + SEARCH_US, partial(self._found, number, find))
+            case SearchSchedule():
+                self._clock.at(self._clock.now_us + SEARCH_US, partial(self._search, effect))
             case StartAction() | CancelAction() | RequestBid():
                 self._work(effect)
             case DeclareToken(incarnation):
@@ -373,9 +372,10 @@ class SimProcess:
         if not self.is_over and awaited == effect.number:  # else it was fenced off meanwhile
             self.deliver(PlanMade(effect.number, effect.make()))
 
-    def _found(self, number: int, find: Callable[[], Dispatched]) -> None:
+    def _search(self, effect: SearchSchedule) -> None:
         if not self.is_over:
-            self.deliver(ScheduleFound(number, find().schedule))
+            *_, best = effect.steps
+            self.deliver(ScheduleFound(effect.number, best.schedule))
 
     def _set_timer(self, agent: Agent, now_us: int) -> None:
         due_us = agent.next_deadline_us(now_us)

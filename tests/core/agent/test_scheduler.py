@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.schedules import Lookahead
+from mrbt_mesh.core.scheduling.problem import Schedule
 from tests.core.planning.test_schedules import X, travelling
 from tests.support.build import RUN, action, make_mission, micro, parallel
 from tests.support.harness import TIMING, Process, Team
@@ -19,14 +21,19 @@ def mission(*names: str) -> Mission:
     return travelling(make_mission(tree, {"R1": can, "R2": can}), at, {"R1": "a", "R2": "d"})
 
 
-def started(of: Mission) -> Team:
+def started(of: Mission, host: str = "") -> Team:
     team = Team()
     for robot in of.robots:
         can = micro(dict.fromkeys(X, 1.0))
-        config = AgentConfig(robot, "T", can, RUN, "n1", min_cost_flow, TIMING)
+        config = AgentConfig(robot, "T", can, RUN, "n1", min_cost_flow, TIMING, host=host)
         team.start(robot, of, config)
     team.pass_time(3_000)
     return team
+
+
+def best_of(search: SearchSchedule) -> Schedule:
+    *_, best = search.steps
+    return best.schedule
 
 
 def answer(team: Team) -> None:
@@ -34,7 +41,7 @@ def answer(team: Team) -> None:
     for process in team.processes.values():
         while process.searches:
             search = process.searches.pop(0)
-            team.give(process, inputs.ScheduleFound(search.number, search.find().schedule))
+            team.give(process, inputs.ScheduleFound(search.number, best_of(search)))
 
 
 def standing(process: Process) -> list[str]:
@@ -59,7 +66,7 @@ def test_every_robot_searches_once_and_the_best_that_is_found_is_in_force() -> N
     late = two.searches[-1]
     assert one.searches
     answer(team)
-    team.give(two, inputs.ScheduleFound(late.number, late.find().schedule[::-1]))
+    team.give(two, inputs.ScheduleFound(late.number, ()))
     assert ahead(one).schedule == ahead(two).schedule
     best = ahead(one).course
     assert best is not None
@@ -73,10 +80,21 @@ def test_what_is_hardly_better_is_not_proposed() -> None:
     team = started(mission(*X))
     one, two = team.processes["R1"], team.processes["R2"]
     before = two.agent.view.facts.proposals.get("R2")
-    schedule = one.searches[-1].find().schedule
+    schedule = best_of(one.searches[-1])
     for process in (one, two):
         team.give(process, inputs.ScheduleFound(process.searches[-1].number, schedule))
     assert two.agent.view.facts.proposals.get("R2") == before
+
+
+def test_of_robots_on_one_computer_the_first_one_searches() -> None:
+    team = started(mission(*X), host="pc")
+    one, two = team.processes["R1"], team.processes["R2"]
+    answer(team)
+    one_more = [len(one.searches), len(two.searches)]
+    team.kill("R1")
+    team.pass_time(3_000)
+    assert one_more == [0, 0]
+    assert len(two.searches) == 1
 
 
 def test_there_is_nothing_to_search_where_one_task_is_left_or_nothing_has_a_place() -> None:
