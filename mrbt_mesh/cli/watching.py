@@ -38,7 +38,8 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 if TYPE_CHECKING:
     from mrbt_mesh.plugins import MetricsAddress, OpenView
 
-FRAME_S = 0.1
+# For views: how long messages wait for others, and the longest time between looks.
+BATCH_S, FRAME_S = 0.1, 0.25
 CATCH_UP_S = 1.0
 LOOK_S = 0.2
 # Recordings of this size take seconds to read.
@@ -194,7 +195,7 @@ class Session:
         """The watcher, the open views by name, and the function that writes exported files."""
         async with contextlib.AsyncExitStack() as stack:
             watcher = await stack.enter_async_context(
-                watching(self.address, self.record, tell_past=self.past)
+                watching(self.address, self.record, tell_past=self.past, batch_s=BATCH_S)
             )
             if self.metrics is not None:
                 stack.enter_context(plugins.metrics().serving_team(watcher.observer, self.metrics))

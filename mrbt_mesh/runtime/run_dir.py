@@ -245,7 +245,7 @@ class RunDir:
 
     def blocked_robots(self) -> list[str]:
         """The robots of which something is written that blocks, or blocked, their event loop."""
-        return sorted(path.stem for path in self.path.glob("*.blocked"))
+        return self._names_of("blocked")
 
     def alive_mark_ns(self, robot: str) -> int:
         """When the robot began, or was marked alive last, in Unix time; 0 if it has not begun."""
@@ -296,7 +296,14 @@ class RunDir:
 
     def robots(self) -> list[str]:
         """Robots that ever had a process in this run."""
-        return sorted(path.stem for path in self.path.glob("*.process"))
+        return self._names_of("process")
+
+    def _names_of(self, suffix: str) -> list[str]:
+        """The names of the files that end with this, without it, sorted."""
+        with contextlib.suppress(OSError):
+            parts = (name.rpartition(".") for name in os.listdir(self.path))
+            return sorted(name for name, _, found in parts if found == suffix)
+        return []
 
     def summary(self) -> dict[str, Any] | None:
         """The summary of a run that has ended, else None; not that of the run which it resumes."""

@@ -52,6 +52,8 @@ from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
+# How often it is looked for new processes, and for times of deaths.
+EXITS_LOOK_S = 0.5
 # The number of robots started at once, and how long to wait for them before the next ones.
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
@@ -364,7 +366,7 @@ class Team:
                     if blocked := self.run_dir.blocked(robot):
                         record.problem(robot, SUBJECT, blocked, boottime_us())
                         watcher.changed.set()
-                await anyio.sleep(self.info.options.beat_s)
+                await anyio.sleep(EXITS_LOOK_S)
 
     async def end(self) -> None:
         """Wait for the robots to stop by themselves; then ask, then insist."""

@@ -7,6 +7,7 @@ import secrets
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -57,8 +58,13 @@ MANIFEST_US = SECOND_US // 4
 class Watcher:
     """Use it as `async with watching(...) as watcher`; then read `watcher.observer`."""
 
-    def __init__(self, address: TeamAddress, record: RecordTo | None = None) -> None:
-        """Raises InputError for a recording that cannot be written, KeysError."""
+    def __init__(
+        self, address: TeamAddress, record: RecordTo | None = None, batch_s: float = 0.0
+    ) -> None:
+        """`batch_s`: for so long after messages were taken in, others wait to be taken in together.
+
+        Raises InputError for a recording that cannot be written, KeysError.
+        """
         self.address = address
         self.timing = address.timing
         keys, self._manifest = keys_of(address.keys)
@@ -79,20 +85,21 @@ class Watcher:
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = 0
         self._looked_us = self._taken_us = 0
+        self._batch_s, self._next_batch_s = batch_s, 0.0
         self._inbox: Inbox
+        self._gate: FloodGate
         self._transport: ZenohTransport
 
     async def open(self) -> None:
         """Open the session; raises TransportError."""
-        self._inbox = inbox = Inbox(
-            asyncio.get_running_loop(), lambda: self._drain(inbox, gate), are_beats_quiet=True
-        )
+        self._inbox = Inbox(asyncio.get_running_loop(), self._wake, are_beats_quiet=True)
         keys = self._guard.keys if self._guard is not None else None
         transport = self.address.transport
         is_shared = bool(transport.routers)
-        gate = FloodGate(keys, self.address.run, inbox.put, is_link_shared=is_shared)
+        run = self.address.run
+        self._gate = FloodGate(keys, run, self._put, is_link_shared=is_shared)
         lives = life_of(lambda: self.observer.membership.peers, keys)
-        self._transport = ZenohTransport(transport, gate.deliver, lives)
+        self._transport = ZenohTransport(transport, self._gate.deliver, lives)
         await anyio.to_thread.run_sync(self._transport.open)
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
 
@@ -115,6 +122,7 @@ class Watcher:
 
     def refresh(self) -> None:
         """Bring the observer up to date, and ask for facts that it lacks."""
+        self._take_waiting()
         for event in self._inbox.take_quiet(self._taken_us):
             self._take(event, event.arrived_us or self._taken_us)
         now_us = boottime_us()
@@ -168,10 +176,27 @@ class Watcher:
             while not self.observer.caught_up:
                 await self.wait_for_change(self.timing.heartbeat_us / SECOND_US)
 
-    def _drain(self, inbox: Inbox, gate: FloodGate) -> None:
-        for event in (*inbox.take(), *gate.take_refused()):
-            self._take(event, boottime_us())
+    def _put(self, event: Input, key: str | None) -> bool:
+        """Called by Zenoh's threads."""
+        if isinstance(event, MessageReceived):
+            event = replace(event, arrived_us=boottime_us())
+        return self._inbox.put(event, key)
+
+    def _wake(self) -> None:
+        """Messages wait: the first one after a pause is taken in at once."""
+        loop = asyncio.get_running_loop()
+        wait_s = max(0.0, self._next_batch_s - loop.time())
+        self._next_batch_s = loop.time() + wait_s + self._batch_s
+        loop.call_later(wait_s, self._drain)
+
+    def _drain(self) -> None:
+        self._take_waiting()
         self.changed.set()
+
+    def _take_waiting(self) -> None:
+        for event in (*self._inbox.take(), *self._gate.take_refused()):
+            at_us = event.arrived_us if isinstance(event, MessageReceived) else None
+            self._take(event, max(self._taken_us, at_us or boottime_us()))
 
     def _take(self, event: Input, now_us: int) -> None:
         observer, self._taken_us = self.observer, now_us
@@ -262,13 +287,14 @@ async def watching(
     address: TeamAddress,
     record: RecordTo | None = None,
     tell_past: Callable[[Observer], None] | None = None,
+    batch_s: float = 0.0,
 ) -> AsyncIterator[Watcher]:
     """An open Watcher, which records what it hears if that is wanted.
 
-    `tell_past` gives its observer what happened before it listens. Raises TransportError if the
-    session cannot be opened, InputError if nothing can be recorded.
+    `tell_past` gives its observer what happened before it listens. `batch_s`: see `Watcher`.
+    Raises TransportError if the session cannot be opened, InputError if nothing can be recorded.
     """
-    watcher = Watcher(address, record)
+    watcher = Watcher(address, record, batch_s)
     if tell_past is not None:
         # In a thread: a long past takes seconds, in which views of other teams go on.
         await anyio.to_thread.run_sync(tell_past, watcher.observer)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,13 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.membership.wire import Heartbeat, MessageKind, SelfReport, encode
+from mrbt_mesh.core.membership.wire import (
+    Heartbeat,
+    MessageKind,
+    SelfReport,
+    encode,
+    write_heartbeat,
+)
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import watcher as watcher_module
@@ -140,6 +147,32 @@ def test_a_manifest_of_another_team_is_told_and_not_taken_over(desk: Desk, tmp_p
     anyio.run(look)
     ((_, text),) = desk.watcher.observer.record.timeline
     assert "the new manifest is refused" in text
+
+
+def test_messages_of_a_burst_are_taken_in_together_each_at_its_time(desk: Desk) -> None:
+    def arrives(robot: str, at_us: int) -> None:
+        desk.now_us = at_us
+        report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
+        beat = Heartbeat(report, False, bytes(8), (0,) * 4, 0, (), {})
+        header = replace(desk.watcher.observer.replica.header, sender=robot)
+        data = desk.guard(robot).seal(write_heartbeat(beat, header))
+        desk.wire.deliver(MessageReceived(BEAT, robot, data), f"beat/{robot}")
+
+    async def watch() -> dict[str, int]:
+        watcher = desk.watcher = Watcher(desk.address, batch_s=0.05)
+        await watcher.open()
+        arrives("R1", 1_000)
+        await watcher.changed.wait()
+        joined_us = watcher.observer.record.joined_us
+        watcher.changed = anyio.Event()
+        arrives("R2", 2_000)
+        await anyio.lowlevel.checkpoint()
+        assert list(joined_us) == ["R1"]
+        desk.now_us = 50_000
+        await watcher.changed.wait()
+        return joined_us
+
+    assert anyio.run(watch) == {"R1": 1_000, "R2": 2_000}
 
 
 @pytest.mark.parametrize(("late_us", "state"), [(0, State.SUSPECT), (1_000_000, State.ALIVE)])

@@ -23,7 +23,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from mrbt_mesh.cli.run_list import RUNNING, listed_runs
-from mrbt_mesh.cli.watching import past_of
+from mrbt_mesh.cli.watching import BATCH_S, FRAME_S, past_of
 from mrbt_mesh.core.observer.headline import Level, headline, robots_that_differ
 from mrbt_mesh.drills.control import Control
 from mrbt_mesh.errors import InputError
@@ -39,7 +39,6 @@ from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.protection import Protection, new_token, policy
 from mrbt_mesh.views.web.server import served
 
-FRAME_S = 0.1
 # For how long a run that nobody looks at is still watched, and a list is not made anew.
 WATCHED_S, FRESH_S = 30.0, 1.0
 BELOW = "/run/"
@@ -188,7 +187,7 @@ class MachineRuns:
         address = address_of(run_dir)
         team = Team(run_dir, run_dir.info(), address.mission)
         async with (
-            watching(address, tell_past=past_of(team)) as watcher,
+            watching(address, tell_past=past_of(team), batch_s=BATCH_S) as watcher,
             anyio.create_task_group() as group,
         ):
             if not team.living():

@@ -27,7 +27,16 @@ class PageError(InputError):
 
 
 class _Server(uvicorn.Server):
-    """Leaves signals to the caller."""
+    """Leaves signals to the caller, and waits to be ended: uvicorn itself looks ten times a second
+    for the end, and for limits that are not set here.
+    """
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.must_end = anyio.Event()
+
+    async def main_loop(self) -> None:
+        await self.must_end.wait()
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -53,6 +62,7 @@ async def served(
             log_config=None,
             access_log=False,
             server_header=False,
+            date_header=False,
             http=LimitedHttp,
             timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
         )
@@ -66,7 +76,7 @@ async def served(
                 yield f"http://{shown}:{port}/"
             finally:
                 close()
-                server.should_exit = True
+                server.must_end.set()
                 with anyio.CancelScope(shield=True), anyio.move_on_after(2 * CLOSE_TIMEOUT_S):
                     while server.servers and any(s.is_serving() for s in server.servers):
                         await anyio.sleep(0.01)
