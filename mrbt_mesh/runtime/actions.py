@@ -6,11 +6,13 @@ Used by the real runtime and, on a virtual clock, by the simulator.
 from __future__ import annotations
 
 import asyncio
+import inspect
 import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
+from itertools import product
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -26,9 +28,11 @@ from mrbt_mesh.core.agent.inputs import (
     BidsMade,
     Input,
     ProblemFound,
+    TravelTimesMade,
 )
 from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.bt.tree import Tree
+from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, TravelTimes
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
@@ -37,12 +41,13 @@ from mrbt_mesh.core.mission.mission import (
     Mission,
 )
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
+from mrbt_mesh.core.mission.travel import MAX_MS, MAX_TIMED_PLACES
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
 from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskFunction, functions_of
-from mrbt_mesh.runtime.program_function import BackgroundFunction
+from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramFunction
 from mrbt_mesh.runtime.task_port import AgentPort, Host
 from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, shown, wrong_result
 
@@ -55,6 +60,8 @@ EXPECTED = (
 CANCEL_LIMIT_S = 5.0
 # No mission waits longer for a bid.
 BID_LIMIT_S = MAX_BID_WITHIN_US / MICRO
+# For the travel times between all places of a robot together.
+TRAVEL_TIMES_LIMIT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,17 @@ def micro_bid(value: Any) -> int | None:
     if not is_number or not -most <= float(value) <= most:
         raise ValueError(f"a bid is a number from {-most} to {most}, or None, not {shown(value)}")
     return round(float(value) * MICRO)
+
+
+def travel_ms(value: Any, function: Callable[..., Any]) -> int | None:
+    """A travel time in ms, None for none. Raises UserCodeError for what is none."""
+    if value is None:
+        return None
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    if not is_number or not 0 <= float(value) * 1_000 <= MAX_MS:
+        expected = f"a travel time is a number of seconds from 0 to {MAX_MS // 1_000}, or None"
+        raise wrong_result(function, value, expected)
+    return round(float(value) * 1_000)
 
 
 async def drives_itself(task: TaskContext, place: str) -> None:
@@ -120,6 +138,7 @@ class ActionRunner:
         self._own = LocalConditions(mission.local_condition_default)
         # How many of the program's sensors run.
         self.backgrounds = 0
+        self._are_times_old = asyncio.Event()
 
     def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
         """Do what the agent wants of the program."""
@@ -136,7 +155,9 @@ class ActionRunner:
                 self._group.start_soon(self._bid, effect)
 
     def start_background(self) -> None:
-        """Start the program's sensors."""
+        """Start the program's sensors, and the evaluation of its travel times."""
+        if self._mission.travel is not None:
+            self._group.start_soon(self._publish_travel_times)
         for number, background in enumerate(self._functions.backgrounds):
             self.backgrounds += 1
             self._group.start_soon(self._background, background, f"background {number}")
@@ -144,7 +165,7 @@ class ActionRunner:
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
         # A way has no outcome with which conditions could be set.
         ticket = None if effect.travel_to else effect.ticket
-        port = AgentPort(self._host, self._mission, ticket, self._own)
+        port = self._port(ticket)
         tree = None if effect.travel_to else self._mission.local_trees.get(effect.local_task)
         end: Input = ActionStopped(effect.ticket)
         with scope:
@@ -168,7 +189,7 @@ class ActionRunner:
 
         async def run_leaf(local_task: str) -> LeafEnd:
             nonlocal reason
-            inner = AgentPort(self._host, self._mission, effect.ticket, self._own, port)
+            inner = self._port(effect.ticket, port)
             end = await self._call(replace(effect, local_task=local_task), inner)
             port.conditions |= inner.conditions
             inner.close()
@@ -288,7 +309,7 @@ class ActionRunner:
         function = self._functions.bid(name)
         if function is None:
             raise ValueError(f"the robot's program has no bid for {name!r}")
-        port = AgentPort(self._host, self._mission, None, self._own)
+        port = self._port(None)
         start = StartAction(
             0,
             effect.activation,
@@ -302,9 +323,69 @@ class ActionRunner:
         call = self._user_call(f"bid for {effect.local_task}", function, context, *arguments)
         return await self._watched(call, call.run())
 
+    # -- travel times -------------------------------------------------------------------------
+
+    async def _publish_travel_times(self) -> None:
+        """Have them evaluated now, and again when the program asks for it."""
+        function = self._functions.travel_time
+        if function is None:
+            # An earlier life may have published some, with another program.
+            self._host.submit(TravelTimesMade(NO_TRAVEL_TIMES))
+            return
+        while True:
+            self._are_times_old.clear()
+            times, problem = await self._travel_times(function)
+            self._host.submit(TravelTimesMade(times))
+            self._host.submit(ProblemFound("travel times", problem))
+            await self._are_times_old.wait()
+
+    async def _travel_times(self, function: ProgramFunction) -> tuple[TravelTimes, str]:
+        """Those between all places that this robot may need, or none and the problem."""
+        travel, robot, context = self._mission.travel, self._identity, self.robot_context()
+        assert travel is not None
+        goals = {goal for task, goal in travel.at.items() if context.can(task)}
+        places = tuple(sorted(goals | {travel.start.get(robot.robot, "")} - {""}))
+        if len(places) > MAX_TIMED_PLACES:
+            most = f"at most {MAX_TIMED_PLACES} places of one robot"
+            return NO_TRAVEL_TIMES, f"{most} are possible, not {len(places)}; all are as declared"
+        now = ("", "")
+
+        async def time_all() -> list[int | None]:
+            nonlocal now
+            found: list[int | None] = []
+            for now in product(places, places):
+                value = 0 if now[0] == now[1] else function(context, *now)
+                value = await value if inspect.isawaitable(value) else value
+                found.append(travel_ms(value, function))
+                await anyio.lowlevel.checkpoint()
+            return found
+
+        call = UserCall("travel times", function, time_all, self._tell_problem)
+        problem = f"not ready within {TRAVEL_TIMES_LIMIT_S:g} s"
+        try:
+            with anyio.move_on_after(TRAVEL_TIMES_LIMIT_S):
+                found = await self._watched(call, call.run())
+                count = len(places)
+                rows = (tuple(found[row * count : (row + 1) * count]) for row in range(count))
+                return TravelTimes(places, tuple(rows)), ""
+        except UserCodeError as failure:
+            problem = failure.reason
+            self._host.log("error", "travel_times_failed", error=failure.details)
+        way = f"from {now[0]} to {now[1]}"
+        return NO_TRAVEL_TIMES, f"{way}: {problem}; all are as the mission declares"
+
+    def _renew_travel_times(self) -> None:
+        if self._functions.travel_time is None:
+            raise ValueError("the program has no function @robot.travel_time")
+        self._are_times_old.set()
+
+    def _port(self, ticket: int | None, whole: AgentPort | None = None) -> AgentPort:
+        renew = self._renew_travel_times
+        return AgentPort(self._host, self._mission, ticket, self._own, renew, whole)
+
     def robot_context(self) -> RobotContext:
         """A context that belongs to no task."""
-        return RobotContext(**self._robot(AgentPort(self._host, self._mission, None, self._own)))
+        return RobotContext(**self._robot(self._port(None)))
 
     async def _background(self, background: BackgroundFunction, source: str) -> None:
         name, function, context = background.name, background.function, self.robot_context()

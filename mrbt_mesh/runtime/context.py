@@ -126,6 +126,13 @@ class RobotContext:
         self._check_own(local_task)
         self._port.report_performance(local_task, performance)
 
+    def update_travel_times(self) -> None:
+        """Have the program's `travel_time` called again, e.g. since a road is closed.
+
+        Raises ValueError in a program without one.
+        """
+        self._port.update_travel_times()
+
     def _check_own(self, local_task: str, *more: str) -> None:
         if isinstance(local_task, str) and (local_task in more or self.can(local_task)):
             return

@@ -43,6 +43,7 @@ from mrbt_mesh.runtime.program_function import (
     background_function,
     task_function,
     travel_function,
+    travel_time_function,
 )
 
 if TYPE_CHECKING:
@@ -50,9 +51,11 @@ if TYPE_CHECKING:
 
 Result: TypeAlias = bool | Mapping[str, bool] | None
 Bid: TypeAlias = float | None
+Seconds: TypeAlias = float | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]
 BidFunction: TypeAlias = Callable[..., Bid | Awaitable[Bid]]
 TravelFunction: TypeAlias = Callable[..., Awaitable[bool | None]]
+TravelTimeFunction: TypeAlias = Callable[..., Seconds | Awaitable[Seconds]]
 Background: TypeAlias = Callable[..., Awaitable[None]]
 MissionCheck: TypeAlias = "Callable[[Mission, Collection[str]], None]"
 
@@ -70,6 +73,7 @@ _Task = TypeVar("_Task", bound=TaskFunction)
 _TaskType = TypeVar("_TaskType", bound=type[TaskClass])
 _Bid = TypeVar("_Bid", bound=BidFunction)
 _Travel = TypeVar("_Travel", bound=TravelFunction)
+_TravelTime = TypeVar("_TravelTime", bound=TravelTimeFunction)
 _Background = TypeVar("_Background", bound=Background)
 
 
@@ -93,11 +97,14 @@ class RegisterTask(Protocol):
 
 @dataclass
 class ProgramFunctions:
-    """What a program has registered; for the runtime. `travel` is called with a place."""
+    """What a program has registered; for the runtime. `travel` is called with a place,
+    `travel_time` with two.
+    """
 
     local_tasks: dict[str, ProgramFunction] = field(default_factory=dict)
     bids: dict[str, ProgramFunction] = field(default_factory=dict)
     travel: ProgramFunction | None = None
+    travel_time: ProgramFunction | None = None
     backgrounds: list[BackgroundFunction] = field(default_factory=list)
     mission_checks: list[MissionCheck] = field(default_factory=list)
     computer_checks: list[Callable[[], None]] = field(default_factory=list)
@@ -123,7 +130,8 @@ class ProgramFunctions:
 
 class RobotProgram:
     """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
-    them, `travel` for ways to places, `background` for sensors.
+    them, `travel` for ways to places, `travel_time` for how long these take, `background` for
+    sensors.
 
     `record_work`: every start of a local task, and its end or cancellation, is a line of the run's
     events.jsonl.
@@ -190,11 +198,24 @@ class RobotProgram:
         function drives in the functions of its local tasks; in virtual time its robots are moved.
         Raises ProgramError for a second one, and for a function that cannot be called like this.
         """
-        function = travel_function(target)
-        if (first := self._functions.travel) is not None:
-            text = "a program has one travel function; the first is at"
-            raise ProgramError(f"{function.what}: {text} {first.place}")
-        self._functions.travel = function
+        self._functions.travel = _only(travel_function(target), self._functions.travel)
+        return target
+
+    def travel_time(self, target: _TravelTime) -> _TravelTime:
+        """Register a function, async or not, for the travel times of this robot.
+
+            @robot.travel_time
+            def seconds(origin: str, goal: str) -> float: ...
+
+        Schedules use it in place of the mission's speeds and ways. It is called for each pair of
+        places that this robot may need, when the robot starts and after
+        `RobotContext.update_travel_times`. It returns seconds, at most 1e6, or None: as the mission
+        declares. If it raises, returns anything else, or takes more than 5 s for all pairs, the
+        mission's values are used for all ways of this robot, and observers see why. Raises
+        ProgramError for a second one, and for a function that cannot be called like this.
+        """
+        function = travel_time_function(target)
+        self._functions.travel_time = _only(function, self._functions.travel_time)
         return target
 
     @overload
@@ -322,6 +343,15 @@ def _decorated(target: Any, register: Callable[[str, Any], object]) -> Any:
         return function
 
     return decorate
+
+
+def _only(function: ProgramFunction, first: ProgramFunction | None) -> ProgramFunction:
+    """The function, if it is the first of its kind."""
+    if first is not None:
+        kind = function.what.partition(" function")[0]
+        text = f"a program has one {kind} function; the first is at {first.place}"
+        raise ProgramError(f"{function.what}: {text}")
+    return function
 
 
 def _add(known: dict[str, ProgramFunction], name: str, function: ProgramFunction) -> None:

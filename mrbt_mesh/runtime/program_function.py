@@ -160,6 +160,18 @@ def travel_function(target: Any) -> ProgramFunction:
     return found
 
 
+def travel_time_function(target: Any) -> ProgramFunction:
+    """A function, async or not, of two places. Raises ProgramError."""
+    name = getattr(target, "__name__", repr(target))
+    found = any_function(f"travel time function {name!r}", target)
+    if found.count_problem(2):
+        text = f"it is given two places; write `def {name}(origin: str, goal: str) -> float`"
+        raise ProgramError(f"{found.what}: {text}")
+    if any(each.type is TaskContext for each in found.parameters):
+        raise ProgramError(f"{found.what}: it belongs to no task; give it a RobotContext instead")
+    return found
+
+
 @dataclass(frozen=True)
 class BackgroundFunction:
     """A function without arguments, and the capabilities that the robot loses if it fails."""

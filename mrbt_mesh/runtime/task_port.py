@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from numbers import Real
 from typing import Any, Protocol
 
@@ -65,8 +65,8 @@ def truth(value: Any, what: str) -> bool:
 class AgentPort:
     """Behind one TaskContext; collects the conditions that go with the outcome.
 
-    `own` are the robot's local conditions. `whole` is the port of the local task to whose tree this
-    one's action belongs.
+    `renew_travel_times`: what the program calls when they have changed. `own` are the robot's local
+    conditions. `whole` is the port of the local task to whose tree this one's action belongs.
     """
 
     def __init__(
@@ -75,12 +75,14 @@ class AgentPort:
         mission: Mission,
         ticket: int | None,
         own: LocalConditions,
+        renew_travel_times: Callable[[], None],
         whole: AgentPort | None = None,
     ) -> None:
         self._host = host
         self._mission = mission
         self._ticket = ticket
         self._own = own
+        self._renew_travel_times = renew_travel_times
         self._whole = whole
         self._thread = threading.get_ident()
         self._is_over = False
@@ -180,6 +182,10 @@ class AgentPort:
         micro = micro_performance(performance)
         self._submit(PerformanceChanged(local_task, micro))
 
+    def update_travel_times(self) -> None:
+        self._check_thread()
+        self._renew_travel_times()
+
     def record_event(self, event: Mapping[str, Any]) -> None:
         try:
             json.dumps(dict(event), allow_nan=False)
@@ -191,12 +197,15 @@ class AgentPort:
         return self._host.unix_time_s()
 
     def _submit(self, event: Input) -> None:
+        self._check_thread()
+        outside(self._host.submit, event)
+
+    def _check_thread(self) -> None:
         if threading.get_ident() != self._thread:
             raise RuntimeError(
                 "a task's context is used from another thread: call it with "
                 "anyio.from_thread.run_sync or loop.call_soon_threadsafe"
             )
-        outside(self._host.submit, event)
 
 
 def _reason(reason: Any) -> str:

@@ -23,6 +23,8 @@ async def not_annotated(task, part: str) -> None: ...  # type: ignore[no-untyped
 async def right(task: TaskContext) -> None: ...
 async def two(context: RobotContext, other: str) -> None: ...
 def plain(task: TaskContext) -> None: ...
+def of_task(task: TaskContext, origin: str, goal: str) -> float: ...  # type: ignore[empty-body]
+def seconds(origin: str, goal: str) -> float: ...  # type: ignore[empty-body]
 
 
 class NotAsync:
@@ -50,6 +52,16 @@ class NotAsync:
         ("travel", plain, "travel function 'plain': the function is not async"),
         ("travel", "base", "travel function \"'base'\": 'base' is not a function"),
         ("travel", right, r"is given a place; write `async def right\(task: TaskContext, place: s"),
+        (
+            "travel_time",
+            plain,
+            r"given two places; write `def plain\(origin: str, goal: str\) -> f",
+        ),
+        (
+            "travel_time",
+            of_task,
+            "travel time function 'of_task': it belongs to no task; give it",
+        ),
     ],
 )
 def test_what_cannot_be_called_is_refused_when_it_is_registered(
@@ -79,6 +91,9 @@ async def test_one_function_drives_to_places() -> None:
     assert got == ["A1 shelf_1"]
     with pytest.raises(ProgramError, match=r"'two': a program has one .* at \S+_function.py:\d+$"):
         program.travel(two)
+    program.travel_time(seconds)
+    with pytest.raises(ProgramError, match=r"'seconds': a program has one travel time function; t"):
+        program.travel_time(seconds)
 
 
 def test_without_a_name_that_of_the_function_counts() -> None:
@@ -230,6 +245,10 @@ def bid(task: TaskContext, part: int) -> float:
 async def drive(task: TaskContext, place: str) -> bool:
     return True
 
+@robot.travel_time
+def seconds(context: RobotContext, origin: str, goal: str) -> float | None:
+    return None
+
 @robot.background
 async def sense(context: RobotContext) -> None:
     await d()
@@ -263,6 +282,10 @@ def w6(task: TaskContext) -> str:
 @robot.travel  # wrong
 async def w8(place: str) -> float:
     return 0.5
+
+@robot.travel_time  # wrong
+def w9(origin: str, goal: str) -> str:
+    return "far"
 
 @robot.background  # wrong
 def w7(task: TaskContext) -> None: ...

@@ -354,5 +354,7 @@ def latch_text(kind: str, parts: list[str], value: object) -> str:
             return f"attempt {number}"
         case "schedule", [*steps]:
             return f"a schedule of {len(steps)} tasks"
+        case "travel_times", [places, _]:
+            return f"travel times between {len(places)} places"
     scope = parse_activation(parts[0])
     return f"{kind} {scope.subject or f'node {scope.node}'}"

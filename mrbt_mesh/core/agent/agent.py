@@ -117,6 +117,7 @@ class Agent:
             self._handlers[inputs.ScheduleFound] = lambda e, now: scheduler.found(
                 e, planner.plan, now
             )
+            self._handlers[inputs.TravelTimesMade] = scheduler.travel_times_made
         self._deadline_us = now_us
         # When time alone asks for more than asking others, and heartbeats.
         self._step_us = now_us

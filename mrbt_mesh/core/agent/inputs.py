@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from mrbt_mesh.core.facts.description import PROGRAM
+from mrbt_mesh.core.facts.records import TravelTimes
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope
 from mrbt_mesh.core.membership.wire import MessageKind, Position, RecordingHead
@@ -201,6 +202,15 @@ class BidsMade:
 
 
 @dataclass(frozen=True, slots=True)
+class TravelTimesMade:
+    """This robot's travel times by its program; empty: it has no function for them, or a failed
+    one.
+    """
+
+    times: TravelTimes
+
+
+@dataclass(frozen=True, slots=True)
 class LeaveRequested:
     """Leave on purpose: hand the work over and stop."""
 
@@ -281,6 +291,7 @@ Input: TypeAlias = (
     | CapabilityChanged
     | PerformanceChanged
     | BidsMade
+    | TravelTimesMade
     | ProblemFound
     | LeaveRequested
     | TimerFired

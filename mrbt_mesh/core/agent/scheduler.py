@@ -7,11 +7,13 @@ would keep each other from their work.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import SearchSchedule
-from mrbt_mesh.core.agent.inputs import ScheduleFound
+from mrbt_mesh.core.agent.inputs import ScheduleFound, TravelTimesMade
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Proposal
+from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, Proposal, TravelTimes
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
@@ -46,6 +48,9 @@ class Scheduler:
         self._is_searching = False
         # What it has searched a schedule for last, None before.
         self._searched: Lookahead | None = None
+        # The travel times of all robots in that search; its own that are not published yet.
+        self._times: Mapping[str, TravelTimes] = {}
+        self._unpublished: TravelTimes | None = None
         if context.mission.travel is not None:
             # With many places this takes a while, so it is done before there are deadlines.
             for kind in sorted({robot.type for robot in context.mission.robots.values()}):
@@ -58,6 +63,7 @@ class Scheduler:
         Where none is in force the first robot at once proposes one by priority rules alone, if that
         takes little time.
         """
+        self._publish_travel_times(now_us)
         ahead = plan.ahead
         if ahead is None or self._is_searching:
             return
@@ -65,6 +71,7 @@ class Scheduler:
             self._withdraw(ahead, plan, now_us)
             return
         self._searched, self._is_searching = ahead, True
+        self._times = dict(self._context.facts.travel_times)
         self._number += 1
         problem, me = ahead.problem, self._context.me
         seed = sorted({*self._context.mission.robots, me}).index(me)
@@ -74,6 +81,16 @@ class Scheduler:
         if is_first and _work_of(problem) <= LITTLE_WORK:
             proposal = ahead.proposal(search(problem, 0, seed).schedule)
             self._context.write([(records.SCHEDULE, proposal)], now_us)
+
+    def travel_times_made(self, event: TravelTimesMade, _: int) -> None:
+        """Keep them until the next plan: then the robot has joined."""
+        self._unpublished = event.times
+
+    def _publish_travel_times(self, now_us: int) -> None:
+        times, self._unpublished = self._unpublished, None
+        known = self._context.facts.travel_times.get(self._context.me, NO_TRAVEL_TIMES)
+        if times is not None and times != known:
+            self._context.write([(records.TRAVEL_TIMES, times)], now_us)
 
     def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
         """Take its proposal back once all robots follow another one. Costs change a little with
@@ -96,6 +113,8 @@ class Scheduler:
     def _is_due(self, ahead: Lookahead) -> bool:
         before = self._searched
         if before is None or ahead.robots != before.robots:
+            return True
+        if self._times != self._context.facts.travel_times:
             return True
         if not ahead.numbers.keys() <= before.numbers.keys():
             return True

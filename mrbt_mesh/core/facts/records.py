@@ -24,7 +24,7 @@ from mrbt_mesh.core.facts.values import (
 )
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
-from mrbt_mesh.core.mission.travel import MAX_HORIZON
+from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
@@ -76,6 +76,27 @@ def _read_robots(value: Any) -> tuple[tuple[str, ...], ...]:
 
 def _write_robots(robots: tuple[tuple[str, ...], ...]) -> list[Any]:
     return [list(each) for each in robots]
+
+
+def _read_places(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or len(value) > MAX_TIMED_PLACES:
+        raise ValueError(f"a list of at most {MAX_TIMED_PLACES} places expected")
+    return tuple(map(read_text, value))
+
+
+def _read_ways(value: Any) -> tuple[tuple[int | None, ...], ...]:
+    if not isinstance(value, list) or not all(isinstance(each, list) for each in value):
+        raise ValueError(f"lists of travel times expected, found {shown(value)}")
+    if any(len(each) != len(value) for each in value):
+        raise ValueError("travel times from each place to each expected")
+    return tuple(
+        tuple(None if ms is None else read_integer(ms, high=MAX_MS) for ms in each)
+        for each in value
+    )
+
+
+def _write_ways(ways_ms: tuple[tuple[int | None, ...], ...]) -> list[Any]:
+    return [list(each) for each in ways_ms]
 
 
 def _read_revisions(value: Any) -> tuple[int, ...]:
@@ -233,6 +254,24 @@ class Proposal(Record):
     """A schedule that the author proposes: each robot does its tasks in this order."""
 
     steps: Annotated[tuple[ProposedStep, ...], Plain(_read_steps, _write_steps)]
+
+
+@dataclass(frozen=True, slots=True)
+class TravelTimes(Record):
+    """The author's travel times from each of these places to each, by its program; None: as the
+    mission declares.
+    """
+
+    places: Annotated[tuple[str, ...], Plain(_read_places, list)]
+    ways_ms: Annotated[tuple[tuple[int | None, ...], ...], Plain(_read_ways, _write_ways)]
+
+    @classmethod
+    def parse(cls, value: Any) -> TravelTimes:
+        places, ways = read_fields(value, 2)
+        found = cls(_read_places(places), _read_ways(ways))
+        if len(set(found.places)) < len(found.ways_ms) or len(found.places) != len(found.ways_ms):
+            raise ValueError("travel times between different places expected")
+        return found
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -440,7 +479,7 @@ class Latch(Record):
         return LATCH
 
 
-LATCH, NO_CLAIM = Latch(), NoClaim()
+LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
 MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
@@ -460,8 +499,8 @@ DONE = "done"
 BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
-# The author's proposal of a schedule.
-SCHEDULE = "schedule"
+# The author's proposal of a schedule, and its travel times.
+SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
 BID_KINDS = frozenset({BID, CLOSED})
@@ -482,6 +521,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     BID: (Bid.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
     SCHEDULE: (Proposal.parse, (1,)),
+    TRAVEL_TIMES: (TravelTimes.parse, (1,)),
     **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }

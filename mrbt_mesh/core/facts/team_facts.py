@@ -28,6 +28,7 @@ from mrbt_mesh.core.facts.records import (
     Phase,
     Proposal,
     RobotProblem,
+    TravelTimes,
 )
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
@@ -88,10 +89,13 @@ class TeamFacts:
         self.activations: dict[str, ActivationFacts] = {}
         self.problems: dict[str, dict[str, str]] = {}
         self.proposals: dict[str, Proposal] = {}
+        self.travel_times: dict[str, TravelTimes] = {}
         self.max_stamp = 0
         self.changes = 0
         self.outcome_changes = 0
         self._places: dict[str, str] = {}
+        # (robot, its type) -> its table of travel times, of robots that have published some.
+        self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
         self._orders: dict[str, Order] = {}
         self._results: dict[str, MissionResult] = {}
         # What `prune` has to look at: all activations, if the reach of some may have changed, or
@@ -187,6 +191,21 @@ class TeamFacts:
         if travel is None or claim is None or claim.phase is not Phase.TRAVELLING:
             return ""
         return travel.at.get(claim.local_task, "")
+
+    def travel_table(self, robot: str) -> Sequence[Sequence[int]]:
+        """The robot's travel times in ms, as in `Travel.table`: by its program, else as the mission
+        declares.
+        """
+        travel, kind = self.mission.travel, self.members[robot].member.type
+        assert travel is not None
+        said = self.travel_times.get(robot)
+        if said is None:
+            return travel.table(kind)
+        found = self._travel_tables.get((robot, kind))
+        if found is None:
+            found = travel.changed_table(kind, said.places, said.ways_ms)
+            self._travel_tables[robot, kind] = found
+        return found
 
     @property
     def grantors(self) -> frozenset[str]:
@@ -330,11 +349,18 @@ class TeamFacts:
                 self._results[author] = record
             case RobotProblem(text):
                 self._add_problem(author, entry.parts[1], text)
-            case Proposal():
-                self.proposals[author] = record
+            case Proposal() | TravelTimes():
+                self._add_about_ways(author, record)
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)
+
+    def _add_about_ways(self, author: str, record: Proposal | TravelTimes) -> None:
+        if isinstance(record, Proposal):
+            self.proposals[author] = record
+        else:
+            self.travel_times[author] = record
+            self._travel_tables.clear()
 
     def _add_problem(self, author: str, subject: str, text: str) -> None:
         known = self.problems.setdefault(author, {})

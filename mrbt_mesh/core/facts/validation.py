@@ -18,6 +18,7 @@ from mrbt_mesh.core.facts.records import (
     ExpressionRevision,
     NoClaim,
     Proposal,
+    TravelTimes,
 )
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
@@ -47,6 +48,11 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return _refuse_proposal(entry, mission, run)
     if isinstance(entry.record, Claim | NoClaim):
         return _refuse_place(entry.record.place, mission)
+    if isinstance(entry.record, TravelTimes):
+        if mission.travel is None:
+            return "this mission has no places"
+        reasons = (_refuse_place(place, mission) for place in entry.record.places)
+        return next((reason for reason in reasons if reason is not None), None)
     if parts[0] == records.RESULT and mission.ends is MissionEnd.NEVER:
         return "this mission never ends"
     return None

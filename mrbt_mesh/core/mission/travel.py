@@ -17,6 +17,8 @@ MICRO = 1_000_000
 MAX_PLACES = 1_000
 MAX_MS = 1_000_000_000
 MAX_HORIZON = 1_000
+# The most places between which one robot publishes travel times.
+MAX_TIMED_PLACES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,20 @@ class Travel:
             names = list(self.places)
             found = [[self._way_or_max_ms(robot_type, a, b) for b in names] for a in names]
             self._tables[robot_type] = found
+        return found
+
+    def changed_table(
+        self, robot_type: str, places: Sequence[str], ways_ms: Sequence[Sequence[int | None]]
+    ) -> Sequence[Sequence[int]]:
+        """`table` with other ways between some places, from each to each; None: unchanged."""
+        found, names = [*self.table(robot_type)], list(self.places)
+        numbers = [names.index(place) for place in places]
+        for origin, times_ms in zip(numbers, ways_ms, strict=True):
+            row = [*found[origin]]
+            for goal, ms in zip(numbers, times_ms, strict=True):
+                if ms is not None and goal != origin:
+                    row[goal] = ms
+            found[origin] = row
         return found
 
     def _way_or_max_ms(self, robot_type: str, origin: str, goal: str) -> int:

@@ -284,7 +284,7 @@ def _way(facts: TeamFacts, travel: Travel, robot: str) -> tuple[int, Sequence[Se
     """Where a robot is, and its ways from there and between places."""
     places = list(travel.places)
     at, goal = places.index(facts.place_of(robot)), facts.under_way(robot)
-    table = travel.table(facts.members[robot].member.type)
+    table = facts.travel_table(robot)
     if not goal:
         return at, table
     # How far it has come is not among the facts: on average half of the way is left.

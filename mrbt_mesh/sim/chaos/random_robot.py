@@ -34,10 +34,13 @@ DISTANCES = 4
 LATE_S = 0.7
 
 
+def _drawn(context: RobotContext, *texts: str) -> int:
+    text = "/".join((str(context.parameters.get("salt", 0)), *texts))
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest(), "big")
+
+
 def _permille(task: TaskContext, purpose: str) -> int:
-    salt = task.parameters.get("salt", 0)
-    text = f"{salt}/{purpose}/{task.robot}/{task.activation}/{task.local_task}"
-    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=4).digest(), "big") % 1_000
+    return _drawn(task, purpose, task.robot, task.activation, task.local_task) % 1_000
 
 
 def _record(task: TaskContext, event: str, outcome: str | None = None) -> None:
@@ -86,7 +89,19 @@ async def drive(task: TaskContext, place: str) -> None:
     ways = task.parameters["ways"]
     await anyio.sleep(_permille(task, "way") * ways["most_s"] / 1_000)
     if _permille(task, "way fails") < ways["fails_permille"]:
+        task.update_travel_times()
         raise RuntimeError(f"the way to {place} is blocked")
+
+
+@driver.travel_time
+async def seconds(context: RobotContext, origin: str, goal: str) -> float | None:
+    """Some robots cannot say how long their ways take, and some do not know all of them."""
+    kind = _drawn(context, "map", context.robot) % 4
+    if not kind:
+        raise RuntimeError(f"{context.robot} has lost its map")
+    drawn = _drawn(context, "ways", context.robot, origin, goal)
+    await anyio.sleep(drawn % 3 / 100)
+    return None if kind == 1 and drawn % 2 else drawn % 3_000 / 1_000
 
 
 @robot.bid("*")

@@ -37,11 +37,13 @@ class Leg:
         return Leg(self.goal, self.origin, self.way_ms, self.left_ms)
 
 
-def legs_to(travel: Travel, robot_type: str, spot: Leg, goal: str) -> list[Leg]:
-    """The way from a spot between two places: turning round or going on, the shorter."""
-    found = []
+def legs_to(travel: Travel, table: Sequence[Sequence[int]], spot: Leg, goal: str) -> list[Leg]:
+    """The way from a spot between two places, by a table of all ways: turning round or going on,
+    the shorter.
+    """
+    found, names = [], list(travel.places)
     for first in (spot, spot.turned()):
-        way_ms = travel.way_ms(robot_type, first.goal, goal)
+        way_ms = table[names.index(first.goal)][names.index(goal)]
         found.append([first, Leg(first.goal, goal, way_ms)])
     return min(found, key=duration_ms)
 
@@ -80,12 +82,14 @@ class Driving:
         for robot, place in places.items():
             self._spots[robot] = Leg(place, place, 0.0)
 
-    async def drive(self, task: TaskContext, place: str) -> None:
-        """A robot goes to a place in virtual time; where it is cancelled, it stops."""
+    async def drive(self, task: TaskContext, place: str, table: Sequence[Sequence[int]]) -> None:
+        """A robot goes to a place in virtual time, by its table of ways; where it is cancelled, it
+        stops.
+        """
         robot, travel = task.robot, self._mission.travel
         assert travel is not None
         spot = self._spots.get(robot, Leg(place, place, 0.0))
-        legs = legs_to(travel, task.robot_type, spot, place)
+        legs = legs_to(travel, table, spot, place)
         stretched = self.stretch(robot, f"{spot.origin}>{place}") / task.simulation.speed
         gate = current_gate.get()
         ahead_s = gate.ahead_us / MICRO if gate is not None else 0.0

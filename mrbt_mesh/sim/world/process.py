@@ -43,6 +43,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
 from mrbt_mesh.sim.world.driving import Driving
 from mrbt_mesh.sim.world.faults import Fault
@@ -210,7 +211,7 @@ class SimProcess:
                 setup.mission,
                 self._identity,
                 self,
-                drive=driving.drive,
+                drive=self._drive,
                 stretch=partial(driving.stretch, self.robot),
             )
             boot = partial(self.boot, runner, contextvars.copy_context(), group.cancel_scope.cancel)
@@ -221,6 +222,11 @@ class SimProcess:
                 # By the simulation's clock: the robot's may be stopped.
                 loop = asyncio.get_running_loop()
                 contextvars.Context().run(loop.call_later, END_LIMIT_S, runner.abandon)
+
+    async def _drive(self, task: TaskContext, place: str) -> None:
+        assert self.agent is not None
+        table = self.agent.view.facts.travel_table(self.robot)
+        await self._world.driving.drive(task, place, table)
 
     def boot(
         self, runner: ActionRunner, context: contextvars.Context, end: Callable[[], object]

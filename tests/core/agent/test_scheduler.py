@@ -6,6 +6,8 @@ from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import TravelTimes
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.problem import Schedule
@@ -102,6 +104,21 @@ def test_there_is_nothing_to_search_where_one_task_is_left_or_nothing_has_a_plac
     for of in (mission("a"), plain):
         team = started(of)
         assert not any(process.searches for process in team.processes.values())
+
+
+def test_it_searches_again_once_travel_times_have_changed() -> None:
+    team = started(mission(*X))
+    answer(team)
+    one, two = team.processes["R1"], team.processes["R2"]
+    times = TravelTimes(("a", "b"), ((0, 90_000), (90_000, 0)))
+    for _ in range(2):  # the second time that is no news
+        team.give(one, inputs.TravelTimesMade(times))
+        assert ahead(two).problem.travel_ms[0][0][1] == 90_000
+    assert [len(process.searches) for process in (one, two)] == [1, 1]
+    answer(team)
+    team.pass_time(3_000)
+    assert not one.searches + two.searches
+    assert two.agent.view.facts.map.get("R1", records.TRAVEL_TIMES) is not None
 
 
 def test_it_searches_again_once_a_robot_has_died() -> None:

@@ -11,11 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import CLAIM, MEMBER, Claim, NoClaim, OrderKind, Phase
+from mrbt_mesh.core.facts.records import (
+    CLAIM,
+    MEMBER,
+    TRAVEL_TIMES,
+    Claim,
+    NoClaim,
+    OrderKind,
+    Phase,
+)
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.facts.validation import refusal_reason
-from mrbt_mesh.core.mission.mission import FailurePolicy, MissionEnd
+from mrbt_mesh.core.mission.mission import MICRO, FailurePolicy, MissionEnd
 from mrbt_mesh.core.mission.travel import Travel
 from tests.support.build import (
     RUN,
@@ -283,6 +291,34 @@ def test_places_that_the_mission_does_not_have_are_refused() -> None:
     ):
         entry = make_entry("A", CLAIM, Version(world.alive["A"], 2), NoClaim(place))
         assert refusal_reason(entry, mission, RUN) == reason
+
+
+@given(st.permutations(range(3)))
+def test_the_newest_travel_times_of_a_robot_count(order: list[int]) -> None:
+    world = team(RESILIENT, 1, 1)
+    places = {"x": (0, 0), "y": (MICRO, 0), "z": (3 * MICRO, 0)}
+    travel = Travel(places, {"lift": "z"}, {"A": "x"}, {"T": MICRO})
+    facts = TeamFacts(replace(world.mission, travel=travel), RUN)
+    facts.map.merge(world.facts.map)
+    said = [[["x", "z"], [[7, 5_000], [None, 0]]], [["x", "z"], [[0, 6_000], [None, 0]]], [[], []]]
+    entries = [
+        parse_entry("A", TRAVEL_TIMES, Version(world.alive["A"], number), value)
+        for number, value in enumerate(said, 2)
+    ]
+    entries += [parse_entry("B", TRAVEL_TIMES, Version(world.alive["B"], 9), [["q"], [[0]]])]
+    assert refusal_reason(entries[3], facts.mission, RUN) == "this mission has no place 'q'"
+    assert refusal_reason(entries[2], world.mission, RUN) == "this mission has no places"
+    known = [0, 0]
+    for number in order:
+        assert refusal_reason(entries[number], facts.mission, RUN) is None
+        facts.map.merge([entries[number]])
+        known = max(known, [number, [5_000, 6_000, 3_000][number]])
+        assert facts.travel_table("A") == [
+            [0, 1_000, known[1]],
+            [1_000, 0, 2_000],
+            [3_000, 2_000, 0],
+        ]
+    assert facts.travel_table("B") is travel.table("T")
 
 
 # -- members, claims, capabilities ------------------------------------------------------------

@@ -94,6 +94,7 @@ GOOD_VALUES: list[tuple[str, Any]] = [
     (f"attempt/{SCOPE}", 3),
     (f"latched_failure/{SCOPE}", True),
     (f"expired/{SCOPE}", True),
+    ("travel_times", [["dock", "gate"], [[0, 1_500], [None, 0]]]),
 ]
 NAMES = [name for name, _ in GOOD_VALUES]
 
@@ -255,6 +256,13 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
 @pytest.mark.parametrize(
     ("name", "value"),
     [
+        ("travel_times", [["dock"], [[0, 1]]]),
+        ("travel_times", [["dock", "dock"], [[0, 1], [1, 0]]]),
+        ("travel_times", [["dock"], []]),
+        ("travel_times", [["dock"], [[-1]]]),
+        ("travel_times", [["dock"], [[1.5]]]),
+        ("travel_times", [["dock"], [[10**9 + 1]]]),
+        ("travel_times", [[f"p{n}" for n in range(101)], [[0] * 101] * 101]),
         ("member", ["A", {"drill": 0}, {}, False, "", "", 1, True, {}]),
         ("member", ["A", {"drill": True}, {}, False, "", "", 1, True, {}]),
         ("member", ["A", {1: 1}, {}, False, "", "", 1, True, {}]),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import anyio
 import pytest
 
-from mrbt_mesh import TaskContext
+from mrbt_mesh import RobotContext, TaskContext
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.physical import spans
 from mrbt_mesh.sim.run import SimulationResult, simulate
 from mrbt_mesh.sim.world.driving import Leg, duration_ms, legs_to, spot_after
@@ -113,6 +115,95 @@ def test_a_program_that_drives_is_asked_and_may_fail() -> None:
     ]
 
 
+def test_travel_times_of_the_program_replace_the_declared_ones() -> None:
+    program = worker()
+
+    @program.travel_time
+    async def seconds(context: RobotContext, origin: str, goal: str) -> float | None:
+        await anyio.lowlevel.checkpoint()
+        return 9.5 if (context.robot, origin, goal) == ("R1", "a", "b") else None
+
+    result = simulate(depot("Sequence: [scan_at(a), scan_at(b)]"), program, seed=1, robots=["R1"])
+    assert [e for e in told(result) if e[2] == "begin"] == [
+        (4.0, "R1", "begin", "scan"),
+        (14.5, "R1", "begin", "scan"),
+    ]
+    said = result.observer.facts.travel_times["R1"]
+    assert (said.places, said.ways_ms[0]) == (("a", "b", "home"), (0, 9_500, None))
+
+
+async def _late(origin: str, goal: str) -> float:
+    await anyio.sleep(3)
+    return 1.0
+
+
+def _no_map(origin: str, goal: str) -> float:
+    raise KeyError(goal)
+
+
+@pytest.mark.parametrize(
+    ("function", "problem"),
+    [
+        (_no_map, "from a to home: KeyError: 'home' (test_driving.py:"),
+        (lambda a, b: "far", "from a to home: <lambda> returned 'far' (test_driving.py:"),
+        (lambda a, b: float("nan"), "from a to home: <lambda> returned nan (test_driving.py:"),
+        (lambda a, b: -1, "from a to home: <lambda> returned -1 (test_driving.py:"),
+        (lambda a, b: True, "from a to home: <lambda> returned True (test_driving.py:"),
+        (_late, "from home to a: not ready within 5 s; all are as the mission declares"),
+    ],
+)
+def test_declared_travel_times_are_used_where_the_function_fails(
+    function: Any, problem: str
+) -> None:
+    program = worker()
+    program.travel_time(function)
+    result = simulate(depot("Sequence: [scan_at(a)]"), program, seed=1, timeout_us=60 * SECOND)
+    assert told(result)[1] == (4.0, "R1", "begin", "scan")
+    assert result.observer.facts.travel_times == {}
+    for robot in ("R1", "R2", "R3"):
+        assert result.observer.facts.problems[robot]["travel times"].startswith(problem)
+
+
+def test_travel_times_are_evaluated_again_when_the_program_asks() -> None:
+    program, closed = worker(), set[str]()
+
+    @program.travel_time
+    def seconds(origin: str, goal: str) -> float:
+        if "no map" in closed:
+            raise OSError("no map")
+        return 8.0 if goal in closed else 2.0
+
+    @program.background
+    async def listen(context: RobotContext) -> None:
+        for news in ("a", "no map"):
+            await anyio.sleep(1)
+            closed.add(news)
+            context.update_travel_times()
+        await anyio.sleep(60)
+
+    said = []
+
+    def look(observer: Observer, _: int) -> None:
+        times = observer.facts.travel_times.get("R1")
+        if times is not None and times not in said:
+            said.append(times)
+
+    mission = depot("Sequence: [scan_at(a), scan_at(a), scan_at(a)]")
+    result = simulate(mission, program, seed=1, robots=["R1"], look_on=look)
+    assert result.violations == []
+    assert [times.ways_ms for times in said] == [
+        ((0, 2_000), (2_000, 0)),
+        ((0, 2_000), (8_000, 0)),
+        (),
+    ]
+    silent = worker()
+    silent.background(costs="none")(listen)
+    result = simulate(mission, silent, seed=1, robots=["R1"])
+    assert "the program has no function @robot.travel_time" in str(
+        result.observer.facts.problems["R1"]
+    )
+
+
 def test_noise_is_the_same_for_the_same_seed() -> None:
     mission, times = depot("Sequence: [scan_at(a), scan_at(b)]"), []
     for seed in (1, 1, 2):
@@ -128,9 +219,10 @@ def test_the_shorter_way_from_between_two_places() -> None:
     travel = depot("Sequence: [scan_at(a)]").travel
     assert travel is not None
     on, back = Leg("home", "b", 6_000, 5_500), Leg("home", "b", 6_000, 500)
-    assert [duration_ms(legs_to(travel, "mover", s, "b")) for s in (on, back)] == [500, 5_500]
-    assert duration_ms(legs_to(travel, "mover", back, "a")) == 4_500
-    legs = legs_to(travel, "mover", back, "a")
+    table = travel.table("mover")
+    assert [duration_ms(legs_to(travel, table, s, "b")) for s in (on, back)] == [500, 5_500]
+    assert duration_ms(legs_to(travel, table, back, "a")) == 4_500
+    legs = legs_to(travel, table, back, "a")
     assert spot_after(legs, 200) == Leg("b", "home", 6_000, 5_700)
     assert spot_after(legs, 600) == Leg("home", "a", 4_000, 100)
     assert spot_after(legs, 9_000) == Leg("home", "a", 4_000, 4_000)
