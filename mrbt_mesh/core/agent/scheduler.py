@@ -13,11 +13,11 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.agent.inputs import ScheduleFound, TravelTimesMade
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, Proposal, TravelTimes
+from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, Proposal, ProposedStep, TravelTimes
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
-from mrbt_mesh.core.scheduling.dispatch import Dispatcher
-from mrbt_mesh.core.scheduling.problem import SchedulingProblem
+from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
+from mrbt_mesh.core.scheduling.problem import Course, SchedulingProblem
 from mrbt_mesh.core.scheduling.search import search, search_steps
 
 # A proposal must cost less than the schedule in force by at least one part in this many.
@@ -39,6 +39,19 @@ def _work_of(problem: SchedulingProblem) -> int:
     return len(problem.tasks) * len(problem.free_ms)
 
 
+def course_of_assignment(ahead: Lookahead, plan: Plan) -> Course | None:
+    """What comes of the plan's assignment, if that has the robots for all tasks ahead at once."""
+    given: dict[tuple[str, str], list[str]] = {}
+    for each in plan.assignments.values():
+        given.setdefault((each.activation, each.local_task), []).append(each.robot)
+    steps = []
+    for activation, group in ((each.request.activation, each.group) for each in ahead.opens):
+        robots = (given.get((activation, demand.local_task), ()) for demand in group)
+        steps.append(ProposedStep(activation, tuple(map(tuple, robots))))
+    fitting = ahead.fitting(Proposal(tuple(steps)))
+    return None if fitting is None else fitting[1]
+
+
 class Scheduler:
     """Searches, and proposes what it has found."""
 
@@ -48,6 +61,8 @@ class Scheduler:
         self._is_searching = False
         # What it has searched a schedule for last, None before.
         self._searched: Lookahead | None = None
+        # Whether the exact assignment was foretold to be as good as what was found.
+        self._is_assignment_as_good = False
         # The travel times of all robots in that search; its own that are not published yet.
         self._times: Mapping[str, TravelTimes] = {}
         self._unpublished: TravelTimes | None = None
@@ -60,8 +75,7 @@ class Scheduler:
         """Search a schedule for what lies ahead, once: again if there are new tasks or other
         robots, or what was proposed does not fit any more.
 
-        Where none is in force the first robot at once proposes one by priority rules alone, if that
-        takes little time.
+        The first robot at once proposes one by priority rules alone, if that takes little time.
         """
         self._publish_travel_times(now_us)
         ahead = plan.ahead
@@ -77,10 +91,8 @@ class Scheduler:
         seed = sorted({*self._context.mission.robots, me}).index(me)
         steps = search_steps(problem, evaluations_of(problem), seed)
         self._context.emit(SearchSchedule(self._number, steps))
-        is_first = ahead.schedule is None and me == min(ahead.robots)
-        if is_first and _work_of(problem) <= LITTLE_WORK:
-            proposal = ahead.proposal(search(problem, 0, seed).schedule)
-            self._context.write([(records.SCHEDULE, proposal)], now_us)
+        if me == min(ahead.robots) and _work_of(problem) <= LITTLE_WORK:
+            self._propose(search(problem, 0, seed), plan, ahead, now_us)
 
     def travel_times_made(self, event: TravelTimesMade, _: int) -> None:
         """Keep them until the next plan: then the robot has joined."""
@@ -118,20 +130,31 @@ class Scheduler:
             return True
         if not ahead.numbers.keys() <= before.numbers.keys():
             return True
-        return ahead.schedule is None and ahead.problem != before.problem
+        if ahead.schedule is not None or self._is_assignment_as_good:
+            return False
+        return ahead.problem != before.problem
 
     def found(self, event: ScheduleFound, plan: Plan | None, now_us: int) -> None:
         """Propose the order that was found, with the robots that suit it best now."""
-        searched, ahead = self._searched, plan.ahead if plan is not None else None
+        searched = self._searched
         if event.number != self._number or searched is None or not self._is_searching:
             return
         self._is_searching = False
-        if ahead is None or not ahead.opens or not self._context.has_place:
+        ahead = plan.ahead if plan is not None else None
+        if plan is None or ahead is None or not ahead.opens or not self._context.has_place:
             return
         names = [searched.opens[step.task].request.activation for step in event.schedule]
         order = [ahead.numbers[name] for name in names if name in ahead.numbers]
         order += sorted(set(range(len(ahead.opens))) - set(order))
-        best = Dispatcher(ahead.problem).dispatch(order)
-        if ahead.course is None or best.cost * MARGIN < ahead.course.cost * (MARGIN - 1):
-            proposal = ahead.proposal(best.schedule)
-            self._context.write([(records.SCHEDULE, proposal)], now_us)
+        self._propose(Dispatcher(ahead.problem).dispatch(order), plan, ahead, now_us)
+
+    def _propose(self, found: Dispatched, plan: Plan, ahead: Lookahead, now_us: int) -> None:
+        """Propose what is better than the schedule in force or, without one, than the exact
+        assignment, if that has robots for all tasks at once.
+        """
+        known = ahead.course or course_of_assignment(ahead, plan)
+        self._is_assignment_as_good = False
+        if known is None or found.cost * MARGIN < known.cost * (MARGIN - 1):
+            self._context.write([(records.SCHEDULE, ahead.proposal(found.schedule))], now_us)
+        else:
+            self._is_assignment_as_good = ahead.course is None

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
+
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import TravelTimes
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.problem import Schedule
 from tests.core.planning.test_schedules import X, travelling
-from tests.support.build import RUN, action, make_mission, micro, parallel
+from tests.support.build import RUN, action, condition, make_mission, micro, parallel, sequence
 from tests.support.harness import TIMING, Process, Team
 
 
@@ -27,7 +32,17 @@ def started(of: Mission, host: str = "") -> Team:
     team = Team()
     for robot in of.robots:
         can = micro(dict.fromkeys(X, 1.0))
-        config = AgentConfig(robot, "T", can, RUN, "n1", min_cost_flow, TIMING, host=host)
+        config = AgentConfig(
+            robot,
+            "T",
+            can,
+            RUN,
+            "n1",
+            min_cost_flow,
+            TIMING,
+            host=host,
+            expected=frozenset(of.robots),
+        )
         team.start(robot, of, config)
     team.pass_time(3_000)
     return team
@@ -86,6 +101,29 @@ def test_what_is_hardly_better_is_not_proposed() -> None:
     for process in (one, two):
         team.give(process, inputs.ScheduleFound(process.searches[-1].number, schedule))
     assert two.agent.view.facts.proposals.get("R2") == before
+
+
+@pytest.mark.parametrize(("names", "proposed"), [("ad", False), ("da", True), ("adb", True)])
+def test_nothing_is_proposed_where_the_exact_assignment_is_as_good(
+    names: str, proposed: bool
+) -> None:
+    """It sends R1, at a, to the first task, and R2, at d, to the second."""
+    of = mission(*names)
+    tree = sequence(condition("go"), parallel(len(names), *map(action, names)))
+    waiting = make_mission(tree, {robot: dict.fromkeys(X, 1.0) for robot in of.robots})
+    waiting = replace(
+        waiting,
+        travel=of.travel,
+        ends=MissionEnd.NEVER,
+        conditions={"go": ConditionType("go")},
+    )
+    team = started(waiting)
+    one, two = team.processes["R1"], team.processes["R2"]
+    team.give(one, inputs.ConditionSet("go", True))
+    answer(team)
+    assert standing(two) == (["R1"] if proposed else [])
+    team.pass_time(3_000)
+    assert not one.searches + two.searches
 
 
 def test_of_robots_on_one_computer_the_first_one_searches() -> None:
