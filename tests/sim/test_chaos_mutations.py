@@ -38,6 +38,7 @@ CAUGHT = {
     "the_dead_are_waited_for": ("I6", (87, 89)),
     "the_dead_count_as_assigned": ("I6", (259,)),
     "schedules_by_arrival": ("I1", (40, 187)),
+    "schedules_against_the_tree": ("I6", (86, 39)),
 }
 
 

@@ -86,6 +86,8 @@ add(
     "exclusive_without_majority",
     *((module, "majority", always(1)) for module in (coalitions, leases, demands)),
 )
+# A schedule may have tasks before those that they come after in the tree.
+add("schedules_against_the_tree", (schedules, "precedence", always({})))
 # Any free robot goes on with the work that one robot has begun for itself.
 add("per_robot_conditions_are_anybodys", (demands, "eligible", always(None)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.

@@ -134,9 +134,15 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
 
 
 def _is_at_work(agent: AgentView, plan: Plan, claim: Claim) -> bool:
-    """Whether a robot works, is on its way, or waits for partners that are."""
+    """Whether a robot works, is on its way, or waits for partners that are, or that by the schedule
+    first do something else.
+    """
     partners = [r for r, line in plan.assignments.items() if line.activation == claim.activation]
     is_gathering = any(agent.facts.under_way(robot) for robot in partners)
+    step = plan.ahead.step_of(claim.activation) if plan.ahead is not None else None
+    if plan.ahead is not None and step is not None:
+        later = set(plan.ahead.members(step)) - set(partners)
+        is_gathering |= not later.isdisjoint(plan.assignments)
     moves = claim.phase in (Phase.RUNNING, Phase.TRAVELLING)
     return moves or (claim.phase is Phase.READY and is_gathering)
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent import inputs, scheduler
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
@@ -93,14 +93,19 @@ def test_every_robot_searches_once_and_the_best_that_is_found_is_in_force() -> N
     assert standing(one) == [ahead(one).author], "others have been taken back"
 
 
-def test_what_is_hardly_better_is_not_proposed() -> None:
+@pytest.mark.parametrize(("margin", "proposed"), [(100, True), (1, False)])
+def test_what_is_hardly_better_is_not_proposed(
+    margin: int, proposed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scheduler, "MARGIN", margin)
     team = started(mission(*X))
-    one, two = team.processes["R1"], team.processes["R2"]
-    before = two.agent.view.facts.proposals.get("R2")
-    schedule = best_of(one.searches[-1])
-    for process in (one, two):
-        team.give(process, inputs.ScheduleFound(process.searches[-1].number, schedule))
-    assert two.agent.view.facts.proposals.get("R2") == before
+    one = team.processes["R1"]
+    by_rules = ahead(one).course
+    answer(team)
+    best = ahead(one).course
+    assert by_rules is not None
+    assert best is not None
+    assert (best.cost < by_rules.cost) == proposed
 
 
 @pytest.mark.parametrize(("names", "proposed"), [("ad", False), ("da", True), ("adb", True)])

@@ -150,7 +150,13 @@ def test_proposals_of_missions_without_places_and_of_other_trees_are_refused() -
         assert (reason is None) if found is None else (reason or "-") in found
     entry = parse_entry("R1", records.SCHEDULE, world.entries[0].version, [])
     assert refusal(World(make_mission(action("a"))).facts, entry) == "this mission has no schedules"
-    for value in (None, [[]], [["r1:2:b::0", "R1"]], [["r1:2:b::0", [["R" * (MAX_TEXT + 1)]]]]):
+    for value in (
+        None,
+        [[]],
+        [["r1:2:b::0", "R1"]],
+        [["r1:2:b::0", [["R1"]], 5]],
+        [["r1:2:b::0", [["R" * (MAX_TEXT + 1)]]]],
+    ):
         with pytest.raises(ValueError, match="expected"):
             parse_entry("R1", records.SCHEDULE, world.entries[0].version, value)
 

@@ -1,0 +1,115 @@
+"""Whole teams with schedules: proposals that are lost or false, and a team in two halves."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from mrbt_mesh.core.agent import agent
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.scheduler import Scheduler
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Proposal
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.core.planning.schedules import Lookahead
+from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
+from mrbt_mesh.sim import NetworkKnobs, simulate
+from mrbt_mesh.sim.world.faults import Block, Kill, Unblock
+from mrbt_mesh.sim.world.network import LinkKnobs
+from tests.support.effort import seeds
+from tests.support.runs import example
+
+SECOND_US = 1_000_000
+LEFT, RIGHT = ("C1", "C2", "L1"), ("C3", "L2", "S1")
+
+
+@pytest.mark.parametrize("seed", seeds(3))
+def test_a_team_works_where_most_proposals_are_lost(seed: int) -> None:
+    mission, program = example("depot")
+    network = NetworkKnobs(LinkKnobs(loss_permille=600))
+    result = simulate(mission, program, seed=seed, network=network)
+    assert (result.result, result.violations) == ("success", []), f"seed {seed}"
+
+
+class Liar(Scheduler):
+    """Proposes at once what is no schedule, and then what costs more than what it has found.
+
+    It cannot say that this costs less: no proposal has a cost.
+    """
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self._lies = itertools.cycle(("incomplete", "mixed up", "backwards", "bad"))
+
+    def _propose(self, found: Dispatched, plan: Plan, ahead: Lookahead, now_us: int) -> None:
+        steps = list(ahead.proposal(found.schedule).steps)
+        match next(self._lies):
+            case "incomplete":
+                del steps[::2]
+            case "mixed up":
+                robots = [step.robots for step in reversed(steps)]
+                steps = [
+                    records.ProposedStep(step.activation, each)
+                    for step, each in zip(steps, robots, strict=True)
+                ]
+            case "backwards":
+                steps.reverse()
+            case _:
+                order = [step.task for step in reversed(found.schedule)]
+                steps = list(
+                    ahead.proposal(Dispatcher(ahead.problem).dispatch(order).schedule).steps
+                )
+        self._context.write([(records.SCHEDULE, Proposal(tuple(steps)))], now_us)
+
+
+@pytest.mark.parametrize("seed", seeds(3))
+def test_false_proposals_do_not_harm_a_team_on_several_computers(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission, program = example("depot")
+    monkeypatch.setattr(Scheduler, "_is_first_here", lambda *_: True)
+    kill = [(6 * SECOND_US, Kill("C2"))]
+    honest = simulate(mission, program, seed=seed, schedule=kill, inspect=False)
+
+    def scheduler(context: Context) -> Scheduler:
+        return Liar(context) if context.me == "C1" else Scheduler(context)
+
+    monkeypatch.setattr(agent, "Scheduler", scheduler)
+    result = simulate(mission, program, seed=seed, schedule=kill)
+    assert (result.result, result.violations) == ("success", []), f"seed {seed}"
+    # Its schedules are in force until others have found a better one, for 0.3 s of a search.
+    assert result.duration_us <= honest.duration_us + 2 * SECOND_US, f"seed {seed}"
+
+
+@pytest.mark.parametrize("seed", seeds(3))
+def test_both_halves_of_a_team_work_on_and_then_have_one_schedule(seed: int) -> None:
+    mission, program = example("depot")
+    links = {pair for a in LEFT for b in RIGHT for pair in ((a, b), (b, a))}
+    schedule = [(4 * SECOND_US, Block(frozenset(links))), (12 * SECOND_US, Unblock())]
+    whole = simulate(mission, program, seed=seed, schedule=schedule)
+    assert (whole.result, whole.violations) == ("success", []), f"seed {seed}"
+    begun = {
+        each["robot"] for each in whole.events if each["event"] == "begin" and 6 < each["t"] < 12
+    }
+    assert begun & set(LEFT), f"seed {seed}"
+    assert begun & set(RIGHT), f"seed {seed}"
+    for until_s in (11, 14):
+        part = simulate(
+            mission,
+            program,
+            seed=seed,
+            schedule=schedule,
+            timeout_us=until_s * SECOND_US,
+            inspect=False,
+        )
+        found = {}
+        for robot, each in part.agents.items():
+            plan = each.view.plan
+            assert plan is not None
+            assert plan.ahead is not None
+            found[robot] = (plan.ahead.robots, plan.ahead.schedule)
+        assert None not in {schedule for _, schedule in found.values()}, f"seed {seed}"
+        teams = {robots for robots, _ in found.values()}
+        assert teams == ({LEFT, RIGHT} if until_s == 11 else {tuple(sorted(LEFT + RIGHT))})
+        assert len(set(found.values())) == len(teams), f"seed {seed}"
