@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
@@ -23,21 +23,27 @@ from mrbt_mesh.recording.reader import RecordedMessage, Recording
 from mrbt_mesh.recording.recorded_state import NothingNewError
 from mrbt_mesh.views.replay.check_steps import StepCheck
 from mrbt_mesh.views.replay.check_work import WorkCheck
-from mrbt_mesh.views.replay.checked_recording import CheckedRecording
+from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedFact
+
+# How many plans are kept: robots make the same one at about the same time.
+KEPT_PLANS = 200
+_Cause = tuple[bytes, tuple[tuple[str, Incarnation], ...]]
 
 
 class PlanAgain:
-    """Makes plans again by the plain definitions, once for the same facts and alive set."""
+    """Makes plans again by the plain definitions, mostly once for the same facts and alive set."""
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
-        self._made: dict[tuple[bytes, tuple[tuple[str, Incarnation], ...]], Plan] = {}
+        self._made: dict[_Cause, Plan] = {}
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         """The plan for these facts, with these robots alive."""
         key = (facts.map.digest(), tuple(sorted(alive.items())))
         if key not in self._made:
             self._made[key] = make_plan(facts, alive, default_solver)
+            if len(self._made) > KEPT_PLANS:
+                del self._made[next(iter(self._made))]
         return self._made[key]
 
     def obsolete(self, facts: TeamFacts) -> list[tuple[str, str]]:
@@ -48,7 +54,7 @@ class PlanAgain:
 
 
 class RecordingCheck(CheckedRecording):
-    """Call `run` once."""
+    """Go through `steps` once."""
 
     def __init__(
         self, recording: Recording, plans: PlanAgain, authorship: Authorship | None
@@ -59,12 +65,13 @@ class RecordingCheck(CheckedRecording):
         self._work = WorkCheck(self) if self.robot else None
         self._steps = StepCheck(self)
         # Author and name of a fact -> its newest record.
-        self._latest: dict[tuple[str, str], RecordedMessage] = {}
+        self._latest: dict[tuple[str, str], RecordedFact] = {}
         self._to_drop: list[tuple[str, str]] = []
         self._made = 0
 
-    def run(self) -> None:
-        """Check every record, in order."""
+    def steps(self) -> Iterator[int]:
+        """Check every record, in order; yields the Unix time of each, in us."""
+        epoch_us = self.recording.metadata.epoch_ns // 1_000
         for damage in self.recording.damage:
             self.add_to(damage.number, damage.text)
         for record in self.recording.records:
@@ -77,6 +84,7 @@ class RecordingCheck(CheckedRecording):
                     before = self._latest[record.data["author"], record.data["name"]]
                     text = f"it does not fit record {record.number}: one of them is false"
                     self.add(before, text)
+            yield epoch_us + record.at_us
         if self.recording.cut_off_at is None:
             self._end()
 
@@ -117,8 +125,9 @@ class RecordingCheck(CheckedRecording):
             self._work.after(record, entry)
 
     def _fact(self, record: RecordedMessage, entry: Entry) -> None:
-        self.facts.append((record, entry))
-        self._latest[entry.author, entry.name] = record
+        fact = RecordedFact.of(record, entry)
+        self.facts.append(fact)
+        self._latest[fact.author, fact.name] = fact
         self.counts["facts"] += 1
         if self._authorship is not None:
             self.counts["signatures"] += 1

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import sys
 from collections import Counter
 from collections.abc import Iterable
+from typing import NamedTuple, Protocol
 
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
@@ -14,8 +17,57 @@ from mrbt_mesh.recording.recorded_state import RecordedState
 from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding
 
 
+class Place(Protocol):
+    """Something with a number in a recording, and a time."""
+
+    @property
+    def number(self) -> int:
+        """Of its record; 0: the whole file."""
+
+    @property
+    def at_us(self) -> int:
+        """When it was recorded."""
+
+
+class Where(NamedTuple):
+    """A place of which nothing else is known."""
+
+    number: int
+    at_us: int
+
+
+class RecordedFact(NamedTuple):
+    """What is compared of a fact: who says what in which version, and where it is recorded."""
+
+    number: int
+    at_us: int
+    author: str
+    name: str
+    version: Version
+    hash: int
+    proof: bytes
+
+    @classmethod
+    def of(cls, record: RecordedMessage, entry: Entry) -> RecordedFact:
+        """The fact that a record has; a long run has many, so this is small."""
+        author, name = sys.intern(entry.author), sys.intern(entry.name)
+        signed = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
+        proof = hashlib.blake2b(signed, digest_size=16).digest()
+        return cls(record.number, record.at_us, author, name, entry.version, entry.hash, proof)
+
+    @property
+    def place(self) -> tuple[str, str, Incarnation]:
+        """Where versions of it follow one another."""
+        return self.author, self.name, self.version.incarnation
+
+    @property
+    def whole(self) -> tuple[str, str, Version, int]:
+        """What makes it another fact, its proof apart."""
+        return self.author, self.name, self.version, self.hash
+
+
 class CheckedRecording:
-    """`facts`: those in the recording, each with its message; `plan`: as it was made again."""
+    """`facts`: those in the recording; `plan`: as it was made again."""
 
     def __init__(self, recording: Recording, mission: Mission) -> None:
         self.recording = recording
@@ -25,13 +77,13 @@ class CheckedRecording:
         self.findings: list[RecordingFinding] = []
         self.takeovers: list[ProvedTakeover] = []
         self.counts: Counter[str] = Counter()
-        self.facts: list[tuple[RecordedMessage, Entry]] = []
+        self.facts: list[RecordedFact] = []
 
     def add_to(self, number: int, text: str) -> None:
         """Add a finding about what is no record; 0: about the whole file."""
-        self.add(RecordedMessage(number, "", 0, {}), text)
+        self.add(Where(number, 0), text)
 
-    def add(self, record: RecordedMessage, text: str, against: Iterable[str] = ()) -> None:
+    def add(self, record: Place, text: str, against: Iterable[str] = ()) -> None:
         """Add a finding about a record, which the recordings `against` contradict."""
         at_us = max(0, record.at_us - self.recording.begin_us)
         where = (self.recording.name, record.number, at_us)

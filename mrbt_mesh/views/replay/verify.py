@@ -7,17 +7,19 @@ the recordings are those of their robots, whole.
 
 from __future__ import annotations
 
+import heapq
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
+from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.keys import Authorship
-from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError
+from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
 from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
 from mrbt_mesh.views.replay.check_team import TeamCheck, lives
+from mrbt_mesh.views.replay.checked_recording import RecordedFact
 from mrbt_mesh.views.replay.findings import Verification
 
 _Key = tuple[str, str, Version]
@@ -46,8 +48,9 @@ def verify(
     if manifest is not None:
         authorship = Authorship(partial(was_signed, manifest), first.metadata.run)
     checks = [RecordingCheck(each, plans, authorship) for each in recordings]
-    for check in checks:
-        check.run()
+    # Together, as robots make the same plans at about the same time.
+    for _ in heapq.merge(*(check.steps() for check in checks)):
+        pass
     _contradictions(checks)
     _missing(checks)
     team = TeamCheck(checks, manifest)
@@ -79,27 +82,23 @@ def _run(recording: Recording) -> tuple[str, str, str]:
 
 def _contradictions(checks: Sequence[RecordingCheck]) -> None:
     """A fact of one author, name and version is the same in all recordings, with one proof."""
-    holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedMessage]]]] = {}
-    for check in checks:
-        for record, entry in check.facts:
-            key = (entry.author, entry.name, entry.version)
-            proof = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
-            same = holders.setdefault(key, {}).setdefault((entry.hash, proof), [])
-            same.append((check, record))
+    holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedFact]]]] = {}
+    for check, fact in _all_facts(checks):
+        key = (fact.author, fact.name, fact.version)
+        same = holders.setdefault(key, {}).setdefault((fact.hash, fact.proof), [])
+        same.append((check, fact))
     for (author, name, _), by_hash in holders.items():
         if len(by_hash) == 1:
             continue
         believed = max(by_hash.values(), key=lambda each: _weight(author, each))
         for rows in by_hash.values():
             if rows is not believed:
-                check, record = rows[0]
+                check, fact = rows[0]
                 against = {other.recording.name for other, _ in believed}
-                check.add(record, f"{author}'s {name} differs from the other recordings", against)
+                check.add(fact, f"{author}'s {name} differs from the other recordings", against)
 
 
-def _weight(
-    author: str, rows: Sequence[tuple[RecordingCheck, RecordedMessage]]
-) -> tuple[int, bool]:
+def _weight(author: str, rows: Sequence[tuple[RecordingCheck, RecordedFact]]) -> tuple[int, bool]:
     """The majority is believed; on a tie, the author's recording."""
     names = {check.recording.name for check, _ in rows}
     return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
@@ -117,31 +116,21 @@ def _missing(checks: Sequence[RecordingCheck]) -> None:
         me = check.recording.metadata.robot
         for incarnation in lives(check.recording):
             owners.setdefault((me, incarnation), []).append(check.recording.name)
-        for _, entry in check.facts:
-            (own if entry.author == me else heard).add(_whole(entry))
+        for fact in check.facts:
+            (own if fact.author == me else heard).add(fact.whole)
     missing: dict[tuple[str, str, Incarnation], set[str]] = {}
-    for check, record, entry in _all_facts(checks):
-        authors = owners.get((entry.author, entry.version.incarnation), [])
-        if authors and _whole(entry) not in own and not check.recording.damage:
-            check.add(record, f"{entry.author} has not recorded its {entry.name}", authors)
-            missing.setdefault(_place(entry), set()).add(check.recording.name)
-    for check, record, entry in _all_facts(checks):
-        others = missing.get(_place(entry))
-        is_own = entry.author == check.recording.metadata.robot
-        if others is not None and is_own and _whole(entry) not in heard:
-            text = f"no other recording has this {entry.name}, and others have a different one"
-            check.add(record, text, others)
+    for check, fact in _all_facts(checks):
+        authors = owners.get((fact.author, fact.version.incarnation), [])
+        if authors and fact.whole not in own and not check.recording.damage:
+            check.add(fact, f"{fact.author} has not recorded its {fact.name}", authors)
+            missing.setdefault(fact.place, set()).add(check.recording.name)
+    for check, fact in _all_facts(checks):
+        others = missing.get(fact.place)
+        is_own = fact.author == check.recording.metadata.robot
+        if others is not None and is_own and fact.whole not in heard:
+            text = f"no other recording has this {fact.name}, and others have a different one"
+            check.add(fact, text, others)
 
 
-def _all_facts(
-    checks: Sequence[RecordingCheck],
-) -> Iterator[tuple[RecordingCheck, RecordedMessage, Entry]]:
-    return ((check, record, entry) for check in checks for record, entry in check.facts)
-
-
-def _place(entry: Entry) -> tuple[str, str, Incarnation]:
-    return entry.author, entry.name, entry.version.incarnation
-
-
-def _whole(entry: Entry) -> tuple[str, str, Version, int]:
-    return entry.author, entry.name, entry.version, entry.hash
+def _all_facts(checks: Sequence[RecordingCheck]) -> Iterator[tuple[RecordingCheck, RecordedFact]]:
+    return ((check, fact) for check in checks for fact in check.facts)
