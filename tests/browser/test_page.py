@@ -135,6 +135,7 @@ def use(page: Page) -> None:
     page.wait_for_selector("#events li >> nth=5")
     page.click(".card .name >> nth=1")
     page.wait_for_selector("#why-body .own")
+    assert page.is_visible("#timeline-legend")
     assert accessibility_violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
