@@ -17,7 +17,7 @@ from mrbt_mesh.recording.recorded_state import RecordedState
 from mrbt_mesh.views.replay.findings import ProvedTakeover, RecordingFinding
 
 
-class Place(Protocol):
+class RecordPlace(Protocol):
     """Something with a number in a recording, and a time."""
 
     @property
@@ -83,7 +83,7 @@ class CheckedRecording:
         """Add a finding about what is no record; 0: about the whole file."""
         self.add(Where(number, 0), text)
 
-    def add(self, record: Place, text: str, against: Iterable[str] = ()) -> None:
+    def add(self, record: RecordPlace, text: str, against: Iterable[str] = ()) -> None:
         """Add a finding about a record, which the recordings `against` contradict."""
         at_us = max(0, record.at_us - self.recording.begin_us)
         where = (self.recording.name, record.number, at_us)
