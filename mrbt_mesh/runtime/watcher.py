@@ -194,9 +194,15 @@ class Watcher:
         self.changed.set()
 
     def _take_waiting(self) -> None:
-        for event in (*self._inbox.take(), *self._gate.take_refused()):
-            at_us = event.arrived_us if isinstance(event, MessageReceived) else None
-            self._take(event, max(self._taken_us, at_us or boottime_us()))
+        waiting, at_us = [*self._inbox.take(), *self._gate.take_refused()], boottime_us()
+        timed: list[tuple[Input, int]] = []
+        for event in reversed(waiting):
+            # Other inputs arrived before the message that follows them.
+            if isinstance(event, MessageReceived):
+                at_us = min(at_us, event.arrived_us or at_us)
+            timed.append((event, at_us))
+        for event, at_us in reversed(timed):
+            self._take(event, max(self._taken_us, at_us))
 
     def _take(self, event: Input, now_us: int) -> None:
         observer, self._taken_us = self.observer, now_us

@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from mrbt_mesh.core.agent.commands import answer_body
-from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived
+from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import Role
@@ -165,6 +165,8 @@ def test_messages_of_a_burst_are_taken_in_together_each_at_its_time(desk: Desk) 
         await watcher.changed.wait()
         joined_us = watcher.observer.record.joined_us
         watcher.changed = anyio.Event()
+        # When a token came is not known, but for what followed it.
+        desk.wire.deliver(TokenChanged("R2", Incarnation(1, "n"), True, ""), None)
         arrives("R2", 2_000)
         await anyio.lowlevel.checkpoint()
         assert list(joined_us) == ["R1"]
