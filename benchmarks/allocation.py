@@ -50,6 +50,21 @@ SEED = 1
 TIMEOUT_S = 300.0
 
 
+def cases_of(path: Path) -> list[dict[str, Any]]:
+    """The cases in a file. Raises OSError, and ValueError for a file of another format."""
+    cases = json.loads(path.read_text())
+    try:
+        for case in cases:
+            mission_of(case, plain=False)
+            float(case["ctas_d"]["time"])
+    except (TypeError, KeyError, AttributeError, IndexError, ArithmeticError) as error:
+        what = f"{type(error).__name__}: {error}"
+        raise ValueError(f"not a file of RALTestSet cases as JSON ({what})") from None
+    if not cases:
+        raise ValueError("it has no cases")
+    return list(cases)
+
+
 def mission_of(case: Mapping[str, Any], plain: bool) -> Mission:
     """One case as a mission; a robot of a skill works at its own pace on each task."""
     tasks, robots = case["tasks"], case["robots"]
@@ -187,7 +202,12 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=CORES, help=f"({CORES})")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     options = parser.parse_args()
-    cases = json.loads(options.cases.read_text())
+    try:
+        cases = cases_of(options.cases)
+    except (OSError, ValueError) as error:
+        parser.error(f"{options.cases}: {error}")
+    if not 0 <= options.noise < 1 or options.deaths < 0 or options.jobs < 1:
+        parser.error("--noise is from 0 to below 1, --deaths at least 0, and --jobs at least 1")
     if options.events is not None:
         options.events.mkdir(parents=True, exist_ok=True)
     how = options.plain, options.noise, options.deaths, options.events

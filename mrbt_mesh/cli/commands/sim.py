@@ -54,6 +54,12 @@ share_option = partial(click.option, type=FiniteNumber(0, 1), default=0.0)
 @share_option("--loss", help="Share of messages that are lost.")
 @share_option("--duplicate", help="Share of messages that come twice.")
 @share_option("--reorder", help="Share of messages that others overtake.")
+@click.option(
+    "--noise",
+    type=FiniteNumber(0, 0.999),
+    default=0.0,
+    help="Share by which works and travel times vary at most.",
+)
 @click.option("--delay-ms", type=FiniteNumber(0), default=1.0, help="Delay of a message.")
 @click.option("--jitter-ms", type=FiniteNumber(0), default=1.0, help="Up to this much more.")
 @click.option(
@@ -76,6 +82,7 @@ def run(
     solver: str | None,
     timeout: float,
     speed: float,
+    noise: float,
     schedule: Path | None,
     events: Path | None,
     log: Path | None,
@@ -137,6 +144,7 @@ def run(
         network=_knobs(**options),
         timeout_us=round(timeout * 1e6),
         speed=speed,
+        noise_permille=round(noise * 1_000),
         agents=AgentOptions(solver=solver_for(loaded, solver)),
     )
     run_and_print(once, loaded, named, files, as_json)

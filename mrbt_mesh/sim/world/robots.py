@@ -135,7 +135,7 @@ class Robots:
             software="simulator",
             restored=() if journal.is_locked else journal.read(),
             journal_problem=FULL if journal.is_locked or journal.fails else "",
-            host="simulator",
+            host=f"computer of {robot}",
             pid=identity.pid,
             engine=options.engine,
             plans_apart=options.plan_delay_us is not None,

@@ -33,6 +33,15 @@ def test_the_same_seed_prints_the_same() -> None:
     assert sim(*arguments) == sim(*arguments)
 
 
+def test_works_vary_with_noise_and_the_same_seed_prints_the_same() -> None:
+    first, again, exact = (
+        json.loads(done(sim(EXPLORE, "--json", *noise)))
+        for noise in (("--noise", "0.3"), ("--noise", "0.3"), ())
+    )
+    assert first == again
+    assert 0 < abs(first["duration_s"] / exact["duration_s"] - 1) < 0.35
+
+
 def test_the_summary_for_people_tells_the_story() -> None:
     schedule = ("--kill", "C1@1", "--restart", "C1@5", "--fault", "A1:replace_hw@2")
     text = " ".join(done(sim(REPAIR, *schedule, "--restore", "A1@3", "--kill", "A2@9")).split())
