@@ -1,4 +1,4 @@
-"""The robots of examples/depot: they drive to places, and work there."""
+"""The robots of examples/depot and examples/deliveries: they drive to places, and work there."""
 
 import math
 
@@ -39,6 +39,6 @@ async def drive(task: TaskContext, place: str) -> None:
 
 
 @robot.local_task("*")
-async def do(task: TaskContext, place: str) -> None:
-    """Work takes its time."""
+async def do(task: TaskContext, place: str, boxes: int = 0) -> None:
+    """Work takes its time, for any number of boxes."""
     await work(task)

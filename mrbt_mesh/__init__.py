@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.program import RobotProgram
     from mrbt_mesh.runtime.program_function import ProgramError
     from mrbt_mesh.runtime.robot_options import RobotOptions
+    from mrbt_mesh.runtime.team_client import JobHandle, JobRefusedError, TeamClient, connect
     from mrbt_mesh.runtime.team_member import (
         Assignment,
         NotInTeamError,
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = [
     "Assignment",
     "InputError",
+    "JobHandle",
+    "JobRefusedError",
     "NotInTeamError",
     "ProgramError",
     "RobotContext",
@@ -32,12 +35,18 @@ __all__ = [
     "RobotProgram",
     "TaskContext",
     "TaskFailedError",
+    "TeamClient",
     "TeamMember",
     "__version__",
+    "connect",
     "join_team",
 ]
 
 _MODULES = {
+    "JobHandle": "team_client",
+    "JobRefusedError": "team_client",
+    "TeamClient": "team_client",
+    "connect": "team_client",
     "ProgramError": "program_function",
     "RobotContext": "context",
     "RobotOptions": "robot_options",

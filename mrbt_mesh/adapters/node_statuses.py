@@ -41,7 +41,7 @@ class ObservedTree:
         plan = observer.plan
         team = bytes(len(observer.mission.tree.nodes))
         if plan is not None and observer.robots():
-            team = plan.evaluation.statuses
+            team = plan.evaluation.declared_statuses(observer.mission.tree)
         if self._own is None:
             return team
         assignment, local = self._own.statuses(observer)

@@ -15,7 +15,8 @@ from mrbt_mesh.core.mission.names import type_name
 
 # The core's kinds as BehaviorTree.CPP calls them.
 _OF_KIND = {kind: node for node, kind in reversed(KINDS.items())} | {
-    (Kind.PARALLEL, Memory.NONE): "Parallel"
+    (Kind.PARALLEL, Memory.NONE): "Parallel",
+    (Kind.JOBS, Memory.NONE): "Parallel",
 }
 
 
@@ -24,7 +25,8 @@ def team_tree_document(spec: NodeSpec, file: str) -> Document:
 
     Sequences and Fallbacks without memory become reactive ones; BehaviorTree.CPP has no such
     Parallel, so those are marked `_reactive`. Tasks become actions with their arguments as ports
-    `arg_1`, `arg_2`, ...; a team's bounds and robots have no place.
+    `arg_1`, `arg_2`, ...; a team's bounds and robots have no place. A Jobs node is shown as a
+    Parallel of its types.
     """
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "MainTree"})
     writer = _CoreWriter()
@@ -51,8 +53,8 @@ class _CoreWriter:
                 attributes["name"] = spec.name
             return Element(SUBTREE, attributes)
         element = Element(_OF_KIND[spec.kind, spec.memory])
-        if spec.name:
-            element.attributes["name"] = spec.name
+        if name := spec.name or (str(Kind.JOBS) if spec.kind is Kind.JOBS else ""):
+            element.attributes["name"] = name
         element.attributes |= _limits(spec)
         element.content = [self.element(child) for child in spec.children]
         return element
@@ -99,6 +101,8 @@ def _limits(spec: NodeSpec) -> dict[str, str]:
         fails_at = spec.failures or len(spec.children) - spec.limit + 1
         counts = {"success_count": str(spec.limit), "failure_count": str(fails_at)}
         return counts | ({REACTIVE: "true"} if spec.memory is Memory.NONE else {})
+    if spec.kind is Kind.JOBS:
+        return {"success_count": str(len(spec.children)), "failure_count": "1"}
     if spec.kind is Kind.RETRY:
         return {"num_attempts": str(spec.limit)}
     if spec.kind is Kind.REPEAT:

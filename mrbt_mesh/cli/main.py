@@ -10,15 +10,15 @@ from mrbt_mesh.version import __version__
 
 SECTIONS = {
     "Run a team": {
-        "demo up": "Run an example; start a mission's robots",
-        "watch status ls logs": "Watch a team; who does what; the teams; their logs",
+        "demo up down": "Run an example; start a team; end it",
+        "watch status ls logs": "Watch a team; who does what; teams; logs",
         "agent router keys": "Run one robot or router on any machine; make keys",
     },
     "Act on a running team": {
         "kill freeze thaw leave": "Stop, freeze, thaw or release a robot",
         "join fault": "Start one more robot; break or mend a capability",
-        "pause resume abort": "Pause, resume or end the mission",
-        "decide down": "Decide about a task in doubt; end the team",
+        "submit jobs job": "Hand in a job; list them; change one",
+        "pause resume abort decide": "Pause or end the mission; decide a doubt",
     },
     "Prepare and try out": {
         "new validate plan": "Write a mission, check it, plan for given facts",
@@ -30,6 +30,7 @@ SECTIONS = {
 MODULES = {
     "orders": "kill freeze thaw leave join fault pause resume abort decide",
     "runs": "ls down logs",
+    "jobs": "submit job",
     "plan": "validate",
     "up": "demo",
 }

@@ -58,7 +58,7 @@ class DrillReport(Report):
 
 def _local_tasks(mission: Mission) -> set[str]:
     """The ground local tasks that the mission asks for, and their types."""
-    ground = {need.local_task for task in mission.global_tasks.values() for need in task.needs}
+    ground = {need.local_task for task in mission.all_tasks() for need in task.needs}
     return ground | {split_call(name)[0] for name in ground}
 
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import Tree, TreeError, build_tree
+from mrbt_mesh.core.bt.tree import Kind, Tree, TreeError, build_tree
 from mrbt_mesh.core.mission.constraints import Constraint
 from mrbt_mesh.core.mission.mission import (
+    MAX_AT_MOST,
     MAX_GLOBAL_TASKS,
     AssignmentPolicy,
     Costs,
     FailurePolicy,
     GlobalTask,
     InDoubtPolicy,
+    JobType,
     LocalTask,
     Mission,
     MissionEnd,
@@ -22,11 +25,15 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
     SameRobotAs,
 )
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.constraints import build_constraints
 from mrbt_mesh.formats.expand import (
+    Calls,
     Declared,
     Expander,
+    JobTree,
+    Placeholder,
     Scope,
     Template,
     TooManyNodesError,
@@ -40,6 +47,7 @@ from mrbt_mesh.formats.expand import (
     split_template,
 )
 from mrbt_mesh.formats.failure_reasons import condition_types, local_condition_types
+from mrbt_mesh.formats.jobs import JobTypes, may_request
 from mrbt_mesh.formats.local_trees import LocalTrees
 from mrbt_mesh.formats.mission_model import (
     BidModel,
@@ -86,8 +94,10 @@ class _Builder:
         self.report = report
         self.local_parameters = {n: t.parameters for n, t in model.local_tasks.items()}
         self.globals = frozenset(model.parameters)
+        self.tasks = 0
         self.local_trees = LocalTrees(model, report)
         self.travel = TravelBuilder(model, report)
+        self.jobs = JobTypes(model, self.travel.places, report)
 
     def build(self, folder: Path) -> Mission:
         model = self.model
@@ -106,19 +116,27 @@ class _Builder:
         self.check_effects()
         conditions = condition_types(model, self.report)
         local_conditions = local_condition_types(model, self.report)
-        template, subtrees = self.template()
+        template, subtrees, job_trees = self.templates()
         # Problems so far would be found again for every value.
         self.report.raise_if_any()
-        expander = Expander(subtrees, model.parameters, self.report)
+        at_most = min(MAX_AT_MOST, 2 * len(model.robots))
+        expander = Expander(subtrees, model.parameters, self.report, job_trees, at_most)
         tree = self.tree(expander, template)
-        global_tasks = self.ground_tasks(expander)
         if tree is not None:
-            self.check_same_robots(tree, global_tasks, expander)
-        constraints = self.constraints(global_tasks)
-        needed = sorted({n.local_task for task in global_tasks.values() for n in task.needs})
+            self.jobs.check_nodes(tree, job_trees)
+        needed: dict[str, list[str]] = {}
+        global_tasks = self.ground_tasks(expander.global_calls, needed)
+        jobs = {
+            name: self.job_type(self.jobs[name], job_tree.calls, needed, folder)
+            for name, job_tree in job_trees.items()
+        }
+        if tree is not None:
+            self.check_same_robots(tree, global_tasks, expander, jobs)
+        constraints = self.constraints(global_tasks, jobs)
+        needed = dict(sorted(needed.items()))
         local_trees = self.local_trees.ground(needed)
         program_trees = self.local_trees.ground_programs(needed, folder)
-        travel = self.travel.build(robots, needed, local_trees)
+        travel = self.travel.build(robots, needed, local_trees, jobs.values())
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -139,6 +157,7 @@ class _Builder:
             local_conditions=local_conditions,
             program_trees=program_trees,
             travel=travel,
+            jobs=jobs,
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},
@@ -263,18 +282,22 @@ class _Builder:
             parameters = self.local_parameters
             check_call(same.local_task, "local task", parameters, scope, here, self.report)
 
-    def template(self) -> tuple[Template, dict[str, tuple[Sequence[str], Template]]]:
-        """The template of the tree, and those of all subtrees, checked."""
+    def templates(
+        self,
+    ) -> tuple[Template, dict[str, tuple[Sequence[str], Template]], dict[str, JobTree]]:
+        """The templates of the tree, of all subtrees, and of all types of jobs, checked."""
         model, report = self.model, self.report
         declared = Declared(
             {name: task.parameters for name, task in model.global_tasks.items()},
             {name: entry.parameters for name, entry in model.conditions.items()},
             {name: entry.parameters for name, entry in model.subtrees.items()},
+            jobs=model.jobs,
         )
         trees = {n: (entry.tree, ("subtrees", n, "tree")) for n, entry in model.subtrees.items()}
         template = read_template(model.tree, ("tree",), report)
         check_template(template, declared, self.globals, report)
-        return template, check_templates(trees, declared, model.parameters, report)
+        subtrees = check_templates(trees, declared, model.parameters, report)
+        return template, subtrees, self.jobs.templates(replace(declared, jobs=None))
 
     def tree(self, expander: Expander, template: Template) -> Tree | None:
         """The ground tree, or None after a problem."""
@@ -287,10 +310,12 @@ class _Builder:
             self.report.add(("tree",), str(error))
             return None
 
-    def ground_tasks(self, expander: Expander) -> dict[str, GlobalTask]:
+    def ground_tasks(self, calls: Calls, needed: dict[str, list[str]]) -> dict[str, GlobalTask]:
+        """The tasks that are called; the local tasks of their needs are added to `needed`."""
         tasks: dict[str, GlobalTask] = {}
-        for ground, (name, arguments, path) in expander.global_calls.items():
-            if len(tasks) >= MAX_GLOBAL_TASKS:
+        for ground, (name, arguments, path) in calls.items():
+            self.tasks += 1
+            if self.tasks > MAX_GLOBAL_TASKS:
                 self.report.add(path, f"more than {MAX_GLOBAL_TASKS} global tasks once expanded")
                 break
             model = self.model.global_tasks[name]
@@ -300,7 +325,7 @@ class _Builder:
             blocked = self.model.blocked if model.blocked is None else model.blocked
             tasks[ground] = GlobalTask(
                 ground,
-                self.needs(ground, name, model, scope),
+                self.needs(ground, name, model, scope, needed),
                 failure,
                 self.blocked_us(blocked, path),
                 model.preemptive,
@@ -312,14 +337,37 @@ class _Builder:
             )
         return tasks
 
+    def job_type(
+        self, known: JobType, calls: Calls, needed: dict[str, list[str]], folder: Path
+    ) -> JobType:
+        """A type with what its tree needs; local tasks without placeholders go to `needed`."""
+        local_calls: dict[str, list[str]] = {}
+        tasks = self.ground_tasks(calls, local_calls)
+        for local, arguments in sorted(local_calls.items()):
+            del local_calls[local]
+            of_job = any(isinstance(argument, Placeholder) for argument in arguments)
+            (local_calls if of_job else needed)[local] = arguments
+        return replace(
+            known,
+            global_tasks=tasks,
+            local_trees=self.local_trees.ground(local_calls),
+            at=self.travel.of_job(known, local_calls),
+            program_trees=self.local_trees.ground_programs(local_calls, folder),
+        )
+
     def needs(
-        self, ground: str, name: str, model: GlobalTaskModel, scope: Scope
+        self,
+        ground: str,
+        name: str,
+        model: GlobalTaskModel,
+        scope: Scope,
+        needed: dict[str, list[str]],
     ) -> tuple[Need, ...]:
         needs: dict[str, Need] = {}
         for text, need in model.needs.items():
             path: SourcePath = ("global_tasks", name, "needs", text)
             try:
-                local, _ = ground_call(text, scope)
+                local, arguments = ground_call(text, scope)
             except ValueError as error:
                 self.report.add(path, f"in {ground}: {error}")
                 continue
@@ -338,6 +386,7 @@ class _Builder:
                 within_us = micro_or_report(bid.bid_within_s, path, self.report)
             by_bid = bid != "declared"
             needs[local] = Need(local, need.min, most, same, by_bid, within_us)
+            needed[local] = arguments
         return tuple(needs.values())
 
     def check_effects(self) -> None:
@@ -382,31 +431,66 @@ class _Builder:
         return SameRobotAs(ground, ground_call(local, scope)[0])
 
     def check_same_robots(
-        self, tree: Tree, tasks: Mapping[str, GlobalTask], expander: Expander
+        self,
+        tree: Tree,
+        tasks: Mapping[str, GlobalTask],
+        expander: Expander,
+        jobs: Mapping[str, JobType],
     ) -> None:
         """Tasks named by same_robot_as come before in the tree, and need that local task."""
-        seen: set[str] = set()
-        for node in tree.actions():
-            for need in tasks[node.subject].needs if node.subject in tasks else ():
-                before = need.same_robot_as
-                if before is None:
-                    continue
-                name, _, path = expander.global_calls[node.subject]
-                here = f"{node.subject} needs a robot that did {before.global_task}"
-                if before.global_task not in seen:
-                    self.report.add(path, f"{here}, which does not come before it in the tree")
-                elif before.local_task not in {
-                    each.local_task for each in tasks[before.global_task].needs
-                }:
-                    place = ("global_tasks", name, "needs")
-                    text = f"{before.global_task} needs no {before.local_task}"
-                    self.report.add(place, f"same_robot_as: {text}")
-            seen.add(node.subject)
 
-    def constraints(self, tasks: Mapping[str, GlobalTask]) -> tuple[Constraint, ...]:
+        def check(
+            index: int, tasks: Mapping[str, GlobalTask], calls: Calls, seen: set[str]
+        ) -> None:
+            node = tree.nodes[index]
+            if node.kind is Kind.ACTION and node.subject in tasks:
+                name, _, path = calls[node.subject]
+                self.check_seen(tasks[node.subject], tasks, seen, name, path)
+                seen.add(node.subject)
+            for child in node.children:
+                if node.kind is Kind.JOBS:
+                    # What comes after does not rely on jobs.
+                    name = tree.nodes[child].name
+                    own = {**tasks, **jobs[name].global_tasks}
+                    check(child, own, {**calls, **expander.jobs[name].calls}, set(seen))
+                else:
+                    check(child, tasks, calls, seen)
+
+        check(0, tasks, expander.global_calls, set())
+
+    def check_seen(
+        self,
+        task: GlobalTask,
+        tasks: Mapping[str, GlobalTask],
+        seen: set[str],
+        name: str,
+        path: SourcePath,
+    ) -> None:
+        """`check_same_robots`, of one task; `seen`: those that come before it."""
+        for need in task.needs:
+            before = need.same_robot_as
+            if before is None:
+                continue
+            here = f"{task.id} needs a robot that did {before.global_task}"
+            if before.global_task not in seen:
+                self.report.add(path, f"{here}, which does not come before it in the tree")
+            elif tasks[before.global_task].need(before.local_task) is None:
+                place = ("global_tasks", name, "needs")
+                text = f"{before.global_task} needs no {before.local_task}"
+                self.report.add(place, f"same_robot_as: {text}")
+
+    def constraints(
+        self, tasks: Iterable[str], jobs: Mapping[str, JobType]
+    ) -> tuple[Constraint, ...]:
         model = self.model
+        known = {*tasks, *(type_name(name) for job in jobs.values() for name in job.global_tasks)}
+        for limited in model.constraints.not_at_once:
+            calls = {call_text(*split_template(text)) for text in limited.global_tasks}
+            known |= {
+                call for call in calls if any(may_request(job, call) for job in jobs.values())
+            }
         found = build_constraints(
-            model.constraints, model.robots, self.local_parameters, tasks, self.report
+            model.constraints, model.robots, self.local_parameters, known, self.report
         )
         if found and model.solver == "min_cost_flow":
             text = "min_cost_flow knows no side constraints; use cp_sat, or leave it out"

@@ -17,7 +17,7 @@ from mrbt_mesh.core.bt.evaluation import OwnFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, GuardWithActions
 from mrbt_mesh.core.bt.tree import Kind, Node, Status, Tree
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import GlobalTask, Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.formats.node_paths import child_path, root_path
 
@@ -39,12 +39,13 @@ def cautions(mission: Mission) -> list[str]:
 
 
 def _stuck_fallbacks(mission: Mission) -> Iterator[str]:
+    tasks = _tasks(mission)
     for node in mission.tree.nodes:
         if node.kind is not Kind.FALLBACK:
             continue
         waiting: dict[str, None] = {}
         for child in node.children[:-1]:
-            names = dict.fromkeys(_waiting_for_ever(mission, child))
+            names = dict.fromkeys(_waiting_for_ever(mission.tree, child, tasks))
             if names and _possible_ends(mission.tree, child)[1]:
                 waiting.update(names)
         if waiting:
@@ -65,7 +66,7 @@ def _possible_ends(tree: Tree, index: int) -> tuple[bool, bool]:
     succeeds = [can_succeed for can_succeed, _ in children]
     fails = [can_fail for _, can_fail in children]
     match node.kind:
-        case Kind.ACTION | Kind.CONDITION:
+        case Kind.ACTION | Kind.CONDITION | Kind.JOBS:
             return True, True
         case Kind.SEQUENCE:
             return all(succeeds), _reached(fails, succeeds)
@@ -110,24 +111,29 @@ def _reached(ends: Sequence[bool], leads_on: Sequence[bool]) -> bool:
     return any(end and all(leads_on[:position]) for position, end in enumerate(ends))
 
 
-def _waiting_for_ever(mission: Mission, index: int) -> Iterator[str]:
+def _waiting_for_ever(tree: Tree, index: int, tasks: Mapping[str, GlobalTask]) -> Iterator[str]:
     """The tasks at or below a node that wait while blocked and that no Timeout ends."""
-    node = mission.tree.nodes[index]
+    node = tree.nodes[index]
     if node.kind is Kind.ACTION:
-        if mission.global_tasks[node.subject].blocked_fail_after_us is None:
+        if tasks[node.subject].blocked_fail_after_us is None:
             yield node.subject
-    elif node.kind is not Kind.TIMEOUT:
+    elif node.kind not in (Kind.TIMEOUT, Kind.JOBS):
         for child in node.children:
-            yield from _waiting_for_ever(mission, child)
+            yield from _waiting_for_ever(tree, child, tasks)
+
+
+def _tasks(mission: Mission) -> dict[str, GlobalTask]:
+    """By name. Tasks of jobs with the same placeholders are the same."""
+    return {task.id: task for task in mission.all_tasks()}
 
 
 # -- actions that undo what led to them -------------------------------------------------------
 
 
 def _undoing_actions(mission: Mission) -> Iterator[str]:
-    guards = mission.evaluator
+    guards, tasks = mission.evaluator, _tasks(mission)
     for node in mission.tree.actions():
-        effects = dict(mission.global_tasks[node.subject].effects)
+        effects = dict(tasks[node.subject].effects)
         for parent, position in _ways_down(mission, node) if effects else ():
             turned = _turned_against(guards, parent, position, effects)
             if parent.kind is Kind.SEQUENCE and turned:
@@ -203,15 +209,14 @@ def _holding(values: Mapping[str, bool]) -> set[str]:
 
 
 def _conditions_that_never_hold(mission: Mission) -> Iterator[str]:
-    ends = [
-        (node.subject, need.local_task)
-        for node in mission.tree.actions()
-        for need in mission.global_tasks[node.subject].needs
-    ]
+    pairs = [(task.id, need.local_task) for task in mission.all_tasks() for need in task.needs]
+    ends = [pair for pair in pairs if not any(map(_of_job, pair))]
+    # What these become is known only with a job.
+    of_jobs = {type_name(name) for pair in pairs for name in pair if _of_job(name)}
     read = {n.subject: n for n in reversed(mission.tree.nodes) if n.kind is Kind.CONDITION}
     for name, node in sorted(read.items(), key=lambda item: item[1].index):
         declared = mission.conditions[type_name(name)]
-        if declared.failure is None:
+        if declared.failure is None or declared.failure.task in of_jobs or _of_job(name):
             continue
         set_by_ends = (declared.after_end(*end, success=True, reason="") for end in ends)
         if all(each is None or each[0] != name for each in set_by_ends):
@@ -220,6 +225,10 @@ def _conditions_that_never_hold(mission: Mission) -> Iterator[str]:
                 f"{_place(mission, node)}: {name} never holds: it is about a failure of {task}, "
                 "which the tree does not request with these arguments"
             )
+
+
+def _of_job(name: str) -> bool:
+    return "{" in name
 
 
 # -- words ------------------------------------------------------------------------------------

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import Kind, Tree
+from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
+from mrbt_mesh.core.mission.jobs import may_be_above_jobs, most_nodes, with_one_of_each
 from mrbt_mesh.core.mission.mission import (
+    MAX_AT_MOST,
     MAX_BID_WITHIN_US,
+    MAX_CHOICES,
     MAX_COST,
     MAX_GLOBAL_TASKS,
+    MAX_NUMBER,
     MAX_PERFORMANCE,
+    MAX_PRIORITY,
     MAX_ROBOTS,
+    JobParameter,
     Mission,
+    MissionEnd,
     mission_from_json,
     travel_problems,
 )
-from mrbt_mesh.core.mission.names import is_robot_id, split_call, type_name
+from mrbt_mesh.core.mission.names import (
+    ARGUMENT_PATTERN,
+    MAX_ARGUMENTS,
+    NAME_PATTERN,
+    is_robot_id,
+    split_call,
+    type_name,
+)
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS
 from mrbt_mesh.errors import FileError, Problem, whole_file_error
 
@@ -69,6 +84,8 @@ def _check_capabilities(capabilities: Mapping[str, int], owner: str, mission: Mi
 
 def _check(mission: Mission) -> None:
     """Types, ranges and cross-references: what reading the YAML form has checked."""
+    _check_jobs(mission)
+    mission = with_one_of_each(mission)
     _expect(isinstance(mission.name, str), f"name {mission.name!r}")
     _expect(mission.program is None or isinstance(mission.program, str), "program")
     _expect(mission.solver is None or isinstance(mission.solver, str), "solver")
@@ -100,6 +117,51 @@ def _check(mission: Mission) -> None:
     _check_local_trees(mission)
     _check_program_trees(mission)
     _check_travel(mission)
+
+
+def _check_jobs(mission: Mission) -> None:
+    nodes, places = mission.tree.nodes, mission.travel.places if mission.travel else ()
+    for known in mission.jobs.values():
+        here = f"job type {known.name}"
+        _expect(re.fullmatch(NAME_PATTERN, known.name) is not None, here)
+        names = [each.name for each in known.parameters]
+        _expect(len({*names}) == len(names) <= MAX_ARGUMENTS, f"{here}: parameters")
+        for each in known.parameters:
+            _check_job_parameter(each, f"{here}: parameter {each.name!r}")
+        _expect(_is_integer(known.priority, 0, MAX_PRIORITY), f"{here}: priority")
+        deadline_us = known.deadline_us
+        _expect(deadline_us is None or (type(deadline_us) is int and deadline_us > 0), here)
+        _expect(isinstance(known.ends_mission, bool), f"{here}: ends_mission")
+        own = (known.global_tasks, known.local_trees, known.at, known.program_trees)
+        _expect(all("{" in name for of_job in own for name in of_job), f"{here}: ground names")
+        at = all(each in places for place in known.at.values() for each in known.values(place))
+        _expect(at, f"{here}: places")
+    types = [nodes[child].name for n in nodes if n.kind is Kind.JOBS for child in n.children]
+    _expect(sorted(types) == sorted(mission.jobs), "each job type is in one Jobs node")
+    for node in nodes:
+        if node.kind is Kind.JOBS:
+            _expect(_is_integer(node.limit, 1, MAX_AT_MOST), "jobs at a time")
+            kinds = {nodes[child].kind for child in node.children}
+            _expect(kinds == {Kind.SUBTREE}, "children of Jobs")
+            above = node.parent
+            while above >= 0:
+                _expect(may_be_above_jobs(nodes[above].kind, nodes[above].memory), "above Jobs")
+                above = nodes[above].parent
+    _expect(most_nodes(mission.tree) <= MAX_NODES, "too many nodes of jobs")
+    has_end = any(known.ends_mission for known in mission.jobs.values())
+    _expect(
+        not types or has_end or mission.ends is MissionEnd.NEVER, "it waits for jobs and never ends"
+    )
+
+
+def _check_job_parameter(parameter: JobParameter, here: str) -> None:
+    _expect(re.fullmatch(NAME_PATTERN, parameter.name) is not None, here)
+    choices = parameter.choices
+    fitting = [each for each in choices if re.fullmatch(ARGUMENT_PATTERN, each)]
+    _expect(len({*fitting}) == len(choices) <= MAX_CHOICES, f"{here}: choices")
+    low, high = parameter.low, parameter.high
+    in_order = _is_integer(low, -MAX_NUMBER, MAX_NUMBER) and _is_integer(high, low, MAX_NUMBER)
+    _expect(in_order, f"{here}: numbers")
 
 
 def _check_global_tasks(mission: Mission) -> None:
@@ -143,6 +205,7 @@ def _check_local_trees(mission: Mission) -> None:
         _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
     for name, tree in mission.local_trees.items():
         split_call(name)
+        _expect(not tree.containing(Kind.JOBS)[0], f"tree of {name}: jobs")
         _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
         _check_nodes(tree, f"tree of {name}", is_local_task, mission.knows_local_condition)
 
@@ -171,7 +234,7 @@ def _check_travel(mission: Mission) -> None:
         _expect(place in travel.places, f"place {place!r}")
     _expect(isinstance(travel.has_way_back, bool), "way back")
     _expect(_is_integer(travel.horizon, 1, MAX_HORIZON), f"horizon {travel.horizon!r}")
-    for _, problem in travel_problems(travel, mission.robots.values()):
+    for _, problem in travel_problems(travel, mission.robots.values(), mission.jobs.values()):
         _expect(False, problem)
 
 

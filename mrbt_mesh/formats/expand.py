@@ -8,17 +8,24 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
+from mrbt_mesh.core.mission.jobs import may_be_above_jobs
 from mrbt_mesh.core.mission.mission import MICRO
-from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN
+from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_NAME
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.problems import Report, SourcePath, found
-from mrbt_mesh.formats.tree_model import CompositeModel, NodeModel, ParallelModel
+from mrbt_mesh.formats.tree_model import (
+    ALL_TYPES,
+    CompositeModel,
+    JobsModel,
+    NodeModel,
+    ParallelModel,
+)
 
 Scope: TypeAlias = Mapping[str, Any]
 _REFERENCE = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")
@@ -33,7 +40,8 @@ class TooManyNodesError(Exception):
 class Template:
     """A node of the file, before expansion; `path` is its place in the file.
 
-    `text` is the call of a leaf or SubTree. `children` come first, then `loop` once per
+    `text` is the call of a leaf or SubTree. `jobs`: the types that a Jobs node names, with their
+    places in the file; none: all types. `children` come first, then `loop` once per
     combination of the values of `for_each`, of which the first changes slowest.
     """
 
@@ -49,6 +57,21 @@ class Template:
     timeout_us: int = 0
     memory: Memory = Memory.NONE
     failures: int = 0
+    jobs: tuple[tuple[str, SourcePath], ...] = ()
+
+
+class Placeholder(str):
+    """A text in which parameters of a job have no values yet: `{from}`, `shelf_{number}`.
+
+    `longest`: how many characters it has at most once they have.
+    """
+
+    longest: int
+
+    def __new__(cls, text: str, longest: int) -> Placeholder:
+        found = super().__new__(cls, text)
+        found.longest = longest
+        return found
 
 
 def to_micro(value: float) -> int:
@@ -67,6 +90,11 @@ def argument_text(value: Any) -> str:
         text = str(value)
     else:
         raise ValueError(f"an argument is text or a number, found {found(value)}")
+    if isinstance(value, Placeholder):
+        if value.longest > MAX_NAME:
+            longest = f"{value} becomes a text of up to {value.longest} characters"
+            raise ValueError(f"an argument has at most {MAX_NAME} characters, but {longest}")
+        return value
     if _ARGUMENT.fullmatch(text) is None:
         allowed = "1 to 64 letters, digits, _, ., + or -"
         raise ValueError(f"an argument has {allowed}, found {found(text)}")
@@ -95,7 +123,18 @@ def substitute(argument: str, scope: Scope) -> Any:
     whole = _REFERENCE.fullmatch(argument)
     if whole is not None:
         return scope[whole[1]]
-    return _REFERENCE.sub(lambda match: argument_text(scope[match[1]]), argument)
+    parts = _REFERENCE.split(argument)
+    parts[1::2] = [argument_text(scope[name]) for name in parts[1::2]]
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[str]) -> str:
+    """One text; a placeholder if any of the parts is one."""
+    text = "".join(parts)
+    if not any(isinstance(part, Placeholder) for part in parts):
+        return text
+    lengths = (part.longest if isinstance(part, Placeholder) else len(part) for part in parts)
+    return Placeholder(text, sum(lengths))
 
 
 def ground_call(text: str, scope: Scope) -> tuple[str, list[str]]:
@@ -115,6 +154,8 @@ def read_template(node: str | NodeModel, path: SourcePath, report: Report) -> Te
         return Template(here, kind, text=body)
     if kind in CONTROLS:
         return _read_control(kind, body, here, report)
+    if kind is Kind.JOBS:
+        return _read_jobs(body, here)
     if kind is Kind.RETRY or kind is Kind.REPEAT:
         limit = body.attempts if kind is Kind.RETRY else body.cycles
         child = read_template(body.do, (*here, "do"), report)
@@ -163,14 +204,28 @@ def _read_control(
     )
 
 
+def _read_jobs(body: str | list[str] | JobsModel, path: SourcePath) -> Template:
+    types, here = (body.types, (*path, "types")) if isinstance(body, JobsModel) else (body, path)
+    limit = (body.at_most or 0) if isinstance(body, JobsModel) else 0
+    if isinstance(types, str):
+        named: list[tuple[str, SourcePath]] = [] if types == ALL_TYPES else [(types, here)]
+    else:
+        named = [(name, (*here, i)) for i, name in enumerate(types)]
+    return Template(path, Kind.JOBS, limit=limit, jobs=tuple(named))
+
+
 @dataclass(frozen=True)
 class Declared:
-    """The parameters of everything that a tree may name, and what a leaf or SubTree names."""
+    """The parameters of everything that a tree may name, and what a leaf or SubTree names.
+
+    `jobs`: the types of jobs, None in a tree of which jobs cannot be a part.
+    """
 
     actions: Mapping[str, Sequence[str]]
     conditions: Mapping[str, Sequence[str]]
     subtrees: Mapping[str, Sequence[str]]
     words: tuple[str, str, str] = ("global task", "condition", "subtree")
+    jobs: Collection[str] | None = None
 
     def table(self, kind: Kind) -> tuple[str, Mapping[str, Sequence[str]]]:
         """What a leaf or SubTree of this kind names, and the declared ones."""
@@ -210,6 +265,8 @@ def check_template(
             report.add(template.path, message)
         else:
             check_call(template.text, what, table, scope, template.path, report)
+    if template.kind is Kind.JOBS:
+        _check_jobs(template, declared.jobs, report)
     check_references(template.name, scope, (*template.path, "name"), report)
     for child in template.children:
         check_template(child, declared, scope, report)
@@ -219,6 +276,19 @@ def check_template(
     inner = scope | {variable for variable, _ in template.for_each}
     for child in template.loop:
         check_template(child, declared, inner, report)
+
+
+def _check_jobs(template: Template, known: Collection[str] | None, report: Report) -> None:
+    if known is None:
+        message = "Jobs is a node of the team's tree; a tree inside it holds no other jobs"
+        report.add(template.path, message)
+        return
+    if not known:
+        example = "jobs: {count: {tree: count_shelf}}"
+        report.add(template.path, f"there are no types of jobs; declare one, e.g. {example}")
+    for name, path in template.jobs:
+        if name not in known:
+            report.add(path, f"{name!r} is no declared job type{nearest(name, known)}")
 
 
 def check_call(
@@ -284,19 +354,42 @@ def check_cycles(subtrees: Mapping[str, Template], report: Report) -> None:
                 trail.append((target, subtree_calls(subtrees[target])))
 
 
+LocalCalls: TypeAlias = Mapping[str, Sequence[str]]
+Calls: TypeAlias = dict[str, tuple[str, tuple[str, ...], SourcePath]]
+
+
+@dataclass
+class JobTree:
+    """The tree of a job type, with a placeholder for each parameter.
+
+    `calls`: as `Expander.global_calls`, of names with placeholders. `is_placed`: whether some Jobs
+    node has it.
+    """
+
+    template: Template
+    placeholders: Mapping[str, Placeholder]
+    calls: Calls = field(default_factory=dict)
+    is_placed: bool = False
+
+
 @dataclass
 class Expander:
     """Puts values into checked templates. Problems go to the report.
 
     `global_calls` collects the ground global tasks that were mentioned, in tree order,
-    with their arguments and the place of the first mention.
+    with their arguments and the place of the first mention. `jobs`: the types of jobs, of each of
+    which `at_most` are in the tree at a time unless the node says it.
     """
 
     subtrees: Mapping[str, tuple[Sequence[str], Template]]
     parameters: Scope
     report: Report
-    global_calls: dict[str, tuple[str, tuple[str, ...], SourcePath]] = field(default_factory=dict)
+    jobs: Mapping[str, JobTree] = field(default_factory=dict)
+    at_most: int = 1
+    global_calls: Calls = field(default_factory=dict)
     nodes: int = 0
+    _above: list[Template] = field(default_factory=list)
+    _job: JobTree | None = None
 
     def expand(self, template: Template, scope: Scope, depth: int = 1) -> NodeSpec | None:
         """The ground node, or None after a problem. Raises TooManyNodesError."""
@@ -308,21 +401,34 @@ class Expander:
         if depth > MAX_DEPTH:
             self.report.add(template.path, f"the tree is deeper than {MAX_DEPTH} levels here")
             return None
+        self._above.append(template)
         try:
             if template.kind in LEAVES:
-                return self._leaf(template, scope)
-            if template.kind is Kind.SUBTREE:
-                return self._subtree(template, scope, depth)
-            return self._inner(template, scope, depth)
+                found: NodeSpec | None = self._leaf(template, scope)
+            elif template.kind is Kind.SUBTREE:
+                found = self._subtree(template, scope, depth)
+            elif template.kind is Kind.JOBS:
+                found = self._jobs(template, depth)
+            else:
+                found = self._inner(template, scope, depth)
         except ValueError as error:
             self.report.add(template.path, str(error))
-            return None
+            found = None
+        self._above.pop()
+        return found
 
     def _leaf(self, template: Template, scope: Scope) -> NodeSpec:
         subject, values = ground_call(template.text, scope)
         if template.kind is Kind.ACTION:
             call = (split_template(template.text)[0], tuple(values), template.path)
-            self.global_calls.setdefault(subject, call)
+            of_job = [value for value in values if isinstance(value, Placeholder)]
+            # Else a ground name would not say which job's values it has.
+            joined = next((value for value in of_job if value.count("{") > 1), None)
+            if joined is not None:
+                message = f"{joined} joins parameters of a job in one argument of a global task"
+                raise ValueError(f"{message}; give each an argument of its own")
+            calls = self._job.calls if self._job and of_job else self.global_calls
+            calls.setdefault(subject, call)
         return NodeSpec(template.kind, subject=subject)
 
     def _subtree(self, template: Template, scope: Scope, depth: int) -> NodeSpec | None:
@@ -333,6 +439,29 @@ class Expander:
         child = self.expand(body, inner, depth + 1)
         title = call_text(name, (_title_text(value) for value in values))
         return child and NodeSpec(Kind.SUBTREE, (child,), name=title)
+
+    def _jobs(self, template: Template, depth: int) -> NodeSpec | None:
+        if self._job is not None:
+            raise ValueError("a job's tree holds no other jobs, and this Jobs node is part of one")
+        for above in self._above[:-1]:
+            if not may_be_above_jobs(above.kind, above.memory):
+                kind = f"{above.kind} with memory" if above.kind in CONTROLS else str(above.kind)
+                place = f"line {self.report.line(above.path)}"
+                raise ValueError(f"jobs cannot be below {kind} ({place}); move the node out of it")
+        children = []
+        for name in [name for name, _ in template.jobs] or sorted(self.jobs):
+            job = self.jobs[name]
+            if job.is_placed:
+                message = f"{name} is in a Jobs node already, and its jobs can be in one only"
+                raise ValueError(f"{message}; name it once, and this node in no for_each")
+            job.is_placed, self._job = True, job
+            child = self.expand(job.template, {**self.parameters, **job.placeholders}, depth + 2)
+            self._job = None
+            children.append(child and NodeSpec(Kind.SUBTREE, (child,), name=name))
+        ground = tuple(child for child in children if child is not None)
+        if len(ground) < len(children):
+            return None
+        return NodeSpec(Kind.JOBS, ground, limit=template.limit or self.at_most)
 
     def _inner(self, template: Template, scope: Scope, depth: int) -> NodeSpec | None:
         children = [self.expand(child, scope, depth + 1) for child in template.children]
@@ -360,6 +489,9 @@ class Expander:
         lists = []
         for variable, given in template.for_each:
             values = substitute(given, scope) if isinstance(given, str) else given
+            if isinstance(values, Placeholder):
+                message = f"for_each {variable}: {given} has one value, a job's own"
+                raise ValueError(f"{message}; for_each goes over lists of the mission")
             if not isinstance(values, list):
                 shown = f"{given} is {found(values)}" if isinstance(given, str) else found(values)
                 raise ValueError(f"for_each {variable}: a list is expected, but {shown}")

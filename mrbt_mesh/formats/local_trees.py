@@ -13,18 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Tree, TreeError, build_tree
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.expand import (
     Declared,
     Expander,
+    LocalCalls,
     Scope,
     TooManyNodesError,
     check_call,
     check_references,
     check_templates,
     ground_call,
-    split_template,
     substitute,
 )
 from mrbt_mesh.formats.mission_model import LocalTaskOrTreeModel, MissionModel
@@ -53,6 +54,7 @@ class LocalTrees:
             WORDS,
         )
         bodies = {name: (tree, ("local_tasks", name, "tree")) for name, tree in trees.items()}
+        self._files: dict[str, tuple[str, str, str] | None] | None = None
         self._templates = check_templates(bodies, declared, model.parameters, report)
         conditions = {name: entry.parameters for name, entry in model.conditions.items()}
         for name, task in model.local_tasks.items():
@@ -64,12 +66,12 @@ class LocalTrees:
                 place = ("local_tasks", name, "outputs", entry)
                 check_call(condition, "condition", conditions, scope, place, report)
 
-    def ground(self, local_tasks: Iterable[str]) -> dict[str, Tree]:
+    def ground(self, local_tasks: LocalCalls) -> dict[str, Tree]:
         """The tree of each of these ground local tasks that has one in YAML."""
         expander = Expander(self._templates, self._model.parameters, self._report)
         found: dict[str, Tree] = {}
-        for ground in local_tasks:
-            name, arguments = split_template(ground)
+        for ground, arguments in local_tasks.items():
+            name = type_name(ground)
             if name not in self._templates:
                 continue
             parameters, body = self._templates[name]
@@ -83,17 +85,18 @@ class LocalTrees:
                 self._report.add(("local_tasks", name, "tree"), f"{ground}: {error}")
         return found
 
-    def ground_programs(self, local_tasks: Iterable[str], folder: Path) -> dict[str, ProgramTree]:
+    def ground_programs(self, local_tasks: LocalCalls, folder: Path) -> dict[str, ProgramTree]:
         """The tree of each of these ground local tasks that has one in a file below `folder`."""
-        read = {
-            name: self._read(name, task.tree_file, folder)
-            for name, task in sorted(self._model.local_tasks.items())
-            if task.tree_file is not None
-        }
+        if self._files is None:
+            self._files = {
+                name: self._read(name, task.tree_file, folder)
+                for name, task in sorted(self._model.local_tasks.items())
+                if task.tree_file is not None
+            }
         found: dict[str, ProgramTree] = {}
-        for ground in local_tasks:
-            name, arguments = split_template(ground)
-            if (tree := read.get(name)) is not None:
+        for ground, arguments in local_tasks.items():
+            name = type_name(ground)
+            if (tree := self._files.get(name)) is not None:
                 task = self._model.local_tasks[name]
                 scope = self._scope(task.parameters, arguments)
                 found[ground] = ProgramTree(*tree, *self._filled(name, task, scope))

@@ -6,6 +6,7 @@ they are imported only when a YAML file is read.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,12 +58,12 @@ def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:
 def mission_warnings(mission: Mission) -> list[str]:
     """Likely mistakes: global tasks that this team can never do, robots that are never asked."""
     warnings = []
-    for task in mission.global_tasks.values():
+    for task in mission.all_tasks():
         for need in task.needs:
             able = [
                 robot.id
                 for robot in mission.robots.values()
-                if performance(robot.capabilities, need.local_task) is not None
+                if _may_do(robot.capabilities, need.local_task)
             ]
             if len(able) < need.min_robots:
                 who = ", ".join(able) or "none"
@@ -70,8 +71,15 @@ def mission_warnings(mission: Mission) -> list[str]:
                     f"{task.id} needs {need.min_robots} robots that can do {need.local_task}; "
                     f"this mission has {len(able)} ({who})"
                 )
-    used = {type_name(need.local_task) for t in mission.global_tasks.values() for need in t.needs}
+    used = {*mission.local_task_types.values()}
     for robot in mission.robots.values():
         if not any(type_name(ground) in used for ground in robot.capabilities):
             warnings.append(f"robot {robot.id} can do nothing that the tree asks for")
     return warnings
+
+
+def _may_do(capabilities: Mapping[str, int], local_task: str) -> bool:
+    """Whether a robot can do it; with a placeholder, for some job."""
+    if "{" in local_task:
+        return type_name(local_task) in map(type_name, capabilities)
+    return performance(capabilities, local_task) is not None

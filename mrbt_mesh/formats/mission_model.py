@@ -27,8 +27,12 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
+    MAX_CHOICES,
     MAX_COST,
     MAX_GLOBAL_TASKS,
+    MAX_JOB_TYPES,
+    MAX_NUMBER,
+    MAX_PRIORITY,
     MAX_ROBOTS,
     MICRO,
 )
@@ -51,6 +55,7 @@ from mrbt_mesh.formats.tree_model import (
     Node,
     NodeModel,
     Scalar,
+    Tries,
 )
 
 MAX_PERFORMANCE_UNITS = 1e6
@@ -62,6 +67,7 @@ SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 _PROGRAM = r"^[^\n]+\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"
 _SOLVER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,127}(:[A-Za-z_][A-Za-z0-9_.]{0,127})?$"
 _PLACE = f"^{ARGUMENT_PATTERN}$"
+_PLACE_OR_LIST = rf"^(place|\${NAME_PATTERN})$"
 _AT = rf"^([A-Za-z0-9_.+-]|\${NAME_PATTERN}){{1,64}}$"
 
 TREE_FILE = r"[^\n#]+\.xml(#[^\n#]+)?"
@@ -71,6 +77,7 @@ EXPLAINED_HERE = TREE_EXPLAINED | {
     _PROGRAM: "a Python file is expected, e.g. robot.py or robot.py:name",
     _PLACE: "a place is expected: 1 to 64 letters, digits, _, ., + or -",
     _AT: "a place is expected, e.g. dock, $place or shelf_$number",
+    _PLACE_OR_LIST: "place, or the name of a parameter that is a list, is expected, e.g. $shelves",
     _SOLVER: "the name of a solver is expected, e.g. cp_sat or package.module:function",
 }
 
@@ -297,6 +304,43 @@ class SubTreeModel(FileModel):
     tree: Node
 
 
+class RangeModel(FileModel):
+    """Whole numbers from `min` to `max`."""
+
+    min: Annotated[int, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+    max: Annotated[int, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+
+
+JobValues: TypeAlias = Annotated[
+    Annotated[str, Field(pattern=_PLACE_OR_LIST), Tag("<text>")]
+    | Annotated[list[Scalar], Field(min_length=1, max_length=MAX_CHOICES), Tag("<list>")]
+    | Annotated[RangeModel, Tag("<mapping>")],
+    by_type(
+        "place, a list, $name of a list, or {min: 1, max: 20}",
+        {str: "<text>", list: "<list>", dict: "<mapping>"},
+    ),
+]
+
+
+class JobTypeModel(FileModel):
+    """A type of jobs, which are handed to a team that runs; see docs/how-to/jobs.md.
+
+    `parameters`: the values that each may have: `place` (one of `travel`, or of the map), a list,
+    `$name` of a list, or a range of whole numbers. `tree`: what a job does; it may name the
+    parameters. `attempts`: a tree that has failed is tried again, so often in all; -1: for ever.
+    `priority`: the larger goes first. `deadline_s`: a job expires so long after its submission.
+    Both can be given with a job as well. `ends_mission`: the Jobs node ends with the first job of
+    this type that ends, as it did.
+    """
+
+    parameters: Annotated[dict[Name, JobValues], Field(max_length=MAX_ARGUMENTS)] = {}
+    priority: Annotated[int, Field(ge=0, le=MAX_PRIORITY)] = 0
+    deadline_s: Annotated[float, Field(gt=0, le=MAX_SECONDS)] | None = None
+    attempts: Tries = 1
+    ends_mission: bool = False
+    tree: Node
+
+
 RobotEntry: TypeAlias = Annotated[
     Annotated[Name, Tag("<text>")] | Annotated[RobotModel, Tag("<mapping>")],
     by_type(
@@ -388,8 +432,8 @@ class MissionModel(FileModel):
     `assignment: spare_scarce`: where robots may break at work, those that others can replace go
     first, even if something has to wait for them. `blocked`: for global tasks that do not say it
     themselves. `solver`: what solves the assignment problem, `constraints`: what else it has to
-    respect (docs/how-to/constraints.md). `local_conditions`: what the trees of local tasks may
-    read; each robot has its own.
+    respect (docs/how-to/constraints.md). `jobs`: types of jobs, which Jobs nodes name.
+    `local_conditions`: what the trees of local tasks may read; each robot has its own.
     """
 
     mission: Name
@@ -408,6 +452,7 @@ class MissionModel(FileModel):
     robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]
     global_tasks: Annotated[dict[Name, GlobalTaskModel], Field(max_length=MAX_GLOBAL_TASKS)] = {}
     subtrees: dict[Name, SubTreeModel] = {}
+    jobs: Annotated[dict[Name, JobTypeModel], Field(max_length=MAX_JOB_TYPES)] = {}
     tree: Node
 
 

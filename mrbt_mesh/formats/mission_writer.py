@@ -25,6 +25,9 @@ def tree_data(spec: NodeSpec) -> Any:
         return spec.subject
     if spec.kind in LEAVES:
         return {str(spec.kind): spec.subject}
+    if spec.kind is Kind.JOBS:
+        types = [child.name for child in spec.children]
+        return {str(spec.kind): {"types": types, "at_most": spec.limit}}
     children = [tree_data(child) for child in spec.children]
     if spec.kind is Kind.SUBTREE:
         (child,) = children

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 from mrbt_mesh.core.bt.tree import Tree
-from mrbt_mesh.core.mission.mission import Robot, travel_problems
-from mrbt_mesh.core.mission.names import split_call, type_name
+from mrbt_mesh.core.mission.mission import JobType, Robot, travel_problems
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.travel import MAX_PLACES, Travel
 from mrbt_mesh.core.scheduling.problem import Objective
 from mrbt_mesh.errors import nearest
-from mrbt_mesh.formats.expand import argument_text, check_references, micro_or_report, substitute
+from mrbt_mesh.formats.expand import (
+    LocalCalls,
+    Placeholder,
+    argument_text,
+    check_references,
+    micro_or_report,
+    substitute,
+)
 from mrbt_mesh.formats.mission_map import places_on_map
 from mrbt_mesh.formats.mission_model import MissionModel, TravelModel
 from mrbt_mesh.formats.problems import Report, SourcePath
@@ -49,17 +56,33 @@ class TravelBuilder:
             elif "$" not in at:
                 self._check_place(at, place)
 
+    @property
+    def places(self) -> Collection[str]:
+        """The declared ones."""
+        return self._places
+
+    def of_job(self, job: JobType, local_tasks: LocalCalls) -> dict[str, str]:
+        """The places of these local tasks with placeholders; whatever a job says, it is one."""
+        found = {}
+        for ground, place in self._ground(local_tasks).items():
+            path, of = ("local_tasks", type_name(ground), "at"), f"{ground} of {job.name}"
+            if all(self._check_place(each, path, of) for each in job.values(place)):
+                found[ground] = str(place)
+        return found
+
     def build(
         self,
         robots: Mapping[str, Robot],
-        local_tasks: Iterable[str],
+        local_tasks: LocalCalls,
         local_trees: Mapping[str, Tree],
+        jobs: Iterable[JobType],
     ) -> Travel | None:
         """For these ground local tasks and their trees; None where none happens at a place."""
         travel = self._model.travel
         at = self._ground(local_tasks)
-        self._check_trees(local_trees)
-        if travel is None or not at:
+        for trees in (local_trees, *(job.local_trees for job in jobs)):
+            self._check_trees(trees)
+        if travel is None or not any((at, *(job.at for job in jobs))):
             return None
         given = travel.start
         start = dict.fromkeys(robots, given) if isinstance(given, str) else dict(given)
@@ -73,7 +96,7 @@ class TravelBuilder:
             travel.way_back == "start",
             travel.horizon,
         )
-        for key, problem in travel_problems(found, robots.values()):
+        for key, problem in travel_problems(found, robots.values(), jobs):
             self._report.add(("travel", key), problem)
         return found
 
@@ -147,11 +170,11 @@ class TravelBuilder:
             self._report.add(path, f"{of}: {message}" if of else message)
         return name in self._places
 
-    def _ground(self, local_tasks: Iterable[str]) -> dict[str, str]:
+    def _ground(self, local_tasks: LocalCalls) -> dict[str, str]:
         """The place of each of these local tasks that has one."""
         found = {}
-        for ground in local_tasks:
-            name, arguments = split_call(ground)
+        for ground, arguments in local_tasks.items():
+            name = type_name(ground)
             if name not in self._at:
                 continue
             path = ("local_tasks", name, "at")
@@ -162,7 +185,7 @@ class TravelBuilder:
             except ValueError as error:
                 self._report.add(path, f"{ground}: {error}")
                 continue
-            if self._check_place(place, path, ground):
+            if isinstance(place, Placeholder) or self._check_place(place, path, ground):
                 found[ground] = place
         return found
 

@@ -8,6 +8,7 @@ from pydantic import ConfigDict, Field, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
+from mrbt_mesh.core.mission.mission import MAX_AT_MOST, MAX_JOB_TYPES
 from mrbt_mesh.core.mission.names import NAME_PATTERN
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import (
@@ -21,6 +22,8 @@ from mrbt_mesh.formats.file_model import (
 )
 
 MAX_SECONDS = 1e9
+# Of jobs, in a Jobs node.
+ALL_TYPES = "all"
 
 _CALL = call_pattern(r"\s*[A-Za-z0-9_.+$-]{1,64}\s*")
 _REFERENCE = rf"^\${NAME_PATTERN}$"
@@ -141,6 +144,32 @@ class TimeoutModel(FileModel):
     do: Node
 
 
+JobTypes: TypeAlias = Annotated[list[Name], Field(min_length=1, max_length=MAX_JOB_TYPES)]
+
+
+class JobsModel(FileModel):
+    """The open jobs of these types (`all`: of all), all at once.
+
+    `at_most`: so many of each type at a time; twice the number of robots unless it is given.
+    """
+
+    types: Annotated[
+        Annotated[Name, Tag("<text>")] | Annotated[JobTypes, Tag("<list>")],
+        by_type("all, or a list of job types", {str: "<text>", list: "<list>"}),
+    ] = ALL_TYPES
+    at_most: Annotated[int, Field(ge=1, le=MAX_AT_MOST)] | None = None
+
+
+JobsBody: TypeAlias = Annotated[
+    Annotated[Name, Tag("<text>")]
+    | Annotated[JobTypes, Tag("<list>")]
+    | Annotated[JobsModel, Tag("<mapping>")],
+    by_type(
+        "all, a list of job types, or {types: [...], at_most: 20}",
+        {str: "<text>", list: "<list>", dict: "<mapping>"},
+    ),
+]
+
 _LIST_OR_MAPPING = by_type(
     "a list of nodes, or a mapping with children, or for_each and do",
     {list: "<list>", dict: "<mapping>"},
@@ -180,6 +209,7 @@ class NodeModel(FileModel):
     timeout: TimeoutModel = _kind(Kind.TIMEOUT)
     keep_running: Node = _kind(Kind.KEEP_RUNNING_UNTIL_FAILURE)
     subtree: CallText = _kind(Kind.SUBTREE)
+    jobs: JobsBody = _kind(Kind.JOBS)
 
     @model_validator(mode="before")
     @classmethod

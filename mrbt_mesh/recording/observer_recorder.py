@@ -55,7 +55,7 @@ class ObserverRecorder(Recorder):
         if plan is not None and plan is not self._plan:
             self._plan = plan
             self._add_plan(plan, observer.membership.members())
-            nodes = pack_statuses(plan.evaluation.statuses)
+            nodes = pack_statuses(plan.evaluation.declared_statuses(observer.mission.tree))
             if nodes != self._nodes:
                 self._nodes = nodes
                 self._add(channels.STATUSES, {"plan": self._plans, "nodes": nodes})

@@ -49,8 +49,9 @@ class RobotRecorder(Recorder):
     def __init__(
         self, sink: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
-        self._tasks = TaskLog(view.mission)
-        super().__init__(sink, view.mission, view.facts)
+        self._declared = view.facts.declared.tree
+        self._tasks = TaskLog(view.facts.declared)
+        super().__init__(sink, view.facts.declared, view.facts)
         self._writer, self._view = sink, view
         self._beats = beats
         self._is_alive_known = False
@@ -69,7 +70,7 @@ class RobotRecorder(Recorder):
     def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
         self._add_plan(plan, alive)
         self._is_alive_known = False  # a plan that was made elsewhere is for those of before
-        self._nodes = pack_statuses(plan.evaluation.statuses)
+        self._nodes = pack_statuses(plan.evaluation.declared_statuses(self._declared))
         if self._places:
             self._tasks.plan(plan)
 

@@ -34,6 +34,7 @@ from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, TravelTimes
 from mrbt_mesh.core.mission.conditions import truth_of
+from mrbt_mesh.core.mission.jobs import local_tree, program_tree
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
@@ -165,8 +166,8 @@ class ActionRunner:
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
         # A way has no outcome with which conditions could be set.
         ticket = None if effect.travel_to else effect.ticket
+        tree = None if effect.travel_to else local_tree(self._mission, effect.local_task)
         port = self._port(ticket)
-        tree = None if effect.travel_to else self._mission.local_trees.get(effect.local_task)
         end: Input = ActionStopped(effect.ticket)
         with scope:
             if tree is None:
@@ -229,7 +230,7 @@ class ActionRunner:
             call = self._user_call(what, function, context, *given)
             # Of a tree, the actions are recorded.
             is_recorded = self._program.record_work and not (
-                place and effect.local_task in self._mission.local_trees
+                place and local_tree(self._mission, effect.local_task) is not None
             )
             first = self._first_event(context, place) if is_recorded else ""
             work = perform(call, context, port, first, place)
@@ -269,7 +270,7 @@ class ActionRunner:
 
     def _function(self, ground: str, name: str, port: AgentPort) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
-        program = self._mission.program_trees.get(ground)
+        program = program_tree(self._mission, ground)
         if program is None:
             return self._functions.local_task(name)
 
@@ -343,7 +344,9 @@ class ActionRunner:
         """Those between all places that this robot may need, or none and the problem."""
         travel, robot, context = self._mission.travel, self._identity, self.robot_context()
         assert travel is not None
-        goals = {goal for task, goal in travel.at.items() if context.can(task)}
+        kinds = self._mission.jobs.values()
+        at = [*travel.at.items(), *(pair for kind in kinds for pair in kind.places())]
+        goals = {goal for task, goal in at if context.can(task)}
         places = tuple(sorted(goals | {travel.start.get(robot.robot, "")} - {""}))
         if len(places) > MAX_TIMED_PLACES:
             most = f"at most {MAX_TIMED_PLACES} places of one robot"

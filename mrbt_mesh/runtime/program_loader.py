@@ -15,6 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
 
+from mrbt_mesh.core.mission.jobs import with_one_of_each
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import ALL, split_call, type_name
 from mrbt_mesh.errors import FileError, InputError, nearest
@@ -79,6 +80,7 @@ def check_program(
     is a tree its actions, of one in a BehaviorTree.CPP file what its leaves lack, with file, line
     and node; a function that does not take the arguments that the mission gives, with its place.
     """
+    mission = with_one_of_each(mission)
     claimed = {type_name(capability) for capability in capabilities}
     declared = claimed & mission.local_tasks.keys()
     needs = [need for task in mission.global_tasks.values() for need in task.needs]

@@ -141,7 +141,7 @@ def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...]
     if journal is not None:
         entries, reason = journal.begin()
         return entries, f"journal cannot be written: {reason}" if reason else ""
-    if any(task.exclusive for task in mission.global_tasks.values()):
+    if any(task.exclusive for task in mission.all_tasks()):
         return (), NO_JOURNAL
     return (), ""
 

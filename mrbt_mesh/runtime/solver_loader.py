@@ -27,6 +27,7 @@ from mrbt_mesh.core.assignment.problem import (
 )
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.assignment.solvers import SOLVERS, brute_force, default_solver
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import nearest
@@ -47,8 +48,16 @@ def solver_for(mission: Mission, named: str | None = None) -> Solver:
 
 def may_need_arrays(mission: Mission) -> bool:
     """Whether the default solver needs its libraries if all is asked for at the same time."""
-    actions = [mission.global_tasks[node.subject] for node in mission.tree.actions()]
-    return needs_arrays(len(mission.robots), sum(len(task.needs) for task in actions))
+    tasks = {task.id: task for task in mission.all_tasks()}
+    nodes = mission.tree.nodes
+
+    def needs(index: int) -> int:
+        node = nodes[index]
+        if node.kind is Kind.ACTION:
+            return len(tasks[node.subject].needs)
+        return sum(map(needs, node.children)) * (node.limit if node.kind is Kind.JOBS else 1)
+
+    return needs_arrays(len(mission.robots), needs(0))
 
 
 def load_solver(named: str | None, constrained: bool, is_small: bool = False) -> Solver:

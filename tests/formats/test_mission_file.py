@@ -80,6 +80,7 @@ def test_the_examples_are_where_the_readme_says() -> None:
     assert names == [
         "assembly",
         "couriers",
+        "deliveries",
         "depot",
         "dispense",
         "explore",

@@ -57,7 +57,7 @@ def test_every_example_has_a_mission_that_finds_its_program() -> None:
 def test_an_unknown_example_is_refused_with_the_nearest() -> None:
     with pytest.raises(UnknownExampleError, match="no example 'courier'; did you mean 'couriers'"):
         example_mission("courier")
-    with pytest.raises(UnknownExampleError, match="known: assembly, couriers, depot, dispense"):
+    with pytest.raises(UnknownExampleError, match="known: assembly, couriers, deliveries, depot"):
         example_mission("../drills")
 
 

@@ -120,7 +120,16 @@ def test_files_that_cannot_be_programs(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["vehicle_repair", "explore", "tool_search", "couriers", "depot", "assembly", "inspection"],
+    [
+        "vehicle_repair",
+        "explore",
+        "tool_search",
+        "couriers",
+        "depot",
+        "deliveries",
+        "assembly",
+        "inspection",
+    ],
 )
 def test_the_examples_robots_can_do_what_they_claim(name: str) -> None:
     mission = load_mission(ROOT / "examples" / name / "mission.yaml")
@@ -179,6 +188,24 @@ def test_functions_that_do_not_take_what_the_mission_gives(
     for each in found:
         assert each.startswith(f"{tmp_path}/robot.py:{line}: local task 'explore': ")
         assert problem in each
+
+
+@pytest.mark.parametrize(
+    ("signature", "problem"),
+    [
+        ("place: str, boxes: int", ""),
+        ("place: str", "takes 1 argument besides the context, but the mission declares"),
+        ("place: str, boxes: bool", "parameter 'boxes': the text '4' is neither true nor false"),
+    ],
+)
+def test_functions_take_what_jobs_give_them(tmp_path: Path, signature: str, problem: str) -> None:
+    text = (
+        f"{START}robot = RobotProgram()\n@robot.local_task('take')\nasync def f({signature}): ...\n"
+    )
+    program = load_program(write(tmp_path, text))
+    found = check_program(program, load_mission(mission_file("deliveries")), ["take"])
+    assert len(found) == bool(problem)
+    assert all(problem in each for each in found)
 
 
 def test_a_name_that_is_nearly_right_is_named(tmp_path: Path) -> None:

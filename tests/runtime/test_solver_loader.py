@@ -13,8 +13,9 @@ import pytest
 
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
+from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.solver_loader import GROUP, load_solver
+from mrbt_mesh.runtime.solver_loader import GROUP, load_solver, may_need_arrays
 from tests.support.paths import ROOT, mission_file
 
 DOCUMENT = ROOT / "docs" / "how-to" / "constraints.md"
@@ -175,3 +176,11 @@ def test_small_missions_need_no_libraries_and_large_ones_have_them_at_once() -> 
     )
     mission = compile_mission(load_mission(mission_file("vehicle_repair")))
     subprocess.run([sys.executable, "-c", code], check=True, input=mission, text=True)
+
+
+def test_all_jobs_that_there_may_be_count() -> None:
+    text = mission_file("deliveries").read_text(encoding="utf-8")
+    for at_most, is_large in ((1, False), (20, True)):
+        changed = text.replace("at_most: 20", f"at_most: {at_most}")
+        mission = mission_from_yaml(changed, "m.yaml", mission_file("deliveries").parent)
+        assert may_need_arrays(mission) is is_large

@@ -23,8 +23,9 @@ from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guard, Guards
 from mrbt_mesh.core.bt.tree import Kind, Node
-from mrbt_mesh.core.facts import coalitions, store, task_status
+from mrbt_mesh.core.facts import coalitions, jobs, store, task_status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
+from mrbt_mesh.core.facts.jobs import Jobs
 from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -90,6 +91,10 @@ add(
 add("schedules_against_the_tree", (schedules, "precedence", always({})))
 # Any free robot goes on with the work that one robot has begun for itself.
 add("per_robot_conditions_are_anybodys", (demands, "eligible", always(None)))
+# Nothing is kept of a job that has ended: late news begins it again.
+add("ended_jobs_are_forgotten", (jobs, "_is_end", always(False)))
+# Operators' cancellations and ends of jobs do not keep robots from them.
+add("ended_jobs_go_on", (Jobs, "has_ended", always(False)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 

@@ -37,6 +37,9 @@ def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> N
     from mrbt_mesh.formats.mission_file import load_mission
 
     loaded = load_mission(mission)
+    if loaded.jobs:
+        text = "what faults its jobs survive depends on which there are; analyze a mission that has"
+        raise InputError(f"{mission}: {text} the tree of one job in place of its Jobs node")
     prices = loaded.costs if costs is None else costs_from_file(costs, loaded)
     try:
         with bar_of_steps("reading the mission") as update:

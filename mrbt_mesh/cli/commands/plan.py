@@ -81,6 +81,8 @@ def validate(
         "global_tasks": len(loaded.global_tasks),
         "tree_nodes": len(loaded.tree.nodes),
     }
+    if loaded.jobs:
+        counts["job_types"] = len(loaded.jobs)
     if loaded.travel is not None:
         counts["places"] = len(loaded.travel.places)
     if as_json:

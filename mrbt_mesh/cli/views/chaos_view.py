@@ -21,6 +21,7 @@ INVARIANTS = {
     "I7": "assignments optimal and canonical",
     "I8": "garbage changes nothing",
     "I9": "restarts resume from the journal",
+    "I10": "no acknowledged job is lost",
     CRASH: "nothing breaks",
 }
 

@@ -45,7 +45,7 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Ren
     if problem["forecast"] is not None:
         parts += ["", render_forecast(problem["forecast"])]
     result = Text(f"mission: {plan.result.name.lower()}", style="bold")
-    tree = render_tree(mission.tree, plan.evaluation, notes)
+    tree = render_tree(plan.evaluation.tree, plan.evaluation, notes)
     return Group(tree, "", *parts, "", result)
 
 

@@ -22,11 +22,12 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
 from mrbt_mesh.core.agent.effects import Effect
-from mrbt_mesh.core.agent.executor import Executor, PlainStart
+from mrbt_mesh.core.agent.executor import Executor, PlainStart, StartPolicies
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.inbound import Inbound
 from mrbt_mesh.core.agent.inputs import Input
+from mrbt_mesh.core.agent.job_clock import JobClock
 from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
@@ -64,16 +65,10 @@ class Agent:
         )
         tree = RobotTree({type_name(name) for name in config.capabilities})
         self._planner = planner = Planner(context, tree)
-        plain, coalition = PlainStart(), CoalitionStart(context)
-        starts = {
-            name: coalition if task.simultaneous else plain
-            for name, task in mission.global_tasks.items()
-        }
         self._leased: LeasedStart | None = None
-        exclusive = [name for name, task in mission.global_tasks.items() if task.exclusive]
-        if exclusive:
+        if any(task.exclusive for task in mission.all_tasks()):
             self._leased = LeasedStart(context, planner, now_us)
-            starts |= dict.fromkeys(exclusive, self._leased)
+        starts = StartPolicies(PlainStart(), CoalitionStart(context), self._leased)
         self._executor = executor = Executor(context, tree, starts)
         self._health = health = Health(context)
         self._reports = reports = Reports(context, planner, executor, schedule, health)
@@ -83,6 +78,8 @@ class Agent:
         self._heartbeats = Heartbeats(context, schedule, tree, self._leased)
         self._commands = Commands(context, planner, reports, health)
         inbound = Inbound(context, planner, self._leased, duplicates, schedule, self._commands)
+        jobs = context.facts.jobs
+        self._job_clock = JobClock(context.facts, jobs) if jobs is not None else None
         self._deferred = DeferredInputs()
         self.view = AgentView(context, planner, executor)
         work = context.work
@@ -224,9 +221,12 @@ class Agent:
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
         mission, leased = self._context.mission, self._leased
+        passed = self._job_clock.passed(now_us) if self._job_clock is not None else []
+        if passed:
+            self._context.write(passed, now_us)
         if leased is not None:
             leased.check(now_us)
-        if mission.per_robot.leaves:
+        if mission.has_own_conditions and self._context.facts.mission.per_robot.leaves:
             self._reports.contradict(now_us)
         if self._awaits_joining(now_us) or self._awaits_news(events, now_us):
             return
@@ -320,6 +320,7 @@ class Agent:
         deadlines_us = (
             planner.next_deadline_us(),
             leases.next_deadline_us() if leases is not None else None,
+            self._job_clock.next_deadline_us() if self._job_clock is not None else None,
             self._joining_until_us,
             self._plans_at_us,
             joining.deadline_us if joining is not None else None,

@@ -45,7 +45,7 @@ class CoalitionStart(PlainStart):
             if each.activation == assignment.activation
         }
         members = ready_members(facts, assignment.activation, planned)
-        if not are_enough(facts.mission.global_tasks[claim.global_task], members):
+        if not are_enough(facts.task(claim.activation), members):
             return None
         if len(members) < len(planned) and not (is_grace_over and self._all_are_there(planned)):
             return None  # the others may be ready in a moment
@@ -59,7 +59,7 @@ class CoalitionStart(PlainStart):
     def _written_down(self, activation: str, claim: Claim, now_us: int) -> Clearance | None:
         """The standing coalition, if its leader has written down this robot's present claim."""
         context, facts = self._context, self._context.facts
-        task = facts.mission.global_tasks[claim.global_task]
+        task = facts.task(claim.activation)
         token = coalition_at_work(facts, task, activation, context.alive())
         if token is None or not self.may_work(activation, token, now_us):
             return None

@@ -67,6 +67,8 @@ class Context:
         self.position: Position | None = None
         self.recorded: RecordingHead | None = None
         self.refused: dict[str, int] = {}
+        # The number by which to know when the newest facts of a job are on disk.
+        self._kept: dict[str, int] = {}
         self.is_leaving = False
         self.has_stopped = False
         self.sealing = Sealing(config.keys, config.run, config.life) if config.keys else None
@@ -129,6 +131,19 @@ class Context:
     def _write(self, facts: Sequence[Fact], number: int, now_us: int) -> None:
         data, entries = self.replica.write(facts, now_us)
         self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
+
+    def note_kept(self, job: str, number: int) -> None:
+        """The newest facts of a job are on disk once this number is."""
+        self._kept[job] = number
+
+    def is_kept(self, job: str) -> bool:
+        """Whether all that this robot knows of a job is in its journal."""
+        return self.durability.may_promise and self.durability.is_on_disk(self._kept.get(job, 0))
+
+    def forget_kept(self, jobs: Iterable[str]) -> None:
+        """These jobs are known no longer."""
+        for job in jobs:
+            self._kept.pop(job, None)
 
     def members_digest(self) -> bytes:
         """A digest of the members as this robot sees them; zeros while it has no place."""

@@ -8,7 +8,6 @@ also for the leases of a majority.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 from mrbt_mesh.core.agent.context import Context
@@ -16,6 +15,8 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.mission.mission import GlobalTask
+from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
 
 
@@ -56,14 +57,28 @@ class PlainStart:
         return []
 
 
+class StartPolicies(NamedTuple):
+    """The start policies that the mission's tasks have."""
+
+    plain: PlainStart
+    coalition: PlainStart
+    leased: PlainStart | None
+
+    def of(self, task: GlobalTask) -> PlainStart:
+        """The one of a global task."""
+        if task.exclusive and self.leased is not None:
+            return self.leased
+        return self.coalition if task.simultaneous else self.plain
+
+
 class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
-    `starts`: the start policy of each global task. `shows_outcome`: T_Li was ticked with an
+    `shows_outcome`: T_Li was ticked with an
     outcome, and is to be ticked again.
     """
 
-    def __init__(self, context: Context, tree: RobotTree, starts: Mapping[str, PlainStart]) -> None:
+    def __init__(self, context: Context, tree: RobotTree, starts: StartPolicies) -> None:
         self._context = context
         self._starts = starts
         self._types = context.mission.local_task_types
@@ -90,7 +105,7 @@ class Executor:
             and claim is not None
             and self._may_start(plan, now_us)
         ):
-            start = self._starts[claim.global_task]
+            start = self._start_of(claim)
             if start.needs_ready and claim.phase is Phase.CLAIMED and not travel_to:
                 claim = work.get_ready(claim)
                 # The coalition's leader refers to this entry, also if it is this robot.
@@ -100,7 +115,7 @@ class Executor:
             situation = Situation(plan, assignment, claim, is_grace_over, now_us)
             clearance = Clearance() if travel_to else start.clear(situation)
         is_cleared = clearance is not None or not is_waiting
-        assigned = self._types[claim.local_task] if claim is not None else None
+        assigned = self._type_of(claim.local_task) if claim is not None else None
         wanted = self._tick(plan, assigned if is_cleared else None)
         if wanted is not None and clearance is not None and claim is not None:
             self._start(plan, claim, clearance, travel_to, writes, now_us)
@@ -109,10 +124,13 @@ class Executor:
 
     def _way(self, claim: Claim | None) -> str:
         """The place to which the robot has to go before it can begin; empty if there is none."""
-        travel = self._context.mission.travel
-        if travel is None or claim is None or claim.phase in (Phase.READY, Phase.RUNNING):
+        context = self._context
+        if context.mission.travel is None or claim is None:
             return ""
-        goal, context = travel.at.get(claim.local_task, ""), self._context
+        travel = context.facts.mission.travel
+        if travel is None or claim.phase in (Phase.READY, Phase.RUNNING):
+            return ""
+        goal = travel.at.get(claim.local_task, "")
         return goal if context.work.is_between or goal != context.place else ""
 
     def _may_start(self, plan: Plan, now_us: int) -> bool:
@@ -140,7 +158,7 @@ class Executor:
         self.shows_outcome = ended is not None and assigned is None
         if ended is not None:
             local_task, outcome = ended
-            self.tree.tick(plan.result, self._types[local_task], outcome)
+            self.tree.tick(plan.result, self._type_of(local_task), outcome)
         return None if self.shows_outcome else self.tree.tick(plan.result, assigned)
 
     def _start(
@@ -167,4 +185,12 @@ class Executor:
 
     def given_up(self, claim: Claim) -> list[Fact]:
         """The facts to write when a claim is dropped without an outcome."""
-        return self._starts[claim.global_task].given_up(claim)
+        return self._start_of(claim).given_up(claim)
+
+    def _start_of(self, claim: Claim) -> PlainStart:
+        tasks = self._context.mission.global_tasks
+        task = tasks.get(claim.global_task) or self._context.facts.task(claim.activation)
+        return self._starts.of(task)
+
+    def _type_of(self, local_task: str) -> str:
+        return self._types.get(local_task) or type_name(local_task)  # of a job

@@ -189,7 +189,13 @@ class Inbound:
 
     def _take_in(self, source: str, received: Received) -> None:
         if received.changed:
-            self._context.emit(Persist(tuple(received.changed), at_once=False))
+            jobs = [
+                each.parts[1] for each in received.changed if each.parts[0] in records.JOB_KINDS
+            ]
+            number = self._context.durability.take_number() if jobs else 0
+            self._context.emit(Persist(tuple(received.changed), bool(jobs), number))
+            for job in jobs:
+                self._context.note_kept(job, number)
         if received.refused:
             self._context.refuse(source, received.reason)
 

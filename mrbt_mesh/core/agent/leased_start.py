@@ -84,7 +84,8 @@ class LeasedStart(CoalitionStart):
             holder.request("", None)
 
     def _is_exclusive(self, claim: Claim) -> bool:
-        return self._context.mission.global_tasks[claim.global_task].exclusive
+        task = self._context.facts.task_of(claim.activation)
+        return task is not None and task.exclusive
 
     def check(self, now_us: int) -> None:
         """Follow the leases that this robot has granted; stop where its own have run out."""

@@ -21,6 +21,7 @@ from mrbt_mesh.core.facts.records import LATCH, Attempt, ChildResult, MissionRes
 from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
+from mrbt_mesh.core.planning.job_ends import job_ends
 from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -57,7 +58,6 @@ class Planner:
         self.listeners: list[PlanListener] = []
         self._context = context
         self._robot_tree = robot_tree
-        self._evaluator = context.mission.evaluator
         self._make_plan = context.config.engine.plan_making(context.config.solver)
         self._make_by_default: PlanFunction | None = None
         # Errors of the robot's solver; the default one made those plans.
@@ -121,11 +121,12 @@ class Planner:
         context, facts = self._context, self._context.facts
         dropped: list[tuple[str, str]] = []
         while True:
+            dropped += facts.prune()
             # Which guards of several conditions have turned is written before anything is planned.
             while turned := facts.turned_guards():
                 noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
                 context.write(noted, now_us)
-            dropped += facts.prune()
+                dropped += facts.prune()
             is_new = self._tick_assignment(apart)
             if self.awaited is not None:
                 break
@@ -213,8 +214,11 @@ class Planner:
         after = conditions
         if context.mission.has_own_conditions:
             after = context.facts.conditions.after(conditions)
-        evaluation = self._evaluator.evaluate_outcome(context.facts, activation, status, after)
+        evaluator = context.facts.mission.evaluator
+        evaluation = evaluator.evaluate_outcome(context.facts, activation, status, after)
         latched = self._of_tree(evaluation)
+        if evaluation.job_ends:
+            latched += job_ends(context.facts, evaluation)
         if context.mission.ends is MissionEnd.ONCE:
             latched += _result(evaluation.status, len(context.mission.robots))
         return latched
@@ -255,6 +259,11 @@ class Planner:
     def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[Fact]:
         facts, evaluation = self._context.facts, plan.evaluation
         latched = self._of_tree(evaluation)
+        if facts.jobs is not None and self._context.me == min(alive):
+            latched += job_ends(facts, evaluation)
+            archive = facts.jobs.to_archive()
+            if archive is not None:
+                latched.append((f"{records.JOB_ARCHIVE}/{archive[0]}", archive[1]))
         for request in evaluation.requests:
             task, activation = facts.mission.global_tasks[request.subject], request.activation
             if task.by_coalition:

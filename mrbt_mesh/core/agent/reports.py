@@ -85,7 +85,8 @@ class Reports:
         if work.is_stopping:
             work.stopped(action.ticket)
             return True
-        if not context.mission.global_tasks[action.global_task].by_coalition:
+        task = context.facts.task_of(action.activation)
+        if task is None or not task.by_coalition:
             return False
         work.finish(action.ticket, success=False)
         context.write([context.claim()], now_us)
@@ -146,7 +147,7 @@ class Reports:
         if context.is_leaving or context.me not in context.mission.robots:
             return
         changed: dict[str, ConditionValue] = {}
-        for leaf in context.mission.per_robot.leaves:
+        for leaf in facts.mission.per_robot.leaves:
             name = context.mission.condition_of(context.me, leaf)
             value = self._last_word(name)
             if facts.condition(name) != value:

@@ -13,6 +13,7 @@ from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.wire import Position
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -27,7 +28,6 @@ class AgentView:
 
     def __init__(self, context: Context, planner: Planner, executor: Executor) -> None:
         self.robot = context.me
-        self.mission = context.mission
         self.header = context.replica.header
         self.facts = context.facts
         self.peers: Mapping[str, Peer] = context.membership.peers
@@ -37,6 +37,11 @@ class AgentView:
         self._context = context
         self._planner = planner
         self._executor = executor
+
+    @property
+    def mission(self) -> Mission:
+        """The mission, with the trees of open jobs in its tree."""
+        return self.facts.mission
 
     @property
     def incarnation(self) -> Incarnation:

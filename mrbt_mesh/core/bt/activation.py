@@ -25,8 +25,9 @@ from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory
 class Activation(NamedTuple):
     """One activation of a node; its text is its name.
 
-    `subject` is that of the node, empty for inner nodes. `attempts`: of the loops around it,
-    outermost first. `turns`: how often its guards have turned against it, in all.
+    `node` and `job` are the node's `origin` and `job`. `subject` is that of the node, empty for
+    inner nodes. `attempts`: of the loops around it, outermost first. `turns`: how often its guards
+    have turned against it, in all.
     """
 
     run: str
@@ -34,18 +35,21 @@ class Activation(NamedTuple):
     subject: str
     attempts: tuple[int, ...]
     turns: int
+    job: str = ""
 
     def __str__(self) -> str:
         attempts = ".".join(map(str, self.attempts))
-        return f"{self.run}:{self.node}:{self.subject}:{attempts}:{self.turns}"
+        node = f"{self.node}@{self.job}" if self.job else self.node
+        return f"{self.run}:{node}:{self.subject}:{attempts}:{self.turns}"
 
 
 @lru_cache(maxsize=4_096)
 def parse_activation(text: str) -> Activation:
     """The inverse of `str(Activation)`; raises ValueError if it is none."""
-    run, node, subject, attempts, turns = text.split(":")
+    run, key, subject, attempts, turns = text.split(":")
+    node, _, job = key.partition("@")
     numbers = tuple(int(part) for part in attempts.split(".")) if attempts else ()
-    return Activation(run, int(node), subject, numbers, int(turns))
+    return Activation(run, int(node), subject, numbers, int(turns), job)
 
 
 class ActivationNames(Guards):
@@ -84,8 +88,13 @@ class ActivationNames(Guards):
 
     def activation(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> Activation:
         """The activation of `node` under these facts and attempt numbers."""
-        subject = self.tree.nodes[node].subject
-        return Activation(facts.run, node, subject, tuple(attempts), self.turns_at(node, facts))
+        at, turns = self.tree.nodes[node], self.turns_at(node, facts)
+        return Activation(facts.run, at.origin, at.subject, tuple(attempts), turns, at.job)
+
+    @cached_property
+    def index_of(self) -> dict[tuple[int, str], int]:
+        """(origin, job) of each node -> its index."""
+        return {(node.origin, node.job): node.index for node in self.tree.nodes}
 
     def memory_activation(
         self, node: int, attempts: Sequence[int], facts: EvaluationFacts
@@ -120,11 +129,12 @@ class ActivationNames(Guards):
 
         Turns only grow. While they stay, attempt numbers only grow (they begin again where a guard
         of the loop has turned). So every replica comes to the same answer. An activation that is
-        ahead of these facts is not obsolete.
+        ahead of these facts is not obsolete, nor is one of a job that is not in the tree.
         """
-        if activation.run != facts.run or not 0 <= activation.node < len(self.tree.nodes):
-            return True
-        current = self.current_activation(activation.node, facts)
+        index = self.index_of.get((activation.node, activation.job))
+        if activation.run != facts.run or index is None:
+            return not activation.job
+        current = self.current_activation(index, facts)
         if activation.subject != current.subject or len(activation.attempts) != len(
             current.attempts
         ):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.bt.tree import Status, Tree
 
 _STATUSES = tuple(Status)
+# By status: which of those of several jobs is shown.
+_URGENCY = (0, 3, 1, 2)
 
 
 class EvaluationFacts(Protocol):
@@ -43,6 +45,10 @@ class EvaluationFacts(Protocol):
         """How that child of a node with memory ended, None if that is not known."""
         ...
 
+    def jobs_status(self, origin: int) -> Status:
+        """RUNNING, or how that Jobs node was ended by one of its jobs."""
+        ...
+
 
 class PresentFacts:
     """Present facts alone: nothing has turned, ended or been counted before."""
@@ -60,6 +66,9 @@ class PresentFacts:
 
     def child_result(self, activation: str, position: int) -> Status | None:
         return None
+
+    def jobs_status(self, origin: int) -> Status:
+        return Status.RUNNING
 
 
 @dataclass(slots=True)
@@ -104,6 +113,9 @@ class OverlaidFacts:
     def child_result(self, activation: str, position: int) -> Status | None:
         return self.beneath.child_result(activation, position)
 
+    def jobs_status(self, origin: int) -> Status:
+        return self.beneath.jobs_status(origin)
+
 
 @dataclass
 class OtherConditions(OverlaidFacts):
@@ -146,6 +158,7 @@ class OutcomeTick:
         self.attempts_used = facts.attempts_used
         self.has_expired = facts.has_expired
         self.child_result = facts.child_result
+        self.jobs_status = facts.jobs_status
         self.beneath = facts
         self._activation = activation
         self._status = status
@@ -180,6 +193,14 @@ class RunningTimeout:
     timeout_us: int
 
 
+class JobEnded(NamedTuple):
+    """A job's tree has succeeded or failed; `failures`: activations of its actions that failed."""
+
+    job: str
+    success: bool
+    failures: tuple[str, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Evaluation:
     """What one tick has found: a status per node, requests in tree order, facts to write.
@@ -188,7 +209,8 @@ class Evaluation:
     that have become true:
     `attempts`, pairs (activation of a loop, attempts used up), and `child_results`, triples
     (activation of a node with memory, position, success). `failures`: activations of the actions
-    that were ticked and have failed, except in attempts that are used up.
+    that were ticked and have failed, except in attempts that are used up. `job_ends`: the jobs that
+    have ended. `tree`: the one that was ticked, with the jobs that were in it.
     """
 
     status: Status
@@ -198,7 +220,26 @@ class Evaluation:
     attempts: tuple[tuple[str, int], ...]
     failures: tuple[str, ...]
     child_results: tuple[tuple[str, int, bool], ...]
+    job_ends: tuple[JobEnded, ...]
+    tree: Tree = field(repr=False, compare=False)
 
     def status_of(self, node: int) -> Status:
         """The status of one node."""
         return _STATUSES[self.statuses[node]]
+
+    def declared_statuses(self, declared: Tree) -> bytes:
+        """The statuses of the nodes of the mission file's tree: below Jobs, of each node the one
+        that matters most among those of all jobs.
+        """
+        if self.tree is declared:
+            return self.statuses
+        found = bytearray(len(declared.nodes))
+        for node in self.tree.nodes:
+            status = self.statuses[node.index]
+            if _URGENCY[status] > _URGENCY[found[node.origin]]:
+                found[node.origin] = status
+        return bytes(found)
+
+    def origin_of(self, request: Request) -> int:
+        """The node of a request in the mission file's tree."""
+        return self.tree.nodes[request.node].origin

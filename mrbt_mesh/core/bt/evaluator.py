@@ -13,6 +13,7 @@ that the paper does not have:
 | Action, Condition | the paper's | |
 | Inverter, ForceSuccess, ForceFailure, Timeout, SubTree | of the same names | |
 | Retry, Repeat, KeepRunningUntilFailure | RetryUntilSuccessful, Repeat, KeepRunningUntilFailure | |
+| Jobs | `_Tick.jobs` | |
 
 Two things differ from an executor that ticks again and again. An action that has ended keeps its
 outcome for as long as its activation has the same name (`activation`), so it is not run again at
@@ -28,6 +29,7 @@ from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.evaluation import (
     Evaluation,
     EvaluationFacts,
+    JobEnded,
     OutcomeTick,
     OwnFacts,
     Request,
@@ -108,6 +110,7 @@ class _Tick:
         self.used_up: list[tuple[str, int]] = []
         self.failures: list[str] = []
         self.child_results: list[tuple[str, int, bool]] = []
+        self.job_ends: list[JobEnded] = []
         self.kept_results: list[tuple[str, int, bool]] = []
 
     def run(self) -> Evaluation:
@@ -121,6 +124,8 @@ class _Tick:
             tuple(self.used_up),
             tuple(self.failures),
             (*self.child_results, *self.kept_results),
+            tuple(self.job_ends),
+            self.names.tree,
         )
 
     def tick(self, index: int) -> Result:
@@ -199,6 +204,21 @@ class _Tick:
         if status is again and limit < 0:
             status = Status.RUNNING
         return status, has_acted
+
+    def jobs(self, node: Node, tick: TickChild) -> Result:
+        """All open jobs are ticked, as the children of a Parallel. It goes on when they have ended,
+        since others may arrive, until a job has ended of a type that ends the node.
+        """
+        for child in node.children:
+            job, mark = self.nodes[child].job, len(self.failures)
+            if not job:
+                continue  # a type, in a tree that no jobs have been put into
+            status, _ = tick(child)
+            if status is not Status.RUNNING:
+                ended = JobEnded(job, status is Status.SUCCESS, tuple(self.failures[mark:]))
+                self.job_ends.append(ended)
+            del self.failures[mark:]
+        return self.facts.jobs_status(node.origin), True
 
     def reset(self, index: int) -> None:
         """As if nothing at or below this node had been ticked."""
@@ -323,6 +343,7 @@ RULES: Mapping[Kind, Rule] = {
     Kind.RETRY: _Tick.loop,
     Kind.REPEAT: _Tick.loop,
     Kind.KEEP_RUNNING_UNTIL_FAILURE: _Tick.loop,
+    Kind.JOBS: _Tick.jobs,
     Kind.INVERTER: decorator(Status.FAILURE, Status.SUCCESS),
     Kind.FORCE_SUCCESS: decorator(Status.SUCCESS, Status.SUCCESS),
     Kind.FORCE_FAILURE: decorator(Status.FAILURE, Status.FAILURE),

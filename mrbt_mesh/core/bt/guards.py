@@ -35,8 +35,8 @@ _IN_ORDER = frozenset({Kind.SEQUENCE, Kind.FALLBACK})
 class Expression:
     """Several conditions that decide together; its value is whether `spec` succeeds.
 
-    `id`: `#7` for the subtree at node 7, `#7:2` for its first two children. `conditions`: the names
-    that it reads, sorted.
+    `id`: `#7` for the subtree at the node with the key 7, `#7:2` for its first two children.
+    `conditions`: the names that it reads, sorted.
     """
 
     id: str
@@ -202,14 +202,14 @@ class Guards:
         return count
 
     def _guard_with_actions(self, node: Node, wanted: Status) -> str:
-        name = f"#{node.index}:{wanted.name.lower()}"
+        name = f"#{node.key}:{wanted.name.lower()}"
         conditions = tuple(sorted(conditions_in(self.tree.spec(node.index))))
         self._with_actions[name] = GuardWithActions(name, node.index, wanted, conditions)
         return name
 
     def _expression(self, node: Node, count: int) -> str:
         """The id of the subtree at a node, or of its first children."""
-        name = f"#{node.index}:{count}" if count else f"#{node.index}"
+        name = f"#{node.key}:{count}" if count else f"#{node.key}"
         if name not in self._expressions:
             spec = self.tree.spec(node.index)
             if count:
@@ -232,7 +232,7 @@ def needs_all(node: Node, wanted: Status) -> bool:
             return node.limit == len(node.children)
         case Kind.PARALLEL:
             return node.limit == 1 and node.failures in (0, len(node.children))
-        case Kind.IF_THEN_ELSE | Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE:
+        case Kind.IF_THEN_ELSE | Kind.FORCE_SUCCESS | Kind.FORCE_FAILURE | Kind.JOBS:
             return False
     return True
 

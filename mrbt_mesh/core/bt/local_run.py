@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions
+from mrbt_mesh.core.bt.evaluation import Evaluation, OtherConditions, PresentFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Status, Tree
@@ -39,7 +39,7 @@ class LocalConditions:
                 watcher(name)
 
 
-class LocalRun:
+class LocalRun(PresentFacts):
     """One run of a local task's tree.
 
     Report events to it (`ended`, `returned`, `expired`, and `turned` as a watcher of conditions),

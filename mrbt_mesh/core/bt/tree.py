@@ -17,7 +17,9 @@ MAX_NODES = 20_000
 
 
 class Kind(enum.StrEnum):
-    """The kinds of nodes. A SubTree is transparent: it names its one child."""
+    """The kinds of nodes. A SubTree is transparent: it names its one child. The children of Jobs
+    are the open jobs, in a mission that waits for jobs their types (`mission.jobs`).
+    """
 
     SEQUENCE = "Sequence"
     FALLBACK = "Fallback"
@@ -33,6 +35,7 @@ class Kind(enum.StrEnum):
     KEEP_RUNNING_UNTIL_FAILURE = "KeepRunningUntilFailure"
     IF_THEN_ELSE = "IfThenElse"
     SUBTREE = "SubTree"
+    JOBS = "Jobs"
 
 
 class Memory(enum.StrEnum):
@@ -75,7 +78,8 @@ class NodeSpec:
     `limit` is M of a Parallel, or the attempts or cycles of a Retry or Repeat (-1: no limit).
     `timeout_us` is the time limit of a Timeout, in microseconds. `memory` is that of a control.
     `failures`: the number of failed children that fails a Parallel; 0: only as many as put M out of
-    reach (the paper's rule).
+    reach (the paper's rule). `origin`: the index in the tree of the mission file, of a node that
+    belongs to a job; -1: its own index. `job`: the id of that job.
     """
 
     kind: Kind
@@ -86,6 +90,8 @@ class NodeSpec:
     timeout_us: int = 0
     memory: Memory = Memory.NONE
     failures: int = 0
+    origin: int = -1
+    job: str = ""
 
     def contains(self, kind: Kind) -> bool:
         """Whether this node or any below it is of the kind."""
@@ -94,7 +100,10 @@ class NodeSpec:
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One numbered node; `children` and `parent` are indices, parent -1 at the root."""
+    """One numbered node; `children` and `parent` are indices, parent -1 at the root.
+
+    (`origin`, `job`) names the same node in every tree of a mission, whichever jobs are open.
+    """
 
     index: int
     kind: Kind
@@ -106,6 +115,28 @@ class Node:
     timeout_us: int
     memory: Memory = Memory.NONE
     failures: int = 0
+    origin: int = -1
+    job: str = ""
+
+    @property
+    def key(self) -> str:
+        """(`origin`, `job`) as text: `7`, `7@morning-1`."""
+        return f"{self.origin}@{self.job}" if self.job else str(self.origin)
+
+    def spec(self, children: tuple[NodeSpec, ...] = ()) -> NodeSpec:
+        """The node as `build_tree` takes it, with these children."""
+        return NodeSpec(
+            self.kind,
+            children,
+            self.name,
+            self.subject,
+            self.limit,
+            self.timeout_us,
+            self.memory,
+            self.failures,
+            self.origin if self.job else -1,
+            self.job,
+        )
 
     @property
     def label(self) -> str:
@@ -162,32 +193,14 @@ class Tree:
     def spec(self, index: int = 0) -> NodeSpec:
         """The nested form of the subtree at `index`; `build_tree` takes it back."""
         node = self.nodes[index]
-        return NodeSpec(
-            node.kind,
-            tuple(self.spec(child) for child in node.children),
-            node.name,
-            node.subject,
-            node.limit,
-            node.timeout_us,
-            node.memory,
-            node.failures,
-        )
+        return node.spec(tuple(self.spec(child) for child in node.children))
 
 
 def _check(spec: NodeSpec, path: str, depth: int) -> None:
     count = len(spec.children)
     if depth > MAX_DEPTH:
         raise TreeError(f"{path}: deeper than {MAX_DEPTH} levels")
-    if spec.kind in LEAVES:
-        if count:
-            raise TreeError(f"{path}: {spec.kind} takes no children, it has {count}")
-        if not spec.subject:
-            raise TreeError(f"{path}: {spec.kind} names nothing to do or to read")
-    elif spec.kind in CONTROLS:
-        if not count:
-            raise TreeError(f"{path}: {spec.kind} needs at least one child")
-    elif count != 1:
-        raise TreeError(f"{path}: {spec.kind} takes exactly one child, it has {count}")
+    _check_children(spec, path, count)
     if spec.kind in CONTROLS:
         _check_control(spec, path, count)
     elif spec.memory is not Memory.NONE or spec.failures:
@@ -196,6 +209,22 @@ def _check(spec: NodeSpec, path: str, depth: int) -> None:
         raise TreeError(f"{path}: {spec.kind} takes a count of 1 or more, or -1 for no limit")
     if spec.kind is Kind.TIMEOUT and spec.timeout_us <= 0:
         raise TreeError(f"{path}: Timeout needs a time above 0")
+
+
+def _check_children(spec: NodeSpec, path: str, count: int) -> None:
+    if spec.kind in LEAVES:
+        if count:
+            raise TreeError(f"{path}: {spec.kind} takes no children, it has {count}")
+        if not spec.subject:
+            raise TreeError(f"{path}: {spec.kind} names nothing to do or to read")
+    elif spec.kind is Kind.JOBS:
+        if spec.limit < 1:
+            raise TreeError(f"{path}: Jobs takes at least one at a time")
+    elif spec.kind in CONTROLS:
+        if not count:
+            raise TreeError(f"{path}: {spec.kind} needs at least one child")
+    elif count != 1:
+        raise TreeError(f"{path}: {spec.kind} takes exactly one child, it has {count}")
 
 
 def _check_control(spec: NodeSpec, path: str, count: int) -> None:
@@ -236,6 +265,8 @@ def build_tree(spec: NodeSpec) -> Tree:
             node.timeout_us,
             node.memory,
             node.failures,
+            node.origin if node.origin >= 0 else index,
+            node.job,
         )
         return index
 

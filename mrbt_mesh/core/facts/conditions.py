@@ -17,7 +17,7 @@ import operator
 from collections.abc import Mapping, Sequence
 
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
-from mrbt_mesh.core.bt.guards import Expression, Guard
+from mrbt_mesh.core.bt.guards import Expression, Guard, GuardWithActions
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition, split_owner
@@ -35,15 +35,29 @@ class Conditions:
         self._defaults: dict[str, bool] = {}
         self._noted: dict[str, dict[str, ExpressionRevision]] = {}
         self._readers: dict[str, list[Expression]] = {}
-        for expression in mission.per_robot.guard_expressions.values():
-            for name in expression.conditions:
-                self._readers.setdefault(name, []).append(expression)
         # Of which something was said since they were looked at last.
         self._touched: dict[str, Expression] = {}
-        self._with_actions = mission.evaluator.with_actions
+        self._expressions: Mapping[str, Expression] = {}
+        self._with_actions: Mapping[str, GuardWithActions] = {}
+        self.use(mission)
         # Before what has changed since guards with actions were looked at last.
         self._values_before: dict[str, bool] = {}
         self._counts_before: dict[Guard, int] = {}
+
+    def use(self, mission: Mission) -> None:
+        """Read the guards of this mission's tree from now on: other jobs are in it."""
+        before, self._mission = self._expressions, mission
+        self._expressions = mission.per_robot.guard_expressions
+        self._with_actions = mission.evaluator.with_actions
+        self._readers.clear()
+        for expression in self._expressions.values():
+            for name in expression.conditions:
+                self._readers.setdefault(name, []).append(expression)
+        new = {name: e for name, e in self._expressions.items() if name not in before}
+        if before or mission.jobs:
+            self._touched = {n: e for n, e in self._touched.items() if n in self._expressions} | new
+        for name in before.keys() - self._expressions.keys():
+            self._defaults.pop(name, None)
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
         """The author's value from now on. Conditions are never dropped."""
@@ -111,7 +125,7 @@ class Conditions:
     def _default(self, name: str) -> bool:
         default = self._defaults.get(name)
         if default is None:
-            expression = self._mission.per_robot.guard_expressions.get(name)
+            expression = self._expressions.get(name)
             if expression is None:
                 default = self._mission.condition_default(name)
             else:
@@ -126,9 +140,16 @@ class Conditions:
         """What an author has seen of an expression, or of a guard with actions."""
         self._remember(name)
         self._noted.setdefault(name, {})[author] = noted
-        if name not in self._with_actions:
-            self._touched[name] = self._mission.per_robot.guard_expressions[name]
+        if name in self._expressions:
+            self._touched[name] = self._expressions[name]
             self._touch_readers(name)
+
+    def forget(self, name: str, author: str) -> None:
+        """What an author has seen of a guard was dropped, with the job in whose tree it was."""
+        noted = self._noted.get(name, {})
+        noted.pop(author, None)
+        if not noted:
+            self._noted.pop(name, None)
 
     def _touch_readers(self, name: str) -> None:
         for expression in self._readers.get(name, ()):

@@ -1,4 +1,4 @@
-"""What an entry means: member, claim, outcome, bid, coalition, condition, order; their limits.
+"""What an entry means: member, claim, outcome, bid, coalition, condition, job; their limits.
 
 Values come from the network: every parser raises ValueError for anything that is not exactly
 its kind, and nothing else.
@@ -23,12 +23,15 @@ from mrbt_mesh.core.facts.values import (
     texts_by_reason,
 )
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
-from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS
+from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_ROBOTS
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
 MAX_SUBJECT = 100
+# How many jobs one archive names, by how long a hash.
+MAX_ARCHIVED = 500
+MAX_HASH = (1 << 53) - 1
 # The subject of problems with the journal; all other subjects are parts of the robot's program.
 JOURNAL = "journal"
 
@@ -78,6 +81,18 @@ def _write_robots(robots: tuple[tuple[str, ...], ...]) -> list[Any]:
     return [list(each) for each in robots]
 
 
+def _read_hashes(value: Any) -> tuple[int, ...]:
+    if not isinstance(value, list) or len(value) > MAX_ARCHIVED:
+        raise ValueError(f"list of hashes expected, found {shown(value)}")
+    return tuple(read_integer(each, 0, MAX_HASH) for each in value)
+
+
+def _read_texts(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or len(value) > MAX_ROBOTS:
+        raise ValueError(f"list of texts expected, found {shown(value)}")
+    return tuple(map(read_text, value))
+
+
 def _read_places(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or len(value) > MAX_TIMED_PLACES:
         raise ValueError(f"a list of at most {MAX_TIMED_PLACES} places expected")
@@ -121,6 +136,12 @@ _Name: TypeAlias = Annotated[str, Plain(_read_name)]
 _Reason: TypeAlias = Annotated[str, Plain(partial(read_text, limit=MAX_REASON))]
 _Reasons: TypeAlias = Annotated[Mapping[str, str], Plain(_read_lost, texts_by_reason)]
 _Positive: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1))]
+_Texts: TypeAlias = Annotated[tuple[str, ...], Plain(_read_texts, list)]
+_priority = partial(read_integer, low=-MAX_PRIORITY, high=MAX_PRIORITY)
+_Priority: TypeAlias = Annotated[int, Plain(_priority)]
+_AnyPriority: TypeAlias = Annotated[
+    int | None, Plain(lambda value: None if value is None else _priority(value))
+]
 _Robots: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1, high=MAX_ROBOTS))]
 
 
@@ -463,6 +484,76 @@ def as_subject(text: str) -> str:
     return name[:MAX_SUBJECT] or "_"
 
 
+class JobState(enum.StrEnum):
+    """How a job has ended."""
+
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    EXPIRED = "expired"
+
+
+_JobState: TypeAlias = Annotated[JobState, Plain(lambda value: JobState(read_text(value)), str)]
+
+
+@dataclass(frozen=True, slots=True)
+class Job(Record):
+    """A job as it was submitted; the first one under its id counts.
+
+    `delay_us`: how long it waits before it may begin; `deadline_us`: after how long it expires; 0:
+    never. `operator`: who submitted it. `stamp` is a Lamport stamp.
+    """
+
+    type: str
+    arguments: _Texts
+    priority: _Priority
+    delay_us: int
+    deadline_us: int
+    operator: str
+    stamp: int
+
+    write_once: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, slots=True)
+class JobChange(Record):
+    """What operators have changed of a job; `priority` None: as submitted."""
+
+    is_held: bool
+    priority: _AnyPriority
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class JobEnd(Record):
+    """How a job has ended; success goes first, then a cancellation. `robots`: those that have
+    worked on it.
+    """
+
+    state: _JobState
+    type: str
+    arguments: _Texts
+    operator: str
+    reason: _Reason
+    robots: _Texts
+    stamp: int
+
+    write_once: ClassVar[bool] = True
+
+    def rank(self) -> int:
+        ranks = {JobState.SUCCEEDED: 2, JobState.CANCELLED: 1}
+        return ranks.get(self.state, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class JobArchive(Record):
+    """Jobs that have ended long ago, of which only that is kept: the hashes of their ids."""
+
+    hashes: Annotated[tuple[int, ...], Plain(_read_hashes, list)]
+
+    write_once: ClassVar[bool] = True
+
+
 @dataclass(frozen=True, slots=True)
 class Latch(Record):
     """Something that stays true once written: a latched failure, a grant, a broken coalition."""
@@ -499,6 +590,13 @@ DONE = "done"
 BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
+# A job, what operators have changed of it, and how it has ended.
+JOB, JOB_CHANGE, JOB_END = "job", "job_change", "job_end"
+# The delay of a job is over.
+JOB_DUE = "job_due"
+# Of jobs that have ended before those of which the ends are kept.
+JOB_ARCHIVE = "job_archive"
+JOB_KINDS = frozenset({JOB, JOB_CHANGE, JOB_DUE, JOB_END})
 # The author's proposal of a schedule, and its travel times.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
@@ -521,8 +619,12 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     BID: (Bid.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
     SCHEDULE: (Proposal.parse, (1,)),
+    JOB: (Job.parse, (2,)),
+    JOB_CHANGE: (JobChange.parse, (2,)),
+    JOB_END: (JobEnd.parse, (2,)),
+    JOB_ARCHIVE: (JobArchive.parse, (2,)),
     TRAVEL_TIMES: (TravelTimes.parse, (1,)),
-    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
+    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE, JOB_DUE), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }
 

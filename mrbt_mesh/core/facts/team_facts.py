@@ -15,11 +15,16 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts, KnownBids, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
+from mrbt_mesh.core.facts.jobs import Jobs
 from mrbt_mesh.core.facts.records import (
     Claim,
     CoalitionId,
     ConditionValue,
     ExpressionRevision,
+    Job,
+    JobArchive,
+    JobChange,
+    JobEnd,
     Member,
     MissionResult,
     NoClaim,
@@ -33,9 +38,12 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
+from mrbt_mesh.core.mission.jobs import OpenJob, task_of_job, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 
+# Kinds of facts that may belong to jobs, besides those of activations.
+_OF_JOBS = records.JOB_KINDS | {records.EXPRESSION}
 # Of an activation of which nothing is known.
 _NOTHING = ActivationFacts(Activation("", -1, "", (), 0))
 
@@ -73,6 +81,7 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
+    `declared`: the mission as its file has it. `jobs`: None if it has no types of jobs.
     `activations`: what is said of each activation, by name. `problems`: robot -> its journal
     or a part of its program -> what is wrong with it. `changes` counts all changes of the
     map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen
@@ -80,7 +89,7 @@ class TeamFacts:
     """
 
     def __init__(self, mission: Mission, run: str) -> None:
-        self.mission = mission
+        self.declared = mission
         self.run = run
         self.map = FactMap()
         self.members: dict[str, KnownMember] = {}
@@ -89,10 +98,14 @@ class TeamFacts:
         self.activations: dict[str, ActivationFacts] = {}
         self.problems: dict[str, dict[str, str]] = {}
         self.proposals: dict[str, Proposal] = {}
+        self.jobs = Jobs(mission) if mission.jobs else None
         self.travel_times: dict[str, TravelTimes] = {}
         self.max_stamp = 0
         self.changes = 0
         self.outcome_changes = 0
+        self._mission = mission
+        # The jobs in its tree; None: their types are.
+        self._in_tree: tuple[OpenJob, ...] | None = None
         self._places: dict[str, str] = {}
         # (robot, its type) -> its table of travel times, of robots that have published some.
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
@@ -103,6 +116,19 @@ class TeamFacts:
         self._has_reach_changed = False
         self._new_activations: dict[str, None] = {}
         self.map.subscribe(self._index)
+
+    @property
+    def mission(self) -> Mission:
+        """The mission with the trees of open jobs in its tree."""
+        self._follow_jobs()
+        return self._mission
+
+    def _follow_jobs(self) -> None:
+        if self.jobs is not None and self.jobs.has_changed:
+            before, self._in_tree = self._in_tree, self.jobs.in_tree()
+            if before != self._in_tree:
+                self._mission = with_jobs(self.declared, self._in_tree)
+                self.conditions.use(self._mission)
 
     # -- what T_G reads: EvaluationFacts ------------------------------------------------------
 
@@ -120,6 +146,7 @@ class TeamFacts:
 
     def turned_guards(self) -> list[tuple[str, ExpressionRevision]]:
         """The guards of several nodes that have turned, as far as is known here: to be noted."""
+        self._follow_jobs()
         return self.conditions.unnoted() or self.conditions.turned_with_actions(self)
 
     def task_status(self, subject: str, activation: str) -> Status:
@@ -127,7 +154,8 @@ class TeamFacts:
         said = self.activations.get(activation)
         if said is None:
             return Status.RUNNING
-        return task_status(self.mission.global_tasks[subject], said, self)
+        task = self.mission.global_tasks.get(subject) or self.task(activation)
+        return task_status(task, said, self)
 
     def status_after(self, name: str, robot: str, success: bool, version: Version) -> Status:
         """The status of an activation once this outcome of a robot is among the facts."""
@@ -141,7 +169,7 @@ class TeamFacts:
         known = self.map.get(robot, name)
         if known is None or known.record.rank() < success:
             after.add_outcome(parts, robot, success, version)
-        return task_status(self.mission.global_tasks[after.activation.subject], after, self)
+        return task_status(self.task(parts[1]), after, self)
 
     def attempts_used(self, activation: str) -> int:
         """The number of attempts that are used up, over all authors."""
@@ -157,6 +185,10 @@ class TeamFacts:
         if success is None:
             return None
         return Status.SUCCESS if success else Status.FAILURE
+
+    def jobs_status(self, origin: int) -> Status:
+        """RUNNING, or how that Jobs node was ended by one of its jobs."""
+        return self.jobs.node_status(origin) if self.jobs is not None else Status.RUNNING
 
     # -- robots -------------------------------------------------------------------------------
 
@@ -246,9 +278,18 @@ class TeamFacts:
     def task_of(self, activation: str) -> GlobalTask | None:
         """The global task of an activation, None if there is none of that name."""
         try:
-            return self.mission.global_tasks.get(parse_activation(activation).subject)
+            found = parse_activation(activation)
         except ValueError:
             return None
+        if not found.job:
+            return self.declared.global_tasks.get(found.subject)
+        return task_of_job(self.declared, found.node, found.subject)
+
+    def task(self, activation: str) -> GlobalTask:
+        """The global task of an activation that a robot works on, or has."""
+        found = self.task_of(activation)
+        assert found is not None
+        return found
 
     def has_latched_failure(self, activation: str) -> bool:
         """Whether the failure of this activation has been latched."""
@@ -296,21 +337,32 @@ class TeamFacts:
     # -- what may be dropped ------------------------------------------------------------------
 
     def prune(self) -> list[tuple[str, str]]:
-        """Drop the facts of activations that no evaluation can reach any more.
+        """Drop the facts of activations that no evaluation can reach any more, and of ended jobs.
 
         Every replica drops the same. Returns authors and names, sorted. To drop what is out of
         reach changes the reach of nothing.
         """
-        names = self.activations if self._has_reach_changed else self._new_activations
-        is_obsolete = self.mission.evaluator.is_obsolete
-        found = [self.activations[name] for name in names if name in self.activations]
-        obsolete = [each for each in found if is_obsolete(each.activation, self)]
-        keys = sorted(key for each in obsolete for key in each.keys)
+        keys = self.obsolete(self.activations if self._has_reach_changed else self._new_activations)
         for author, name in keys:
             self.map.drop(author, name)
         self._has_reach_changed = False
         self._new_activations.clear()
         return keys
+
+    def obsolete(self, activations: Collection[str]) -> list[tuple[str, str]]:
+        """(author, name) of the facts that nothing reads any more, of these activations and of
+        jobs, sorted.
+        """
+        found = [self.activations[name] for name in activations if name in self.activations]
+        obsolete = [each for each in found if self.is_obsolete(each.activation)]
+        keys = [key for each in obsolete for key in each.keys]
+        return sorted([*keys, *(self.jobs.obsolete if self.jobs is not None else ())])
+
+    def is_obsolete(self, activation: Activation) -> bool:
+        """Whether no evaluation, now or later, can reach this activation any more."""
+        if self.jobs is not None and self.jobs.has_ended(activation.job):
+            return True
+        return self.mission.evaluator.is_obsolete(activation, self)
 
     # -- keeping the indices ------------------------------------------------------------------
 
@@ -326,18 +378,25 @@ class TeamFacts:
         kind = entry.parts[0]
         if kind in (records.CONDITION, records.EXPRESSION, records.ATTEMPT):
             self._has_reach_changed = True
+        if self.jobs is not None and kind in _OF_JOBS:
+            self._add_to_job(entry, self.jobs)
         if kind in ACTIVATION_KINDS:
             self._add_to_activation(entry)
-            return
+        else:
+            self._add_record(entry)
+
+    def _add_record(self, entry: Entry) -> None:
         author, record, incarnation = entry.author, entry.record, entry.version.incarnation
         match record:
             case Member():
                 self.members[author] = KnownMember(record, incarnation)
             case Claim():
+                self._note_claim(author, record)
                 self.claims[author] = KnownClaim(record, incarnation)
                 self._places[author] = record.place
                 self._see_stamp(record.since)
             case NoClaim(place):
+                self._note_claim(author, None)
                 self.claims.pop(author, None)
                 self._places[author] = place
             case ConditionValue():
@@ -349,11 +408,31 @@ class TeamFacts:
                 self._results[author] = record
             case RobotProblem(text):
                 self._add_problem(author, entry.parts[1], text)
+            case JobArchive() if self.jobs is not None:
+                self.jobs.add_archive(entry, record)
             case Proposal() | TravelTimes():
                 self._add_about_ways(author, record)
             case Order():
                 self._orders[author] = record
                 self._see_stamp(record.stamp)
+
+    def _add_to_job(self, entry: Entry, jobs: Jobs) -> None:
+        jobs.add(entry)
+        if isinstance(entry.record, Job | JobChange | JobEnd):
+            self._see_stamp(entry.record.stamp)
+        if jobs.has_ended(entry.parts[1]) and entry.parts[1] in jobs.known:
+            ended = jobs.known[entry.parts[1]].activations
+            self._new_activations |= dict.fromkeys(ended)
+
+    def _note_claim(self, robot: str, claim: Claim | None) -> None:
+        """A robot works on this from now on: its job is begun."""
+        if self.jobs is None:
+            return
+        held = self.claims.get(robot)
+        for each, by in ((held.claim if held else None, -1), (claim, 1)):
+            job = parse_activation(each.activation).job if each is not None else ""
+            if each is not None and job and each.phase is Phase.RUNNING:
+                self.jobs.note_claims(job, by)
 
     def _add_about_ways(self, author: str, record: Proposal | TravelTimes) -> None:
         if isinstance(record, Proposal):
@@ -374,18 +453,30 @@ class TeamFacts:
         if said is None:
             said = self.activations[name] = ActivationFacts(parse_activation(name))
             self._new_activations[name] = None
+            if said.activation.job and self.jobs is not None:
+                self.jobs.note_activation(said.activation.job, name, is_known=True)
         said.add(entry)
         self.outcome_changes += kind == records.OUTCOME
         if kind in records.COALITION_KINDS:
             self._see_stamp(CoalitionId.parse(entry.parts[2]).since)
 
     def _remove(self, entry: Entry) -> None:
-        """Only entries of activations are dropped, those of one activation all together."""
+        """Only entries of activations and jobs are dropped, those of an activation together."""
         name = entry.parts[1]
+        if self.jobs is not None and entry.parts[0] == records.JOB_ARCHIVE:
+            self.jobs.remove_archive(entry)
+            return
+        if self.jobs is not None and entry.parts[0] in _OF_JOBS:
+            self.jobs.remove(entry)
+            if entry.parts[0] == records.EXPRESSION:
+                self.conditions.forget(name, entry.author)
+            return
         said = self.activations[name]
         del said.keys[entry.author, entry.name]
         if not said.keys:
             del self.activations[name]
+            if said.activation.job and self.jobs is not None:
+                self.jobs.note_activation(said.activation.job, name, is_known=False)
 
     def _see_stamp(self, stamp: int) -> None:
         self.max_stamp = max(self.max_stamp, stamp)

@@ -10,19 +10,25 @@ from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.conditions import expression_value
+from mrbt_mesh.core.facts.jobs import job_in_guard
 from mrbt_mesh.core.facts.records import (
     Claim,
     Coalition,
     CoalitionId,
     ConditionValue,
     ExpressionRevision,
+    Job,
+    JobEnd,
     NoClaim,
     Proposal,
     TravelTimes,
 )
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.mission.jobs import is_job_id, task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 
+# Of the number of an archive.
+MAX_DIGITS = 16
 # Kinds of entry that belong to an activation -> the kinds of node whose activations have them.
 ACTIVATION_KINDS = {
     records.OUTCOME: frozenset({Kind.ACTION}),
@@ -44,6 +50,11 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return _refuse_expression(entry, parts[1], mission)
     if parts[0] in ACTIVATION_KINDS:
         return _refuse_of_activation(entry, parts, mission, run)
+    if parts[0] == records.JOB_ARCHIVE:
+        fits = bool(mission.jobs) and parts[1].isdecimal() and len(parts[1]) < MAX_DIGITS
+        return None if fits else f"{parts[1]!r:.80} is no number of an archive of jobs"
+    if parts[0] in records.JOB_KINDS:
+        return _refuse_of_job(entry, parts[1], mission)
     if parts[0] == records.SCHEDULE:
         return _refuse_proposal(entry, mission, run)
     if isinstance(entry.record, Claim | NoClaim):
@@ -79,14 +90,20 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     """It follows from the revisions that were read, and takes at least as many."""
     expression = mission.per_robot.guard_expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
+    job = job_in_guard(name)
+    if job and guard is None:
+        # Of a job, which may not be known here yet: the guard of its type.
+        name = name.replace(f"@{job}", "", 1)
+        expression = mission.per_robot.guard_expressions.get(name)
+        guard = expression or mission.evaluator.with_actions.get(name)
     if guard is None:
         return f"{name!r:.80} is no guard of several conditions in this mission's tree"
     record = entry.record
     assert isinstance(record, ExpressionRevision)
     if len(record.read) != len(guard.conditions) or sum(record.read) < record.revision:
         return f"expression {name!r}: revision {record.revision} does not follow from {record.read}"
-    if expression is None:
-        return None  # it depends on outcomes as well
+    if expression is None or job:
+        return None  # it depends on outcomes as well, or on the arguments of the job
     at_first = expression_value(mission, expression, (0,) * len(record.read))
     now = expression_value(mission, expression, record.read)
     if now != at_first ^ bool(record.revision % 2):
@@ -121,7 +138,8 @@ def _refuse_of_activation(
         if node.memory is Memory.NONE or parts[2] not in positions:
             return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
     if ACTIVATION_KINDS[kind] == {Kind.ACTION}:
-        return _refuse_of_task(entry, parts, mission.global_tasks[activation.subject])
+        task = _task_of(activation, mission)
+        return _refuse_of_task(entry, parts, task) if task is not None else "no such task"
     return None
 
 
@@ -146,13 +164,40 @@ def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
     if min((activation.turns, *activation.attempts)) < 0:
         return False
     node = nodes[activation.node]
-    if node.kind not in ACTIVATION_KINDS[kind] or node.subject != activation.subject:
+    if node.kind not in ACTIVATION_KINDS[kind]:
+        return False
+    is_of_job = bool(mission.jobs) and type_at(mission, node.index) is not None
+    if bool(activation.job) is not is_of_job:
+        return False
+    if not is_of_job or node.kind is not Kind.ACTION:
+        if node.subject != activation.subject:
+            return False
+    elif not is_job_id(activation.job) or _task_of(activation, mission) is None:
         return False
     enclosing_loops, outer = 0, node.parent
     while outer >= 0:
         enclosing_loops += nodes[outer].kind in ATTEMPT_KINDS
         outer = nodes[outer].parent
     return len(activation.attempts) == enclosing_loops
+
+
+def _task_of(activation: Activation, mission: Mission) -> GlobalTask | None:
+    if activation.job:
+        return task_of_job(mission, activation.node, activation.subject)
+    return mission.global_tasks.get(activation.subject)
+
+
+def _refuse_of_job(entry: Entry, name: str, mission: Mission) -> str | None:
+    record = entry.record
+    if not mission.jobs:
+        return "this mission has no jobs"
+    if not is_job_id(name):
+        return f"{name!r:.80} names no job"
+    if isinstance(record, Job | JobEnd) and record.type not in mission.jobs:
+        return f"this mission has no jobs of type {record.type!r:.80}"
+    if isinstance(record, Job | JobEnd):
+        return mission.jobs[record.type].problem(record.arguments) or None
+    return None
 
 
 def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> str | None:

@@ -135,7 +135,7 @@ class Replica:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
         fitting = []
         for entry in entries:
-            reason = refusal_reason(entry, self.facts.mission, self.facts.run)
+            reason = refusal_reason(entry, self.facts.declared, self.facts.run)
             if reason is None and not is_own_record and not self._is_authentic(entry):
                 reason = NOT_AUTHENTIC
             if reason is None:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import enum
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -23,7 +24,14 @@ from mrbt_mesh.core.mission.conditions import (
     conditions_from_json,
 )
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
-from mrbt_mesh.core.mission.names import robot_condition, split_call, split_owner, type_name
+from mrbt_mesh.core.mission.names import (
+    bound,
+    placeholder,
+    robot_condition,
+    split_call,
+    split_owner,
+    type_name,
+)
 from mrbt_mesh.core.mission.program_trees import (
     ProgramTree,
     program_trees_from_json,
@@ -36,8 +44,15 @@ MAX_PERFORMANCE = 1_000_000 * MICRO
 MAX_ROBOTS = 1_000
 MAX_GLOBAL_TASKS = 10_000
 MAX_COST = 1_000_000
+MAX_JOB_TYPES = 100
+MAX_CHOICES = 10_000
+MAX_PRIORITY = 1_000
+MAX_AT_MOST = 1_000
+MAX_NUMBER = 1_000_000_000
 MAX_BID_WITHIN_US = 10 * MICRO
 COMPILED_VERSION = 2
+
+_NUMBER = re.compile(r"0|-?[1-9][0-9]{0,9}")
 
 RobotId: TypeAlias = str
 LocalTaskId: TypeAlias = str
@@ -232,6 +247,119 @@ class GlobalTask:
 
 
 @dataclass(frozen=True, slots=True)
+class JobParameter:
+    """A parameter of a job type: one of `choices`, or a whole number from `low` to `high`."""
+
+    name: str
+    choices: tuple[str, ...] = ()
+    low: int = 0
+    high: int = 0
+
+    def problem(self, value: str) -> str:
+        """What is wrong with a value; empty if it fits."""
+        if self.choices:
+            listed = ", ".join(self.choices[:20]) + (", ..." if len(self.choices) > 20 else "")
+            return "" if value in self.choices else f"{self.name} is one of {listed}"
+        is_number = _NUMBER.fullmatch(value) and self.low <= int(value) <= self.high
+        return "" if is_number else f"{self.name} is a whole number from {self.low} to {self.high}"
+
+    def longest(self) -> str:
+        """A value with the most characters."""
+        return max(self.choices or (str(self.high), str(self.low)), key=len)
+
+    def values(self) -> Iterator[str]:
+        """All of them."""
+        return iter(self.choices) if self.choices else map(str, range(self.low, self.high + 1))
+
+
+@dataclass(frozen=True, slots=True)
+class JobType:
+    """A type of jobs.
+
+    `ends_mission`: the Jobs node ends with the first job of this type that ends, as it did.
+    `deadline_us`: how long after its submission a job expires, unless it says so itself; None:
+    never. The rest holds what its tree needs with placeholders in their names, as `Mission` has it
+    for ground names; `at` as in `Travel`.
+    """
+
+    name: str
+    parameters: tuple[JobParameter, ...] = ()
+    priority: int = 0
+    deadline_us: int | None = None
+    ends_mission: bool = False
+    global_tasks: Mapping[str, GlobalTask] = field(default_factory=dict)
+    local_trees: Mapping[str, Tree] = field(default_factory=dict)
+    at: Mapping[str, str] = field(default_factory=dict)
+    program_trees: Mapping[str, ProgramTree] = field(default_factory=dict)
+
+    def problem(self, arguments: Sequence[str]) -> str:
+        """What is wrong with the arguments of a job; empty if they fit."""
+        if len(arguments) != len(self.parameters):
+            wanted = ", ".join(each.name for each in self.parameters) or "none"
+            count = len(self.parameters)
+            return f"{self.name} takes {count} argument{'' if count == 1 else 's'} ({wanted})"
+        pairs = zip(self.parameters, arguments, strict=True)
+        problems = (each.problem(value) for each, value in pairs)
+        return next(filter(None, problems), "") or self._needed_twice(arguments)
+
+    def _needed_twice(self, arguments: Sequence[str]) -> str:
+        """Two needs of one task may become the same: whether they do."""
+        values = self.values_of(arguments)
+        for task in self.global_tasks.values():
+            needed = [bound(need.local_task, values) for need in task.needs]
+            twice = next((name for name in needed if needed.count(name) > 1), None)
+            if twice is not None:
+                return f"{bound(task.id, values)} would need {twice} twice"
+        return ""
+
+    def values_of(self, arguments: Sequence[str]) -> dict[str, str]:
+        """Parameter -> the value that a job gives it."""
+        return {p.name: value for p, value in zip(self.parameters, arguments, strict=True)}
+
+    def values(self, text: str) -> Iterator[str]:
+        """All that a text with placeholders can become, which may be many."""
+        used = next((each for each in self.parameters if placeholder(each.name) in text), None)
+        if used is None:
+            yield text
+            return
+        for value in used.values():
+            yield from self.values(text.replace(placeholder(used.name), value))
+
+    def places(self) -> Iterator[tuple[str, str]]:
+        """Local tasks, with placeholders, and the places where each may happen."""
+        return ((task, place) for task, at in self.at.items() for place in self.values(at))
+
+    def to_json(self) -> list[Any]:
+        """Plain data; `from_json` takes it back."""
+        return [
+            self.name,
+            [[each.name, list(each.choices), each.low, each.high] for each in self.parameters],
+            [self.priority, self.deadline_us, self.ends_mission],
+            [task.to_json() for task in self.global_tasks.values()],
+            {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()},
+            dict(self.at),
+            program_trees_to_json(self.program_trees),
+        ]
+
+    @classmethod
+    def from_json(cls, data: list[Any]) -> JobType:
+        """The inverse; raises TypeError or ValueError for anything else."""
+        name, parameters, usual, tasks, trees, at, programs = data
+        priority, deadline_us, ends_mission = usual
+        return cls(
+            name,
+            tuple(JobParameter(each, tuple(those), *ends) for each, those, *ends in parameters),
+            priority,
+            deadline_us,
+            ends_mission,
+            {row[0]: GlobalTask.from_json(row) for row in tasks},
+            {each: build_tree(spec_from_json(spec)) for each, spec in sorted(trees.items())},
+            dict(at),
+            program_trees_from_json(programs),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Robot:
     """A robot of the mission file: capabilities L_i with performance p(i, l) in micro-units."""
 
@@ -249,16 +377,20 @@ def performance(capabilities: Mapping[str, int], local_task: LocalTaskId) -> int
     return exact if exact is not None else capabilities.get(type_name(local_task))
 
 
-def travel_problems(travel: Travel, robots: Iterable[Robot]) -> Iterator[tuple[str, str]]:
+def travel_problems(
+    travel: Travel, robots: Iterable[Robot], jobs: Iterable[JobType]
+) -> Iterator[tuple[str, str]]:
     """What robots lack that can do something at a place: their `start`, or a way to it (`ways`).
 
     The first of each robot type, and what kind it is.
     """
     seen = set[tuple[str, str | None, frozenset[str]]]()
+    at = [*travel.at.items()]
+    at += [pair for job in jobs for pair in job.places()]
     found = set[str]()
     for robot in robots:
         able = robot.capabilities
-        goals = frozenset(p for task, p in travel.at.items() if performance(able, task) is not None)
+        goals = frozenset(p for task, p in at if performance(able, task) is not None)
         start = travel.start.get(robot.id)
         if not goals or robot.type in found or (robot.type, start, goals) in seen:
             continue
@@ -291,7 +423,7 @@ class Mission:
     the digest: robots with different solvers make the same plans. `local_trees`: those of ground
     local tasks that are trees of others; `local_conditions`: those that these trees may read;
     `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
-    where nothing is said of places.
+    where nothing is said of places. `jobs`: types of jobs, whose trees are below Jobs nodes.
     """
 
     name: str
@@ -312,6 +444,7 @@ class Mission:
     local_conditions: Mapping[str, ConditionType] = field(default_factory=dict)
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
     travel: Travel | None = None
+    jobs: Mapping[str, JobType] = field(default_factory=dict)
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -335,19 +468,24 @@ class Mission:
     @cached_property
     def local_task_types(self) -> Mapping[LocalTaskId, str]:
         """The type of each ground local task that global tasks need."""
-        needs = (need for task in self.global_tasks.values() for need in task.needs)
+        needs = (need for task in self.all_tasks() for need in task.needs)
         return {need.local_task: type_name(need.local_task) for need in needs}
+
+    def all_tasks(self) -> Iterator[GlobalTask]:
+        """The global tasks, and those of job types with placeholders in their names."""
+        yield from self.global_tasks.values()
+        for known in self.jobs.values():
+            yield from known.global_tasks.values()
 
     @cached_property
     def has_bids(self) -> bool:
         """Whether any performance is known only to the robots."""
-        return any(need.by_bid for task in self.global_tasks.values() for need in task.needs)
+        return any(need.by_bid for task in self.all_tasks() for need in task.needs)
 
     @cached_property
     def has_paper_policy(self) -> bool:
         """Whether any task fails by the paper's count."""
-        tasks = self.global_tasks.values()
-        return any(task.failure is FailurePolicy.PAPER for task in tasks)
+        return any(task.failure is FailurePolicy.PAPER for task in self.all_tasks())
 
     def condition_default(self, ground: str) -> bool:
         """The value of `ground` while nobody has set it; False if it is not declared."""
@@ -429,6 +567,7 @@ class Mission:
             "local_conditions": {c.name: c.to_json() for c in self.local_conditions.values()},
             "program_trees": program_trees,
             "travel": self.travel.to_json() if self.travel is not None else None,
+            "jobs": [known.to_json() for known in self.jobs.values()],
         }
         return {name: value for name, value in optional.items() if value} | {
             "compiled": COMPILED_VERSION,
@@ -492,6 +631,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             local_conditions=conditions_from_json(data.get("local_conditions", {})),
             program_trees=program_trees_from_json(data.get("program_trees", {})),
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
+            jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
 MAX_NAME = 64
 NAME_PATTERN = rf"[A-Za-z_][A-Za-z0-9_]{{0,{MAX_NAME - 1}}}"
 ARGUMENT_PATTERN = r"[A-Za-z0-9_.+-]{1,64}"
 ROBOT_PATTERN = r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}"
 MAX_ARGUMENTS = 8
+# In place of a parameter, until a job gives it a value; no ground name has it.
+PLACEHOLDER = re.compile(r"\{(\w+)\}")
 # In place of a local task: all that a robot has.
 ALL = "all"
 _OF = "@"
@@ -26,6 +29,18 @@ def split_call(text: str) -> tuple[str, tuple[str, ...]]:
     if len(arguments) > MAX_ARGUMENTS:
         raise ValueError(f"{text!r} has more than {MAX_ARGUMENTS} arguments")
     return match[1], arguments
+
+
+def placeholder(parameter: str) -> str:
+    """What is in the place of a parameter until a job gives it a value."""
+    return f"{{{parameter}}}"
+
+
+def bound(text: str, values: Mapping[str, str]) -> str:
+    """A text with the values in the places of its parameters."""
+    if "{" not in text:
+        return text
+    return PLACEHOLDER.sub(lambda match: values.get(match[1], match[0]), text)
 
 
 def type_name(ground: str) -> str:

@@ -6,7 +6,7 @@ A mission without places has no `Travel`, and nothing of it costs that anything.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import isqrt
 from typing import Any
@@ -61,6 +61,12 @@ class Travel:
             raise KeyError(f"no way from {origin} to {goal}")
         distance = isqrt((start[0] - end[0]) ** 2 + (start[1] - end[1]) ** 2)
         return -(-1_000 * distance // self.speeds[robot_type])
+
+    def with_places(self, at: Mapping[str, str]) -> Travel:
+        """The same ways, with these places of local tasks."""
+        found = replace(self, at=at)
+        object.__setattr__(found, "_tables", self._tables)
+        return found
 
     def table(self, robot_type: str) -> Sequence[Sequence[int]]:
         """`way_ms` of all places, in the order of `places`: from each to each.

@@ -77,12 +77,20 @@ def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
     found = [*_blocked(observer), *_dead(observer)]
     if observer.record.result is None:
         found += [*_silent(observer), *_faulty(observer), *_agreement(observer, differing)]
+        found += _open_jobs(observer)
     order = list(Level)
     is_bad = any(statement.level is Level.BAD for statement in found)
     result = list(_result(observer, is_bad))
     if observer.record.result is not None:
         return [*result, *found]
     return sorted([*result, *found], key=lambda statement: order.index(statement.level))
+
+
+def _open_jobs(observer: Observer) -> Iterator[Statement]:
+    jobs = observer.facts.jobs
+    count = jobs.count_open() if jobs is not None else 0
+    if count:
+        yield Statement(Level.INFO, f"{count} job{'' if count == 1 else 's'} open")
 
 
 def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:

@@ -24,6 +24,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
     BiddingRecord,
@@ -405,7 +406,7 @@ class RunRecord:
             return
         self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
         if claim.phase is Phase.TRAVELLING and self.mission.travel is not None:
-            place = self.mission.travel.at.get(claim.local_task, "")
+            place = place_at(self.mission, claim.local_task)
             self._say_heard(now_us, f"{robot}: on its way to {place} for {claim.local_task}")
         if claim.phase is not Phase.RUNNING:
             return

@@ -35,7 +35,7 @@ class TaskRecord:
 
 
 class TaskLog:
-    """Follows the global tasks through facts and plans.
+    """Follows the global tasks through facts and plans; those of jobs are in no log of tasks.
 
     A plan has the result of a task only as long as its node is reached. Once a condition takes it
     out of reach, the facts of its latest activation decide; they are kept here, since the team
@@ -63,20 +63,23 @@ class TaskLog:
 
     def fact(self, entry: Entry) -> None:
         """An entry of the fact map has changed."""
-        if Kind.ACTION in ACTIVATION_KINDS.get(entry.parts[0], ()):
+        of_task = Kind.ACTION in ACTIVATION_KINDS.get(entry.parts[0], ())
+        if of_task and not parse_activation(entry.parts[1]).job:
             self._known(entry.parts[1]).add(entry)
 
     def plan(self, plan: Plan) -> None:
         """A new plan: the state of every task that it shows, and of those out of reach."""
         evaluation = plan.evaluation
         requests = () if plan.order is OrderKind.ABORT else evaluation.requests
+        nodes = evaluation.tree.nodes
+        requests = tuple(request for request in requests if not nodes[request.node].job)
         for request in requests:
             self._known(request.activation)
         self._failed.update(evaluation.failures)
         shown: dict[str, set[TaskState]] = {
             request.subject: {TaskState.RUNNING} for request in requests
         }
-        for node in self._mission.tree.actions():
+        for node in evaluation.tree.actions():
             status = evaluation.status_of(node.index)
             if status in (Status.SUCCESS, Status.FAILURE):
                 shown.setdefault(node.subject, set()).add(TaskState[status.name])

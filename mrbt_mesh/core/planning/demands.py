@@ -90,12 +90,17 @@ def done_before(facts: TeamFacts, request: Request, before: SameRobotAs) -> tupl
     """The robots with the success that `same_robot_as` asks for.
 
     It counts in the present activation of the nearest action before the request, in tree order,
-    of which any success is known.
+    and of the same job if the request is of one, of which any success is known.
     """
     names = facts.mission.evaluator
     nodes = facts.mission.tree.nodes
     for node in range(request.node - 1, -1, -1):
-        if nodes[node].kind is Kind.ACTION and nodes[node].subject == before.global_task:
+        is_of_job = nodes[node].job == nodes[request.node].job
+        if (
+            is_of_job
+            and nodes[node].kind is Kind.ACTION
+            and nodes[node].subject == before.global_task
+        ):
             activation = str(names.current_activation(node, facts))
             results = facts.results(activation, before.local_task)
             robots = sorted(robot for robot, success in results.items() if success)

@@ -8,6 +8,7 @@ what it can, as in TigerBeetle's simulator. Some worlds keep one broken link.
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import random
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from functools import partial
 from itertools import permutations
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.commands import CHANGE_JOB, ORDER, SUBMIT
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.sim.world import faults
@@ -106,7 +107,8 @@ class _Chaos:
     def __init__(self, mission: Mission, seed: int, knobs: ChaosKnobs) -> None:
         self.seed = seed
         self.knobs = knobs
-        self.leases = any(task.exclusive for task in mission.global_tasks.values())
+        self.leases = any(task.exclusive for task in mission.all_tasks())
+        self.job_types = sorted(mission.jobs)
         self.robots = sorted(mission.robots)
         self.links: list[Link] = list(permutations(self.robots, 2))
         self.local_tasks = {
@@ -152,6 +154,8 @@ class _Chaos:
                 make()
         self._change_performances()
         self._spoil_disks()
+        if self.job_types:
+            self._submit_jobs()
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
         heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
@@ -185,6 +189,37 @@ class _Chaos:
                 self.steps.append((start_us, faults.Disk(robot, sync_us, fails, is_locked)))
                 if pick.random() < 0.75:  # else until the healing
                     self.steps.append((end_us, faults.Disk(robot)))
+
+    def _submit_jobs(self) -> None:
+        """Drawn apart: jobs, some of them submitted twice, and changes of them."""
+        pick = random.Random(f"{self.seed}/jobs")
+        for number in range(pick.randint(3, 25)):
+            at_us = pick.randrange(self.knobs.chaos_us)
+            name, kind = f"j{number}", pick.choice(self.job_types)
+            arguments = [str(pick.randint(1, 3))]
+            given: dict[str, Any] = {
+                "id": name,
+                "type": kind,
+                "arguments": arguments,
+                "operator": "chaos",
+            }
+            if pick.random() < 0.2:
+                given["delay_us"] = pick.randrange(3 * SECOND_US)
+            if pick.random() < 0.2:
+                given["deadline_us"] = pick.randrange(1, 5 * SECOND_US)
+            text = json.dumps(given)
+            for _ in range(pick.choice([1, 1, 2])):
+                self.steps.append((at_us, faults.Command(pick.choice(self.robots), SUBMIT, text)))
+                at_us += pick.choice([0, 0, pick.randrange(SECOND_US)])
+            changes = ("cancel", "hold", "release", "priority")
+            for _ in range(pick.choice([0, 0, 1, 2])):
+                change = {
+                    "id": name,
+                    "change": pick.choice(changes),
+                    "priority": pick.randint(0, 5),
+                }
+                command = faults.Command(pick.choice(self.robots), CHANGE_JOB, json.dumps(change))
+                self.steps.append((at_us + pick.randrange(3 * SECOND_US), command))
 
     # -- times and victims --------------------------------------------------------------------
 

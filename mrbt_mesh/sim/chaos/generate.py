@@ -42,6 +42,8 @@ _EXPRESSIONS = (
 )
 # A task, and what is to be done where it fails.
 TRIED, INSTEAD = "tried", "instead"
+# The tasks of jobs.
+FIRST, SECOND = "first", "second"
 # In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
 # the square of the robots times the events, of which an endless mission has as many as it can.
 MAX_ENDLESS_ROBOTS = 8
@@ -99,6 +101,9 @@ class _Generator:
         # Likewise places between which robots travel, in one mission of four.
         self.places = random.Random(f"{seed}/places")
         self.travelling = self.places.random() < 0.25
+        # Likewise jobs, in some missions.
+        self.jobs = random.Random(f"{seed}/jobs")
+        self.takes_jobs = self.jobs.random() < 0.15
         # And some teams stand by when they are done.
         self.stands_by = random.Random(f"{seed}/ends").random() < 0.15
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
@@ -127,6 +132,8 @@ class _Generator:
         mission = self.usual_mission()
         if self.trying:
             self.add_alternative(mission)
+        if self.takes_jobs:
+            self.add_jobs(mission)
         if self.travelling:
             self.add_places(mission)
         return mission
@@ -229,6 +236,47 @@ class _Generator:
             mission["tree"] = {str(Kind.SEQUENCE): stages}
         else:
             mission["tree"] = {str(Kind.PARALLEL): {"success": "all", "children": stages}}
+
+    def add_jobs(self, mission: dict[str, Any]) -> None:
+        """Two types of jobs, beside the tree."""
+        pick = self.jobs
+        for task in (FIRST, SECOND):
+            mission["local_tasks"][task] = {
+                "parameters": ["number"],
+                "work": pick.choice([0.3, 0.5, 1.0]),
+            }
+            fails = pick.choice([0, 0, 100, 300])
+            mission["parameters"]["tasks"][task] = {"fails_permille": fails}
+            able = [kind for kind in sorted(self.types) if pick.random() < 0.7]
+            for kind in able or sorted(self.types):
+                mission["robot_types"][kind]["capabilities"][task] = 1.0
+            need: dict[str, Any] = {"min": 1, "max": pick.choice([1, 1, 2])}
+            if task == SECOND and pick.random() < 0.3:
+                need = {"min": 1, "same_robot_as": {"global_task": f"{FIRST}($number)"}}
+            special = pick.choice([{}, {}, {"exclusive": True}, {"simultaneous": True}])
+            mission["global_tasks"][task] = {
+                "parameters": ["number"],
+                "needs": {f"{task}($number)": need},
+                **({} if "same_robot_as" in need else special),
+            }
+        leaves: list[Any] = [f"{FIRST}($number)", f"{SECOND}($number)"]
+        if pick.random() < 0.4:
+            leaves.insert(1, {str(Kind.CONDITION): pick.choice(self.conditions)})
+        either = {str(Kind.FALLBACK): [f"{FIRST}($number)", f"{SECOND}($number)"]}
+        parameters = {"number": {"min": 1, "max": 3}}
+        mission["jobs"] = {
+            "both": {
+                "parameters": parameters,
+                "attempts": pick.choice([1, 2]),
+                "tree": {str(Kind.SEQUENCE): leaves},
+            },
+            "either": {"parameters": parameters, "priority": 2, "tree": either},
+        }
+        at_most = pick.choice([1, 2, 3, 20])
+        jobs = {str(Kind.JOBS): {"types": ["both", "either"], "at_most": at_most}}
+        children = [mission["tree"], jobs] if pick.random() < 0.5 else [jobs, mission["tree"]]
+        mission["tree"] = {str(Kind.PARALLEL): {"success": "all", "children": children}}
+        mission["ends"] = "never"
 
     def add_places(self, mission: dict[str, Any]) -> None:
         """Most local tasks happen at a place; some teams drive by themselves."""

@@ -71,7 +71,8 @@ def lacked(facts: TeamFacts, activation: str, robot: str) -> str:
     own = facts.mission.per_robot
     if not own.leaves:
         return ""
-    node = parse_activation(activation).node
+    found = parse_activation(activation)
+    node = facts.mission.evaluator.index_of.get((found.node, found.job), -1)
     tree = facts.mission.tree
     for barrier in (*barriers(tree), *_alternatives(tree), *_last_resorts(facts)):
         is_own = any(name in own for name in barrier.conditions)

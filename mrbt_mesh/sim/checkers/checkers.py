@@ -28,6 +28,7 @@ from mrbt_mesh.sim.checkers.facts import (
     same_members,
 )
 from mrbt_mesh.sim.checkers.findings import RunFindings, components, joined
+from mrbt_mesh.sim.checkers.jobs import KeptJobs
 from mrbt_mesh.sim.checkers.plans import bids_first, optimal_assignment, same_plan
 from mrbt_mesh.sim.checkers.progress import Progress
 from mrbt_mesh.sim.checkers.renewals import Renewals
@@ -62,6 +63,7 @@ class Checkers(Inspection):
         self.i5 = Exclusive(self.run)
         self.i6 = Progress(self.run)
         self.i9 = Resumption(self.run)
+        self.i10 = KeptJobs(self.run)
         self._log = EffectLog(keep_log)
         self.effect_log = self._log.lines
         if comparison is not None:
@@ -75,6 +77,7 @@ class Checkers(Inspection):
 
     def lost_journal(self, robot: str) -> None:
         self.i9.lost_journal(robot)
+        self.i10.lost_journal(robot)
 
     def booted(self, process: SimProcess) -> None:
         assert process.agent is not None
@@ -83,6 +86,7 @@ class Checkers(Inspection):
     def synced(self, process: SimProcess, changes: Changes) -> None:
         self.i5.synced(process, changes)
         self.i9.synced(process, changes)
+        self.i10.synced(process, changes)
 
     def logged(self, robot: str, effect: Effect) -> None:
         self._log.write(self.world.clock.now_us, robot, effect)
@@ -133,6 +137,7 @@ class Checkers(Inspection):
             self.i5.handled(process, effects)
             self.i6.handled(agent, effects)
             self.i9.handled(process, event, effects)
+            self.i10.handled(process, agent, effects)
         self.i3.check(process, agent)
         self.renewals.check(process, agent)
 
@@ -151,6 +156,7 @@ class Checkers(Inspection):
                 self.i3.check(process, process.agent.view)
         self.delivery.sample(agents)
         self.i6.sample()
+        self.i10.sample()
         self.is_settled = self.i6.is_settled
         if run.is_tolerable:
             for component in components(agents, self.world.network.blocked):

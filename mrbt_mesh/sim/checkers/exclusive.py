@@ -51,8 +51,9 @@ class Exclusive:
 
     def __init__(self, run: RunFindings) -> None:
         self._run = run
-        tasks = run.world.mission.global_tasks.values()
-        self._tasks = {task.id: task for task in tasks if task.exclusive}
+        self._has_tasks = any(task.exclusive for task in run.world.mission.all_tasks())
+        # Activation -> its task, of those that have begun.
+        self._tasks: dict[str, GlobalTask] = {}
         self._coalitions: dict[tuple[str, str], dict[str, _Coalition]] = {}
         self._givers: dict[tuple[str, str], set[str]] = {}
         # Robot -> the activation that it has claimed, by its disk.
@@ -65,7 +66,7 @@ class Exclusive:
             return
         if action is None or action.travel_to:
             return
-        if action.global_task in self._tasks and action.ticket == event.ticket:
+        if action.activation in self._tasks and action.ticket == event.ticket:
             success = event.success if isinstance(event, ActionFinished) else None
             known = self._coalitions[action.global_task, action.activation]
             known[action.coalition].ends[process] = success
@@ -87,9 +88,12 @@ class Exclusive:
                     self._claimed[process.robot] = entry.record.activation
 
     def _start(self, process: SimProcess, start: StartAction) -> None:
-        run, task = self._run, self._tasks.get(start.global_task)
-        if task is None:
+        assert process.agent is not None
+        run, tasks = self._run, self._run.world.mission.global_tasks
+        task = tasks.get(start.global_task) or process.agent.view.facts.task(start.activation)
+        if not task.exclusive:
             return
+        self._tasks[start.activation] = task
         run.checks["I5"] += 1
         known = self._coalitions.setdefault((start.global_task, start.activation), {})
         givers = self._givers.get((start.activation, start.coalition), set())
@@ -120,11 +124,11 @@ class Exclusive:
     @property
     def wait_us(self) -> int:
         """How long robots may wait, and write nothing, for grants to expire."""
-        return self._run.world.timing.lease_us if self._tasks else 0
+        return self._run.world.timing.lease_us if self._has_tasks else 0
 
     @property
     def done_twice(self) -> int:
         return sum(
-            max(0, sum(c.has_succeeded(self._tasks[task]) for c in known.values()) - 1)
-            for (task, _), known in self._coalitions.items()
+            max(0, sum(c.has_succeeded(self._tasks[name]) for c in known.values()) - 1)
+            for (_, name), known in self._coalitions.items()
         )

@@ -10,8 +10,12 @@ from mrbt_mesh.core.agent.inputs import Input, TimerFired
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.jobs import job_of
 from mrbt_mesh.core.facts.records import (
     DONE,
+    EXPRESSION,
+    JOB_END,
+    JOB_KINDS,
     Outcome,
     split_name,
 )
@@ -107,9 +111,13 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, since no evaluation can read it."""
     parts = entry.parts
+    jobs = agent.facts.jobs
+    if jobs is not None and (parts[0] in JOB_KINDS or parts[0] == EXPRESSION):
+        name = job_of(entry)
+        return jobs.is_archived(name) or (parts[0] != JOB_END and jobs.has_ended(name))
     if parts[0] not in ACTIVATION_KINDS:
         return False
-    return agent.mission.evaluator.is_obsolete(parse_activation(parts[1]), agent.facts)
+    return agent.facts.is_obsolete(parse_activation(parts[1]))
 
 
 class NothingUndone:
@@ -145,7 +153,7 @@ class NothingUndone:
 
     def check(self, process: SimProcess, agent: AgentView) -> None:
         """After a step, or at a sample: cheap while nothing has changed."""
-        facts, evaluator = agent.facts, agent.mission.evaluator
+        facts = agent.facts
         seen = (facts.outcome_changes, len(facts.map))
         if self._seen.get(process) == seen:
             return
@@ -159,7 +167,7 @@ class NothingUndone:
         for key, success in self._outcomes.get(process, {}).items():
             if now.get(key, False) < success or key not in now:
                 robot, name = key
-                if not evaluator.is_obsolete(parse_activation(split_name(name)[1]), facts):
+                if not facts.is_obsolete(parse_activation(split_name(name)[1])):
                     self._run.violation("I3", f"{agent.robot} has lost {name} of {robot}")
         self._outcomes[process] = now
         self._run.checks["I3"] += len(now)
@@ -170,10 +178,10 @@ class NothingUndone:
             if facts.task_status(scope.subject, activation) is Status.SUCCESS:
                 if activation not in finished:
                     finished.add(activation)
-                    self._check_round(agent, scope.subject, activation, now)
+                    self._check_round(agent, activation, now)
             elif activation in finished:
                 finished.discard(activation)
-                if not evaluator.is_obsolete(scope, facts):
+                if not facts.is_obsolete(scope):
                     text = f"for {agent.robot} {activation} is not finished any more"
                     self._run.violation("I3", text)
 
@@ -189,12 +197,11 @@ class NothingUndone:
     def _check_round(
         self,
         agent: AgentView,
-        task_id: str,
         activation: str,
         outcomes: Mapping[tuple[str, str], bool],
     ) -> None:
         """I4 of coalitions: nu successes of one coalition, or the operator has ended the task."""
-        task = agent.mission.global_tasks[task_id]
+        task = agent.facts.task(activation)
         if not task.by_coalition:
             return
         rounds: dict[str, Counter[str]] = {}

@@ -65,7 +65,7 @@ def bids_first(run: RunFindings, agent: AgentView, claim: Claim) -> None:
     Unless the time for bids is over, or another robot already works on the activation.
     """
     facts, activation = agent.facts, claim.activation
-    task = agent.mission.global_tasks[claim.global_task]
+    task = facts.task(claim.activation)
     needs = task.needs
     alive = {r: life for r, life in agent.alive().items() if r in facts.members}
     others = [facts.valid_claim(robot) for robot in alive if robot != agent.robot]

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from mrbt_mesh.core.agent.effects import Effect, Persist, Stop
 from mrbt_mesh.core.agent.inputs import ActionFinished, Input
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.records import (
@@ -22,7 +23,14 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
-from mrbt_mesh.core.mission.mission import MICRO, InDoubtPolicy, Mission, MissionEnd, performance
+from mrbt_mesh.core.mission.mission import (
+    MICRO,
+    InDoubtPolicy,
+    Mission,
+    MissionEnd,
+    Need,
+    performance,
+)
 from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.checkers.finishing import can_finish
@@ -46,17 +54,13 @@ class Progress:
         self._ways_us = round(2 * _longest_way_us(run.world.mission) / run.world.speed)
         self.is_endless = is_endless(run.world.mission)
         self._done: set[tuple[object, ...]] = set()
-        self._successes: Counter[tuple[str, str, str]] = Counter()
+        self._successes: Counter[tuple[int, str, str]] = Counter()
         self.is_settled = False
 
     @property
     def done_twice(self) -> int:
-        tasks = self._run.world.mission.global_tasks
-        most = {(t.id, n.local_task): n.max_robots for t in tasks.values() for n in t.needs}
-        return sum(
-            max(0, count - most[task, local_task])
-            for (task, local_task, _), count in self._successes.items()
-        )
+        counts = self._successes.items()
+        return sum(max(0, count - most) for (most, _, _), count in counts)
 
     def handled(self, agent: AgentView, effects: Iterable[Effect]) -> None:
         world = self._run.world
@@ -90,8 +94,9 @@ class Progress:
         if not isinstance(event, ActionFinished) or action is None or action.travel_to:
             return
         if action.ticket == event.ticket:
-            key = (action.global_task, action.local_task, action.activation)
-            self._successes[key] += event.success
+            need = agent.facts.task(action.activation).need(action.local_task)
+            most = need.max_robots if need is not None else 0
+            self._successes[most, action.local_task, action.activation] += event.success
 
     def sample(self) -> None:
         run, world = self._run, self._run.world
@@ -118,7 +123,7 @@ class Progress:
             return
         if still_us <= patience_us:
             return
-        exclusive = any(task.exclusive for task in world.mission.global_tasks.values())
+        exclusive = any(task.exclusive for task in world.mission.all_tasks())
         if exclusive and run.may_lack_grants:
             self.is_settled = True
             return
@@ -181,7 +186,7 @@ def longest_us(mission: Mission, speed: float, capabilities: Iterable[Mapping[st
     """How long the slowest of these robots takes for the longest local task of the mission."""
     robots = list(capabilities)
     longest = 0
-    for task in mission.global_tasks.values():
+    for task in mission.all_tasks():
         for need in task.needs:
             work = mission.nominal_work(need.local_task)
             able = (performance(each, need.local_task) for each in robots)
@@ -195,7 +200,8 @@ def _longest_way_us(mission: Mission) -> int:
     travel, longest_ms = mission.travel, 0
     if travel is None:
         return 0
-    goals = sorted(set(travel.at.values()))
+    of_jobs = {place for kind in mission.jobs.values() for _, place in kind.places()}
+    goals = sorted({*travel.at.values(), *of_jobs})
     for robot in mission.robots.values():
         for origin in [*goals, travel.start.get(robot.id, "")]:
             for goal in goals:
@@ -229,6 +235,18 @@ def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarna
     return held or 2 * present <= len(facts.mission.robots)
 
 
+def _did(facts: TeamFacts, robot: str, request: Request, need: Need) -> bool:
+    """Whether the robot has done what `same_robot_as` asks for, in the same job."""
+    before, job = need.same_robot_as, parse_activation(request.activation).job
+    assert before is not None
+    return any(
+        said.activation.job == job
+        and said.activation.subject == before.global_task
+        and facts.results(name, before.local_task).get(robot, False)
+        for name, said in facts.activations.items()
+    )
+
+
 def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
     slots: list[list[str]] = []
     task = facts.mission.global_tasks[request.subject]
@@ -243,7 +261,8 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
                 continue
             if robot in results or lacked(facts, request.activation, robot):
                 continue
-            if capability(known[0], need.local_task) is not None:
+            did_before = need.same_robot_as is None or _did(facts, robot, request, need)
+            if did_before and capability(known[0], need.local_task) is not None:
                 able.append(robot)
         slots += [able] * max(0, need.min_robots - sum(results.values()))
 

@@ -50,14 +50,18 @@ class Renewals:
             return
         seen.plan = plan
         is_late = _has_late_news(agent.facts)
+        nodes = plan.evaluation.tree.nodes
         for request in plan.evaluation.requests:
-            last = seen.requested.pop(request.node, None)
+            if nodes[request.node].job:
+                continue  # as other jobs come and go, its node has other numbers
+            node = plan.evaluation.origin_of(request)
+            last = seen.requested.pop(node, None)
             if last is not None:
                 self._run.checks["I3"] += 1
-                self._compare(agent, last, request.activation, request.node in seen.turned)
-            seen.turned.discard(request.node)
+                self._compare(agent, last, request.activation, node in seen.turned)
+            seen.turned.discard(node)
             if not is_late:  # else its name may count a turn that this robot has not received yet
-                seen.requested[request.node] = request.activation
+                seen.requested[node] = request.activation
         if seen.requested and not is_late:
             for barrier in self._barriers:
                 if barrier.keeps_out(set(filter(agent.facts.condition, barrier.conditions))):
@@ -82,6 +86,7 @@ def _may_turn(agent: AgentView, node: int) -> bool:
     may have renewed the work before the node.
     """
     facts = agent.facts
+    index = facts.mission.evaluator.index_of[node, ""]
     conditions = sorted(conditions_in(facts.mission.tree.spec(0)))
     changed = _changed(facts)
     names = [name for name in conditions if name in changed]
@@ -91,7 +96,7 @@ def _may_turn(agent: AgentView, node: int) -> bool:
         supposed = dict(zip(names, values, strict=True))
         anew = {name: supposed.get(name, facts.condition(name)) for name in conditions}
         for each in (_Otherwise(facts, supposed), OwnFacts(set(filter(anew.get, anew)))):
-            if facts.mission.evaluator.evaluate(each).statuses[node] == Status.IDLE.value:
+            if facts.mission.evaluator.evaluate(each).statuses[index] == Status.IDLE.value:
                 return True
     return False
 

@@ -32,8 +32,8 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
 
     `claim` is what the agent ran until now.
     """
-    facts, plan, tasks = agent.facts, agent.plan, agent.mission.global_tasks
-    if tasks[claim.global_task].by_coalition or any(task.preemptive for task in tasks.values()):
+    facts, plan, task = agent.facts, agent.plan, agent.facts.task(claim.activation)
+    if task.by_coalition or any(each.preemptive for each in facts.declared.all_tasks()):
         return  # the members of a coalition stop together
     if plan is None or plan.order is not OrderKind.RESUME or agent.is_joining or agent.is_leaving:
         return
@@ -42,7 +42,7 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
         return
     if not is_served(plan, claim.activation) or lacked(facts, claim.activation, agent.robot):
         return
-    needs = tasks[claim.global_task].needs
+    needs = task.needs
     need = next(need for need in needs if need.local_task == claim.local_task)
     room = max(need.min_robots - sum(results.values()), need.max_robots - len(results), 0)
     before = 0
@@ -82,7 +82,7 @@ def at_most_mu(run: RunFindings, agent: AgentView, start: StartAction) -> None:
         and not action.travel_to
         and (action.activation, action.local_task) == place
     ]
-    needs = agent.mission.global_tasks[start.global_task].needs
+    needs = agent.facts.task(start.activation).needs
     most = next((n.max_robots for n in needs if n.local_task == start.local_task), 0)
     if len(robots) > most:
         text = f"{', '.join(robots)} are on {place[1]} of {place[0]}, at most {most} may be"

@@ -92,10 +92,11 @@ class TeamState:
         if plan is not None and plan is not self._counted:
             self._counted = plan
             for request in plan.evaluation.requests:
-                count, known = self._activations.get(request.node, (0, {}))
+                node = plan.evaluation.origin_of(request)
+                count, known = self._activations.get(node, (0, {}))
                 if request.activation not in known:
                     known[request.activation] = None
-                    self._activations[request.node] = count + 1, known
+                    self._activations[node] = count + 1, known
                     if len(known) > KNOWN_ACTIVATIONS:
                         del known[next(iter(known))]
 
@@ -199,13 +200,15 @@ class TeamState:
     def _nodes(self, plan: Plan, working: dict[str, list[str]]) -> None:
         """Put only the nodes that may have changed: a tree may have thousands."""
         self.count_activations()
-        statuses = plan.evaluation.statuses
+        statuses = plan.evaluation.declared_statuses(self.observer.mission.tree)
         waiting = {w.activation: w for w in plan.waiting}
         marks: dict[int, tuple[list[str], str]] = {}
         for request in plan.evaluation.requests:
             found = waiting.get(request.activation)
             note = "" if found is None else ("blocked" if found.is_blocked else "waits")
-            marks[request.node] = working.get(request.activation, []), note
+            node = plan.evaluation.origin_of(request)
+            others = marks[node][0] if node in marks else []
+            marks[node] = [*others, *working.get(request.activation, [])], note
         changed = {*marks, *self._marked}
         if statuses != self._statuses:
             pairs = zip(statuses, self._statuses, strict=True)

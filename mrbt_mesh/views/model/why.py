@@ -16,7 +16,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text
 from mrbt_mesh.core.observer.headline import wanted_activations
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.task_log import TaskState
+from mrbt_mesh.core.observer.task_log import TaskRecord, TaskState
 from mrbt_mesh.core.planning.plan import assignment_reason, plan_bids, shortened
 
 
@@ -167,7 +167,8 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
 
 def why_task(observer: Observer, task: str) -> dict[str, Any]:
     """The state of a global task and why; raises KeyError for one that is not known."""
-    known, record = observer.mission.global_tasks[task], observer.record.task_log.tasks[task]
+    known = observer.facts.mission.global_tasks[task]
+    record = observer.record.task_log.tasks.get(task, TaskRecord())  # of a job, none
     plan = observer.plan
     requests = [r for r in plan.evaluation.requests if r.subject == task] if plan else []
     if plan is None or not requests:

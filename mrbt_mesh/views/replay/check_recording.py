@@ -48,9 +48,7 @@ class PlanAgain:
 
     def obsolete(self, facts: TeamFacts) -> list[tuple[str, str]]:
         """(author, name) of the facts that no node can read any more, sorted."""
-        is_obsolete, known = self.mission.evaluator.is_obsolete, facts.activations.values()
-        obsolete = [each for each in known if is_obsolete(each.activation, facts)]
-        return sorted(key for each in obsolete for key in each.keys)
+        return facts.obsolete(facts.activations)
 
 
 class RecordingCheck(CheckedRecording):
@@ -165,5 +163,6 @@ class RecordingCheck(CheckedRecording):
         self.counts["statuses"] += 1
         if self.plan is None or data["plan"] != self._made:
             raise ValueError("statuses of a plan that was not made just before")
-        if data["nodes"] != pack_statuses(self.plan.evaluation.statuses):
+        statuses = self.plan.evaluation.declared_statuses(self._plans.mission.tree)
+        if data["nodes"] != pack_statuses(statuses):
             raise ValueError("the statuses of T_G's nodes do not follow from the facts")

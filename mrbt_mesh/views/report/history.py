@@ -176,7 +176,7 @@ def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
     lines = observer.plan.assignments
     could = {
         each.robot
-        for need in observer.mission.global_tasks[waiting.global_task].needs
+        for need in observer.facts.task(waiting.activation).needs
         for each in candidates(observer, waiting.activation, need.local_task)
         if each.robot in lines and not each.chosen and each.performance is not None
     }

@@ -15,6 +15,7 @@ from mrbt_mesh.btcpp.files.library import Library, load_library, together
 from mrbt_mesh.btcpp.files.loadable import compact, loadable
 from mrbt_mesh.cli.command import BAD_INPUT
 from mrbt_mesh.cli.terminal import errors, labelled, print_done, reason, write_file
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.errors import FileError, InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.views.trees.checking import print_finding
@@ -41,8 +42,12 @@ def convert_file(source: Path, target: Path, wanted: Wanted, others: Library | N
     if is_mission(source):
         if wanted.has_ids or wanted.is_merged:
             raise InputError("--ids and --merge are for BehaviorTree.CPP files")
+        tree = load_mission(source).tree.spec()
+        if tree.contains(Kind.JOBS):
+            message = "BehaviorTree.CPP has no node for jobs; convert a mission without Jobs nodes"
+            raise InputError(f"{source}: {message}")
         library = Library()
-        library.add(team_tree_document(load_mission(source).tree.spec(), str(source)))
+        library.add(team_tree_document(tree, str(source)))
         document = explicit(library)
     else:
         checked = Findings()

@@ -228,3 +228,10 @@ def test_the_id_of_the_tree_is_that_of_mission_and_tree() -> None:
 
     assert tree_id(None) == tree_id(None)
     assert len({tree_id(None), tree_id("A"), tree_id("B")}) == 3
+
+
+def test_a_jobs_node_is_shown_as_a_parallel_of_its_types() -> None:
+    tree = load_mission(mission_file("deliveries")).tree
+    xml = FullTree(tree, "deliveries").xml
+    assert '<Parallel name="Jobs" success_count="2"' in xml
+    assert xml.count("_uid=") == len(tree.nodes)

@@ -9,6 +9,7 @@ import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
 from tests.support.command import EXPLORE, REPAIR, done, mrbt, refused
+from tests.support.paths import mission_file
 
 
 def test_json_holds_the_documented_keys() -> None:
@@ -97,3 +98,8 @@ def test_bad_costs_are_a_message_and_status_2(tmp_path: Path, text: str, message
 )
 def test_bad_input_is_a_message_and_status_2(arguments: tuple[str, ...], message: str) -> None:
     assert message in refused(mrbt("analyze", *arguments))
+
+
+def test_a_mission_with_jobs_is_refused() -> None:
+    message = refused(mrbt("analyze", str(mission_file("deliveries"))))
+    assert "analyze a mission that has the tree of one job" in message

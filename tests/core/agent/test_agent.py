@@ -138,7 +138,7 @@ def test_refusals_do_not_fill_the_memory() -> None:
     assert agent.view.refused["others: too many to tell apart"] == 1_000
 
 
-@pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 2_000], {}])
+@pytest.mark.parametrize("body", [None, [], ["leave"], ["leave", 1], ["leave", "x" * 5_000], {}])
 def test_a_malformed_command_is_answered_and_changes_nothing(body: Any) -> None:
     script = team()
     data = encode(header(script, ""), MessageKind.COMMAND, body)

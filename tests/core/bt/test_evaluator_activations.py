@@ -290,6 +290,7 @@ def test_a_name_that_is_ahead_of_the_facts_is_not_obsolete() -> None:
         st.sampled_from(("", "fix(2)")),
         st.lists(st.integers(0, 9), max_size=3).map(tuple),
         st.integers(0, 99),
+        st.sampled_from(("", "morning-1")),
     )
 )
 def test_names_of_activations_can_be_read_back(name: Activation) -> None:

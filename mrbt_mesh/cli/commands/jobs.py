@@ -1,0 +1,178 @@
+"""Jobs of a running team: to submit one, to look at them, to change one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fail
+from mrbt_mesh.cli.options import json_option
+from mrbt_mesh.cli.team_options import TeamOptions, team_options
+from mrbt_mesh.errors import InputError
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.observer.job_rows import JobRow
+    from mrbt_mesh.runtime.team_client import TeamClient
+
+FOLLOW_S = 0.5
+ENDED = ("succeeded", "failed", "cancelled", "expired")
+
+
+@click.command(cls=MrbtCommand)
+@click.argument("kind", metavar="TYPE", help="A type of jobs of the mission.")
+@click.argument("arguments", metavar="[ARGUMENT]...", nargs=-1, help="Its arguments, in order.")
+@click.option("--id", "name", metavar="ID", help="Its id; the same id again is the same job.")
+@click.option("--priority", type=int, metavar="N", help="Larger goes first.")
+@click.option("--in", "delay_s", type=click.FloatRange(0), metavar="S", help="Not before.")
+@click.option(
+    "--deadline",
+    "deadline_s",
+    type=click.FloatRange(0),
+    metavar="S",
+    help="It expires after this time (default: as its type says; 0: never).",
+)
+@click.option(
+    "--safe",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Answer once this many journals hold it (default: a majority).",
+)
+@click.option("--wait", is_flag=True, help="Wait for its end; status 1 unless it succeeds.")
+@team_options
+@json_option
+def submit(
+    kind: str,
+    arguments: Sequence[str],
+    name: str | None,
+    priority: int | None,
+    delay_s: float | None,
+    deadline_s: float | None,
+    safe: int | None,
+    wait: bool,
+    team: TeamOptions,
+    as_json: bool,
+) -> None:
+    """Hand a job to a running team.
+
+    Example: mrbt submit deliver shelf_2 dock_1 --priority 5 --wait
+    """
+
+    async def act(client: TeamClient) -> int:
+        job = await client.submit(
+            kind,
+            *arguments,
+            job_id=name or "",
+            priority=priority,
+            delay_s=delay_s or 0,
+            deadline_s=deadline_s,
+            safe=safe,
+        )
+        if not wait:
+            click.echo(json.dumps({"id": job.id}) if as_json else job.id)
+            return SUCCESS
+        end = await job.done()
+        click.echo(json.dumps(asdict(end)) if as_json else _line(end))
+        return SUCCESS if end.state == "succeeded" else FAILURE
+
+    _with_client(team, act)
+
+
+@click.command(cls=MrbtCommand)
+@click.option("--follow", is_flag=True, help="Print changes until Ctrl-C.")
+@click.option("--open", "only_open", is_flag=True, help="Leave out those that have ended.")
+@team_options
+@json_option
+def jobs(follow: bool, only_open: bool, team: TeamOptions, as_json: bool) -> None:
+    """List the jobs of a running team: their states, what they wait for, and who does them.
+
+    Example: mrbt jobs --follow
+    """
+
+    async def act(client: TeamClient) -> int:
+        import anyio
+
+        seen: dict[str, JobRow] = {}
+        while True:
+            rows = [row for row in client.jobs if not (only_open and row.state in ENDED)]
+            new = [row for row in rows if seen.get(row.id) != row]
+            if as_json and not follow:
+                click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+            elif not rows and not follow:
+                click.echo("no jobs")
+            for row in () if as_json and not follow else new:
+                click.echo(json.dumps(asdict(row)) if as_json else _line(row))
+            if not follow:
+                return SUCCESS
+            seen = {row.id: row for row in rows}
+            await anyio.sleep(FOLLOW_S)
+
+    _with_client(team, act)
+
+
+@click.command(cls=MrbtCommand)
+@click.argument("name", metavar="ID", help="The id of a job.")
+@click.argument(
+    "change",
+    metavar="CHANGE",
+    type=click.Choice(("cancel", "hold", "release", "priority")),
+    help="cancel, hold, release or priority.",
+)
+@click.argument("number", metavar="[N]", type=int, required=False, help="The new priority.")
+@team_options
+@json_option
+def job(name: str, change: str, number: int | None, team: TeamOptions, as_json: bool) -> None:
+    """Cancel a job, hold it until it is released, or give it another priority.
+
+    \b
+    Example: mrbt job morning-1 cancel
+             mrbt job morning-1 priority 10
+    """
+    if (change == "priority") is not (number is not None):
+        raise InputError("`priority` takes a number, e.g. mrbt job morning-1 priority 10")
+
+    async def act(client: TeamClient) -> int:
+        state = await client.change(name, change, number)
+        click.echo(json.dumps(state) if as_json else f"{name}: {state['state']}")
+        return SUCCESS
+
+    _with_client(team, act)
+
+
+def _line(row: JobRow) -> str:
+    inside = ",".join(row.arguments)
+    what = f"{row.type}({inside})" if inside else row.type
+    who = f" {', '.join(row.robots)}" if row.robots else ""
+    why = f" ({row.why})" if row.why else ""
+    priority = f" priority {row.priority}" if row.priority else ""
+    return f"{row.id:<28} {row.state:<10} {what}{who}{why}{priority}"
+
+
+def _with_client(team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]]) -> NoReturn:
+    """Attach to a team that takes jobs, act, and end the process with the status of `act`."""
+    import anyio
+
+    from mrbt_mesh.runtime.known_runs import is_running
+    from mrbt_mesh.runtime.team_client import client_of
+
+    address = team.find()
+    name = address.transport.team
+    if address.run_dir is not None and not is_running(address.run_dir):
+        raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
+    if not address.mission.jobs:
+        raise InputError(f"mission {address.mission.name} has no types of jobs (jobs: in its file)")
+
+    async def attach() -> int:
+        async with client_of(address) as client:
+            return await act(client)
+
+    try:
+        status = anyio.run(attach)
+    except TimeoutError as error:
+        fail(str(error), FAILURE)
+    except KeyboardInterrupt:
+        status = SUCCESS
+    end_process(status)

@@ -1,0 +1,334 @@
+"""The jobs of a team, as all robots read them from the facts.
+
+A job is a fact that any robot may write for an operator. Of several under one id the one with the
+smallest (stamp, author) counts, so to submit a job again does nothing. What operators change later
+is a fact of its own, and so is the end of a job. Then all other facts of the job are dropped. Of
+the oldest ends only the hashes of their ids are kept, in archives, so that no job is done again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from bisect import bisect_left, insort
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import (
+    JOB_ARCHIVE,
+    MAX_ARCHIVED,
+    MAX_HASH,
+    Job,
+    JobArchive,
+    JobChange,
+    JobEnd,
+    JobState,
+    Latch,
+)
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.mission.jobs import OpenJob, jobs_nodes
+from mrbt_mesh.core.mission.mission import Mission
+
+# How many ends of jobs are kept at least, and of how many archives their hashes.
+KEPT_ENDS = 500
+KEPT_ARCHIVES = 200
+_END = f"{records.JOB_END}/"
+_NO_CHANGE = JobChange(is_held=False, priority=None, stamp=0)
+
+
+class JobKey(NamedTuple):
+    """The canonical order of jobs: larger priorities first, then as they have arrived."""
+
+    minus_priority: int
+    stamp: int
+    id: str
+
+
+@dataclass(slots=True)
+class KnownJob:
+    """All that is known of one id.
+
+    `keys`: (author, name) of its entries, and of guards in its tree. `activations`: those of its
+    tree that there are facts of; `claims`: how many robots work on it. With either it is begun.
+    """
+
+    id: str
+    keys: dict[tuple[str, str], None] = field(default_factory=dict)
+    submitted: dict[str, Job] = field(default_factory=dict)
+    changes: dict[str, JobChange] = field(default_factory=dict)
+    ends: dict[str, JobEnd] = field(default_factory=dict)
+    due: set[str] = field(default_factory=set)
+    activations: dict[str, None] = field(default_factory=dict)
+    claims: int = 0
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether robots work on it, or have."""
+        return self.claims > 0 or bool(self.activations)
+
+    @property
+    def job(self) -> Job | None:
+        """The job, None if only other facts are known under its id."""
+        found = [(job.stamp, author) for author, job in self.submitted.items()]
+        return self.submitted[min(found)[1]] if found else None
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it may begin, as far as time is concerned."""
+        job = self.job
+        return bool(self.due) or (job is not None and not job.delay_us)
+
+    @property
+    def change(self) -> JobChange:
+        """What operators have said last."""
+        found = [(change.stamp, author) for author, change in self.changes.items()]
+        return self.changes[max(found)[1]] if found else _NO_CHANGE
+
+    @property
+    def end(self) -> JobEnd | None:
+        """How it has ended, None if it has not."""
+        found = [(-end.rank(), end.stamp, author) for author, end in self.ends.items()]
+        return self.ends[min(found)[2]] if found else None
+
+    @property
+    def priority(self) -> int:
+        """Its priority now."""
+        job, changed = self.job, self.change.priority
+        submitted = job.priority if job is not None else 0
+        return submitted if changed is None else changed
+
+
+class Jobs:
+    """The jobs of one mission, by id, and which of them are in the mission's tree.
+
+    In the tree are, of each type, those that are begun and the next ones that are not held, as many
+    as its Jobs node takes at a time. `obsolete`: (author, name) of the entries of ended jobs that
+    may be dropped. `arrived`: those that were submitted since this was emptied.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self.known: dict[str, KnownJob] = {}
+        self._mission = mission
+        self._node_of = jobs_nodes(mission)
+        # Of jobs that may be in the tree: their type and key; by type, the keys in order.
+        self._placed: dict[str, tuple[str, JobKey]] = {}
+        self._open: dict[str, list[JobKey]] = {name: [] for name in self._node_of}
+        self._begun: dict[str, dict[str, JobKey]] = {name: {} for name in self._node_of}
+        self._ended_nodes: dict[int, Status] = {}
+        self.obsolete: dict[tuple[str, str], None] = {}
+        self.arrived: dict[str, None] = {}
+        self._in_tree: tuple[OpenJob, ...] | None = None
+        self._ended: dict[str, None] = {}
+        self._unended: dict[str, None] = {}
+        # (author, number) -> the hashes in it.
+        self._archives: dict[tuple[str, str], tuple[int, ...]] = {}
+        self._archived: set[int] = set()
+
+    def __iter__(self) -> Iterator[KnownJob]:
+        """All that are known, by id."""
+        return (self.known[name] for name in sorted(self.known))
+
+    def count_open(self) -> int:
+        """How many jobs have not ended."""
+        return len(self._unended)
+
+    def has_ended(self, name: str) -> bool:
+        """Whether this job has ended, as far as is known."""
+        known = self.known.get(name)
+        return (known is not None and bool(known.ends)) or self.is_archived(name)
+
+    def is_archived(self, name: str) -> bool:
+        """Whether it has ended long ago."""
+        return bool(self._archived) and hash_of(name) in self._archived
+
+    # -- those that have ended long ago -------------------------------------------------------
+
+    def to_archive(self) -> tuple[int, JobArchive] | None:
+        """The next archive, with its number, if there are enough ends for one."""
+        if len(self._ended) <= KEPT_ENDS + MAX_ARCHIVED:
+            return None
+        ends = ((name, self.known[name].end) for name in self._ended)
+        oldest = sorted((end.stamp, name) for name, end in ends if end is not None)
+        hashes = [hash_of(name) for _, name in oldest[:MAX_ARCHIVED]]
+        numbers = [int(name) for _, name in self._archives]
+        return max(numbers, default=0) + 1, JobArchive(tuple(sorted(hashes)))
+
+    def add_archive(self, entry: Entry, archive: JobArchive) -> None:
+        """Take in an archive: of these jobs nothing else is kept."""
+        self._archives[entry.author, entry.parts[1]] = archive.hashes
+        self._archived.update(archive.hashes)
+        for known in self.known.values():
+            if hash_of(known.id) in self._archived:
+                self.obsolete |= known.keys
+        keys = sorted(self._archives, key=lambda key: (int(key[1]), key[0]))
+        names = ((author, f"{JOB_ARCHIVE}/{number}") for author, number in keys[:-KEPT_ARCHIVES])
+        self.obsolete |= dict.fromkeys(names)
+
+    def remove_archive(self, entry: Entry) -> None:
+        """An archive was dropped."""
+        del self._archives[entry.author, entry.parts[1]]
+        self.obsolete.pop((entry.author, entry.name), None)
+        self._archived = {number for each in self._archives.values() for number in each}
+
+    def node_status(self, origin: int) -> Status:
+        """RUNNING, or how a Jobs node was ended by a job whose type ends it."""
+        return self._ended_nodes.get(origin, Status.RUNNING)
+
+    # -- those in the tree --------------------------------------------------------------------
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether other jobs may be in the tree than when `in_tree` was called last."""
+        return self._in_tree is None
+
+    def in_tree(self) -> tuple[OpenJob, ...]:
+        """The jobs whose trees are to be in the mission's tree, in the canonical order."""
+        if self._in_tree is None:
+            keys: list[JobKey] = []
+            for name, node in self._node_of.items():
+                begun = self._begun[name]
+                keys += [*begun.values(), *self._next(name, node.limit - len(begun))]
+            self._in_tree = tuple(self._open_job(key.id) for key in sorted(keys))
+        return self._in_tree
+
+    def _next(self, name: str, count: int) -> Iterator[JobKey]:
+        """The first jobs of a type that are not begun, at most so many."""
+        for key in self._open[name]:
+            if count <= 0:
+                return
+            if key.id not in self._begun[name]:
+                count -= 1
+                yield key
+
+    def _open_job(self, name: str) -> OpenJob:
+        job = self.known[name].job
+        assert job is not None
+        return OpenJob(name, job.type, job.arguments)
+
+    # -- keeping the indices ------------------------------------------------------------------
+
+    def add(self, entry: Entry) -> None:
+        """Take in a fact of a job, or of a guard that may be in the tree of one."""
+        name = job_of(entry)
+        if not name:
+            return
+        known = self._of(name)
+        known.keys[entry.author, entry.name] = None
+        match entry.record:
+            case Job():
+                known.submitted[entry.author] = entry.record
+                self.arrived[name] = None
+            case JobChange():
+                known.changes[entry.author] = entry.record
+            case Latch():
+                known.due.add(entry.author)
+            case JobEnd():
+                known.ends[entry.author] = entry.record
+                self._end_node(known)
+        if self.is_archived(name):
+            self.obsolete |= known.keys
+        elif known.ends:
+            self.obsolete |= {key: None for key in known.keys if not _is_end(key)}
+        self._place(known)
+
+    def remove(self, entry: Entry) -> None:
+        """A fact of a job was dropped, or of a guard in its tree."""
+        known = self.known[job_of(entry)]
+        del known.keys[entry.author, entry.name]
+        self.obsolete.pop((entry.author, entry.name), None)
+        match entry.record:
+            case Job():
+                del known.submitted[entry.author]
+            case JobChange():
+                del known.changes[entry.author]
+            case Latch():
+                known.due.discard(entry.author)
+            case JobEnd():
+                del known.ends[entry.author]
+        self._place(known)
+
+    def note_activation(self, name: str, activation: str, is_known: bool) -> None:
+        """There are facts of an activation of a job's tree now, or there are none any more."""
+        known = self._of(name)
+        was_begun = known.is_begun
+        if is_known:
+            known.activations[activation] = None
+        else:
+            del known.activations[activation]
+        if known.is_begun != was_begun:
+            self._place(known)
+
+    def note_claims(self, name: str, by: int) -> None:
+        """`by` more robots work on a job than before."""
+        known = self._of(name)
+        was_begun = known.is_begun
+        known.claims += by
+        if known.is_begun != was_begun:
+            self._place(known)
+
+    def _of(self, name: str) -> KnownJob:
+        known = self.known.get(name)
+        if known is None:
+            known = self.known[name] = KnownJob(name)
+        return known
+
+    def _end_node(self, known: KnownJob) -> None:
+        end = known.end
+        assert end is not None
+        kind = self._mission.jobs[end.type]
+        if kind.ends_mission and end.state in (JobState.SUCCEEDED, JobState.FAILED):
+            origin = self._node_of[kind.name].index
+            is_success = end.state is JobState.SUCCEEDED
+            if is_success or origin not in self._ended_nodes:
+                self._ended_nodes[origin] = Status.SUCCESS if is_success else Status.FAILURE
+
+    def _place(self, known: KnownJob) -> None:
+        """Put a job where it belongs now."""
+        before = self._placed.pop(known.id, None)
+        if before is not None:
+            name, key = before
+            del self._open[name][bisect_left(self._open[name], key)]
+            self._begun[name].pop(known.id, None)
+            self._in_tree = None
+        job = known.job
+        self._ended.pop(known.id, None)
+        self._unended.pop(known.id, None)
+        if known.ends and not self._mission.jobs[next(iter(known.ends.values())).type].ends_mission:
+            self._ended[known.id] = None
+        if not known.keys and not known.is_begun:
+            del self.known[known.id]
+        is_open = job is not None and not self.has_ended(known.id)
+        if is_open:
+            self._unended[known.id] = None
+        waits = known.change.is_held or not known.is_due
+        if job is None or not is_open or (waits and not known.is_begun):
+            return
+        key = JobKey(-known.priority, job.stamp, known.id)
+        insort(self._open[job.type], key)
+        self._placed[known.id] = job.type, key
+        if known.is_begun:
+            self._begun[job.type][known.id] = key
+        self._in_tree = None
+
+
+def _is_end(key: tuple[str, str]) -> bool:
+    return key[1].startswith(_END)
+
+
+def job_of(entry: Entry) -> str:
+    """The job of a fact, or of the guard that it is of; empty: a guard of the mission's tree."""
+    name = entry.parts[1]
+    return job_in_guard(name) if entry.parts[0] == records.EXPRESSION else name
+
+
+def hash_of(name: str) -> int:
+    """The hash by which an archive names a job, from 0 to `MAX_HASH`."""
+    digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") & MAX_HASH
+
+
+def job_in_guard(guard: str) -> str:
+    """The job in whose tree a guard is (`#7@morning-1:2`), empty if it is in none."""
+    return guard.partition("@")[2].partition(":")[0] if guard.startswith("#") else ""

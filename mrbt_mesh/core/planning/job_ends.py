@@ -1,0 +1,52 @@
+"""How jobs end: from the statuses of their trees to facts."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.bt.evaluation import Evaluation, JobEnded
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import Job, JobEnd, JobState, Outcome
+from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.failure_reasons import one_line
+
+
+def job_ends(facts: TeamFacts, evaluation: Evaluation) -> list[Fact]:
+    """The facts of the jobs whose trees have succeeded or failed in this evaluation."""
+    return [(f"{records.JOB_END}/{ended.job}", _end(facts, ended)) for ended in evaluation.job_ends]
+
+
+def _end(facts: TeamFacts, ended: JobEnded) -> JobEnd:
+    assert facts.jobs is not None
+    job = facts.jobs.known[ended.job].job
+    assert job is not None
+    state = JobState.SUCCEEDED if ended.success else JobState.FAILED
+    reason = "" if ended.success else _reason(facts, ended)
+    return job_end(job, state, reason, robots_of(facts, ended.job), facts.max_stamp + 1)
+
+
+def job_end(job: Job, state: JobState, reason: str, robots: tuple[str, ...], stamp: int) -> JobEnd:
+    """The record of a job's end."""
+    return JobEnd(state, job.type, job.arguments, job.operator, reason, robots, stamp)
+
+
+def robots_of(facts: TeamFacts, job: str) -> tuple[str, ...]:
+    """The robots that have ended a local task of the job, sorted."""
+    known = facts.jobs.known.get(job) if facts.jobs is not None else None
+    names = known.activations if known is not None else {}
+    keys = (key for name in names for key in facts.activations[name].keys)
+    return tuple(sorted({robot for robot, name in keys if name.startswith(records.OUTCOME)}))
+
+
+def _reason(facts: TeamFacts, ended: JobEnded) -> str:
+    """Why a job's tree has failed: the first action that did, and what its robot says of it."""
+    for activation in ended.failures:
+        said = facts.activations.get(activation)
+        for robot, name in sorted(said.keys if said is not None else ()):
+            entry = facts.map.get(robot, name)
+            record = entry.record if entry is not None else None
+            if entry is not None and isinstance(record, Outcome) and not record.success:
+                reason = f": {record.reason}" if record.reason else ""
+                return one_line(f"{robot} failed to {entry.parts[2]}{reason}")
+        return f"{parse_activation(activation).subject} failed"
+    return "a condition of its tree does not hold"

@@ -1,0 +1,136 @@
+"""`jobs` of a mission file: types of jobs, and the values that their parameters may have."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
+from mrbt_mesh.core.mission.jobs import arguments_in, most_nodes
+from mrbt_mesh.core.mission.mission import MAX_CHOICES, JobParameter, JobType
+from mrbt_mesh.core.mission.names import placeholder
+from mrbt_mesh.formats.expand import (
+    Declared,
+    JobTree,
+    Placeholder,
+    Template,
+    argument_text,
+    check_references,
+    check_template,
+    micro_or_report,
+    read_template,
+)
+from mrbt_mesh.formats.mission_map import places_on_map
+from mrbt_mesh.formats.mission_model import JobTypeModel, MissionModel, RangeModel
+from mrbt_mesh.formats.problems import Report, SourcePath, found
+from mrbt_mesh.formats.tree_model import ALL_TYPES
+
+
+class JobTypes:
+    """The types of jobs of a mission; problems go to the report.
+
+    `places`: those of `travel`; without it they are those of the map.
+    """
+
+    def __init__(self, model: MissionModel, places: Collection[str], report: Report) -> None:
+        self._model = model
+        self._report = report
+        self._places = places or sorted(places_on_map(model.parameters))
+        self._types = {name: self._read(name, entry) for name, entry in sorted(model.jobs.items())}
+
+    def templates(self, declared: Declared) -> dict[str, JobTree]:
+        """The tree of each type, checked."""
+        trees = {}
+        for name, known in self._types.items():
+            entry, path = self._model.jobs[name], ("jobs", name, "tree")
+            template = read_template(entry.tree, path, self._report)
+            scope = frozenset(self._model.parameters) | frozenset(entry.parameters)
+            check_template(template, declared, scope, self._report)
+            if entry.attempts != 1:
+                template = Template(path, Kind.RETRY, children=(template,), limit=entry.attempts)
+            trees[name] = JobTree(template, {p.name: _placeholder(p) for p in known.parameters})
+        return trees
+
+    def check_nodes(self, tree: Tree, types: Mapping[str, JobTree]) -> None:
+        """Each type is in a Jobs node, all jobs have room, and the mission says how it ends."""
+        for name, known in types.items():
+            if not known.is_placed:
+                message = f"no Jobs node has it; write {{Jobs: [{name}]}} where its jobs belong"
+                self._report.add(("jobs", name), message)
+        ends = any(known.ends_mission for known in self._types.values())
+        if (most := most_nodes(tree)) > MAX_NODES:
+            message = f"with all its jobs the tree has {most} nodes, and {MAX_NODES} are allowed"
+            self._report.add(("tree",), f"{message}; give its Jobs nodes a smaller at_most")
+        if types and not ends and self._model.ends == "once":
+            message = "a team that waits for jobs does not end by itself; write ends: never"
+            self._report.add(("jobs",), f"{message}, or ends_mission: true for a type of jobs")
+
+    def __getitem__(self, name: str) -> JobType:
+        """A type, without its tasks."""
+        return self._types[name]
+
+    def _read(self, name: str, entry: JobTypeModel) -> JobType:
+        path = ("jobs", name)
+        if name == ALL_TYPES:
+            message = f"{ALL_TYPES} means all types in a Jobs node; choose another name"
+            self._report.add(path, message)
+        parameters = tuple(
+            self._parameter(parameter, values, (*path, "parameters", parameter))
+            for parameter, values in entry.parameters.items()
+        )
+        deadline_us = None
+        if entry.deadline_s is not None:
+            deadline_us = micro_or_report(entry.deadline_s, (*path, "deadline_s"), self._report)
+        return JobType(name, parameters, entry.priority, deadline_us, entry.ends_mission)
+
+    def _parameter(self, name: str, given: Any, path: SourcePath) -> JobParameter:
+        if isinstance(given, RangeModel):
+            if given.min > given.max:
+                self._report.add(path, f"min is {given.min}, but max is {given.max}")
+            return JobParameter(name, (), given.min, given.max)
+        if given == "place":
+            if not self._places:
+                message = "there are no places; declare travel, or parameters: map with places"
+                self._report.add(path, message)
+            return JobParameter(name, tuple(self._places) or ("none",))
+        choices: dict[str, None] = {}
+        for value, place in self._listed(given, path):
+            try:
+                text = argument_text(value)
+            except ValueError as error:
+                self._report.add(place, str(error))
+                continue
+            if text in choices:
+                self._report.add(place, f"{text} is given twice; keep one")
+            choices[text] = None
+        return JobParameter(name, tuple(choices) or ("none",))
+
+    def _listed(self, given: Any, path: SourcePath) -> list[tuple[Any, SourcePath]]:
+        """The values of a list, or of the parameter that is one, with their places."""
+        if not isinstance(given, str):
+            return [(value, (*path, i)) for i, value in enumerate(given)]
+        values = self._model.parameters.get(given[1:])
+        check_references(given, frozenset(self._model.parameters), path, self._report)
+        if given[1:] not in self._model.parameters:
+            return []
+        if not isinstance(values, list) or not 0 < len(values) <= MAX_CHOICES:
+            message = f"a list of 1 to {MAX_CHOICES} values is expected, but {given} is"
+            shown = f"{len(values)} values" if isinstance(values, list) else found(values)
+            self._report.add(path, f"{message} {shown}")
+            return []
+        return [(value, path) for value in values]
+
+
+def may_request(known: JobType, ground: str) -> bool:
+    """Whether a job of this type can have a global task, by its ground name."""
+    bindings = (arguments_in(pattern, ground) for pattern in known.global_tasks)
+    parameters = {parameter.name: parameter for parameter in known.parameters}
+    return any(
+        not any(parameters[name].problem(value) for name, value in values.items())
+        for values in bindings
+        if values is not None
+    )
+
+
+def _placeholder(parameter: JobParameter) -> Placeholder:
+    return Placeholder(placeholder(parameter.name), len(parameter.longest()))

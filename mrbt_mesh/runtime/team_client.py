@@ -1,0 +1,214 @@
+"""A client of a team that runs: submits jobs, changes them, and waits for their ends.
+
+async with connect("build/run") as team:
+    job = await team.submit("deliver", "shelf_2", "dock_1")
+    print(await job.done())
+"""
+
+from __future__ import annotations
+
+import getpass
+import json
+import secrets
+from collections.abc import AsyncIterator, Collection
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import anyio
+
+from mrbt_mesh.core.agent.commands import CHANGE_JOB, KEPT_JOBS, SUBMIT
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.known_runs import find_run, is_running
+from mrbt_mesh.runtime.team import address_of
+from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.watcher import Watcher, watching
+
+CONNECT_TIMEOUT_S = 10.0
+# A robot that does not answer for so long is left out, and another one is asked.
+ANSWER_S = 1.0
+KEEP_TIMEOUT_S = 10.0
+ASK_AGAIN_S = 0.02
+
+
+class JobRefusedError(InputError):
+    """A team has refused a job, or a change of one; the text says why."""
+
+
+@dataclass(frozen=True)
+class JobHandle:
+    """A job that was submitted."""
+
+    id: str
+    _client: TeamClient
+
+    async def done(self) -> JobRow:
+        """Wait until it has ended; how it has."""
+        return await self._client.wait_for_end(self.id)
+
+
+class TeamClient:
+    """Use `connect` or `client_of` to make one."""
+
+    def __init__(self, watcher: Watcher) -> None:
+        self._watcher = watcher
+        self._news = anyio.Event()
+
+    async def follow(self) -> None:
+        """Keep what is known of the team up to date, until cancelled."""
+        heartbeat_s = self._watcher.timing.heartbeat_us / SECOND_US
+        while True:
+            await self._watcher.wait_for_change(heartbeat_s)
+            self._news.set()
+            self._news = anyio.Event()
+
+    @property
+    def jobs(self) -> list[JobRow]:
+        """All jobs that are known: open ones in their order, then those that have ended."""
+        observer = self._watcher.observer
+        return job_rows(observer.facts, observer.plan, observer.membership.members())
+
+    @property
+    def robots(self) -> list[str]:
+        """The robots of the team that are alive, sorted; the first one is asked first."""
+        return sorted(self._watcher.observer.membership.members())
+
+    async def submit(
+        self,
+        kind: str,
+        *arguments: str,
+        job_id: str = "",
+        priority: int | None = None,
+        delay_s: float = 0,
+        deadline_s: float | None = None,
+        safe: int | None = None,
+    ) -> JobHandle:
+        """Hand in a job; returns once `safe` robots (None: a majority) have it in their journals.
+
+        Then it survives the death of all but one of them, and of the team. To submit the same
+        `job_id` again does nothing. It begins after `delay_s` at the earliest, and expires after
+        `deadline_s` (None: as its type says; 0: never). Raises JobRefusedError, TimeoutError if too
+        few robots answer.
+        """
+        name = job_id or _new_id()
+        given: dict[str, Any] = {"id": name, "type": kind, "arguments": list(arguments)}
+        given["operator"] = getpass.getuser()
+        if priority is not None:
+            given["priority"] = priority
+        if delay_s:
+            given["delay_us"] = round(delay_s * SECOND_US)
+        if deadline_s is not None:
+            given["deadline_us"] = round(deadline_s * SECOND_US)
+        await self._ask_any(SUBMIT, given)
+        await self._await_kept(name, safe)
+        return JobHandle(name, self)
+
+    async def change(self, job_id: str, change: str, priority: int | None = None) -> dict[str, Any]:
+        """`cancel`, `hold`, `release`, or give another `priority`; the state of the job then.
+
+        Returns once a majority has it in their journals. Raises as `submit`.
+        """
+        given: dict[str, Any] = {"id": job_id, "change": change}
+        if priority is not None:
+            given["priority"] = priority
+        state = await self._ask_any(CHANGE_JOB, given)
+        await self._await_kept(job_id, None)
+        return state
+
+    async def wait_for_end(self, job_id: str) -> JobRow:
+        """Wait until a job has ended; how it has."""
+        while True:
+            news = self._news
+            facts = self._watcher.observer.facts
+            if facts.jobs is not None and facts.jobs.has_ended(job_id):
+                return next(row for row in self.jobs if row.id == job_id)
+            await news.wait()
+
+    # -- asking robots ------------------------------------------------------------------------
+
+    async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
+        """The first answer of any robot; those that do not answer are left out."""
+        problem = "no robot of the team is heard"
+        with anyio.move_on_after(KEEP_TIMEOUT_S):
+            while True:
+                for robot in self.robots:
+                    good, text = await self._ask(robot, command, given)
+                    if good:
+                        found: dict[str, Any] = json.loads(text)
+                        return found
+                    problem = text
+                    if not _is_of_robot(text):
+                        raise JobRefusedError(text)
+                await anyio.sleep(ASK_AGAIN_S)
+        raise TimeoutError(problem)
+
+    async def _await_kept(self, name: str, safe: int | None) -> None:
+        """Wait until enough robots have the job, or its end, in their journals."""
+        mission = self._watcher.observer.mission
+        wanted = len(mission.robots) // 2 + 1 if safe is None else safe
+        kept: set[str] = set()
+        with anyio.move_on_after(KEEP_TIMEOUT_S):
+            while True:
+                missing = [robot for robot in self.robots if robot not in kept]
+                kept |= await self._keepers(name, missing)
+                if len(kept) >= wanted:
+                    return
+                await anyio.sleep(ASK_AGAIN_S)
+        raise TimeoutError(
+            f"{name} is in the journals of {len(kept)} robots ({', '.join(sorted(kept))}); "
+            f"{wanted} were asked for: submit it again under this id, or ask for fewer (--safe)"
+        )
+
+    async def _keepers(self, name: str, robots: Collection[str]) -> set[str]:
+        async def ask(robot: str) -> None:
+            good, text = await self._ask(robot, KEPT_JOBS, {"ids": [name]})
+            if good and json.loads(text) == [name]:
+                found.add(robot)
+
+        found: set[str] = set()
+        async with anyio.create_task_group() as group:
+            for robot in robots:
+                group.start_soon(ask, robot)
+        return found
+
+    async def _ask(self, robot: str, command: str, given: dict[str, Any]) -> tuple[bool, str]:
+        with anyio.move_on_after(ANSWER_S):
+            return await self._watcher.command(robot, command, json.dumps(given))
+        return False, f"{robot} does not answer"
+
+
+def _is_of_robot(text: str) -> bool:
+    """Whether a refusal is of one robot, so that another one may do it."""
+    return "does not answer" in text or "still joining" in text or "journal" in text
+
+
+def _new_id() -> str:
+    return f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{secrets.token_hex(4)}"
+
+
+@asynccontextmanager
+async def client_of(address: TeamAddress) -> AsyncIterator[TeamClient]:
+    """A client of the team at an address. Raises TransportError."""
+    async with watching(address) as watcher, anyio.create_task_group() as group:
+        await watcher.catch_up(CONNECT_TIMEOUT_S)
+        client = TeamClient(watcher)
+        group.start_soon(client.follow)
+        yield client
+        group.cancel_scope.cancel()
+
+
+@asynccontextmanager
+async def connect(run_dir: str | Path | None = None) -> AsyncIterator[TeamClient]:
+    """A client of a team of this machine; None: the only one that runs.
+
+    Raises InputError if there is none or several, or it does not run any more, TransportError.
+    """
+    found = find_run(Path(run_dir) if run_dir is not None else None)
+    if not is_running(found):
+        raise InputError(f"the team of {found.path} does not run; `mrbt ls` lists those that do")
+    async with client_of(address_of(found)) as client:
+        yield client

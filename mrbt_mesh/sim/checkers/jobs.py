@@ -1,0 +1,82 @@
+"""I10: no acknowledged job is lost, and none that has ended is begun again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from mrbt_mesh.core.agent.effects import Effect, StartAction
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.facts.records import JOB, JOB_END
+from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
+from mrbt_mesh.sim.world.journal import Changes
+from mrbt_mesh.sim.world.process import SimProcess
+
+
+class KeptJobs:
+    """A job is acknowledged once a majority of the journals holds it. It counts as lost if all that
+    are there know nothing of it, though a robot is there whose journal has held it ever since.
+    """
+
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
+        self._majority = len(run.world.mission.robots) // 2 + 1
+        # By job: the robots whose journals hold it, or its end.
+        self._holders: dict[str, set[str]] = {}
+        self._acknowledged: set[str] = set()
+        self._ended: dict[SimProcess, set[str]] = {}
+
+    def synced(self, process: SimProcess, changes: Changes) -> None:
+        """A process has put this on its disk."""
+        for entry in changes.values():
+            if entry is not None and entry.parts[0] in (JOB, JOB_END):
+                holders = self._holders.setdefault(entry.parts[1], set())
+                holders.add(process.robot)
+                if len(holders) >= self._majority:
+                    self._acknowledged.add(entry.parts[1])
+
+    def lost_journal(self, robot: str) -> None:
+        for holders in self._holders.values():
+            holders.discard(robot)
+
+    def handled(self, process: SimProcess, agent: AgentView, effects: Iterable[Effect]) -> None:
+        """After a step."""
+        jobs = agent.facts.jobs
+        if jobs is None:
+            return
+        for effect in effects:
+            if isinstance(effect, StartAction):
+                job = parse_activation(effect.activation).job
+                if job:
+                    self._run.checks["I10"] += 1
+                if job and jobs.has_ended(job):
+                    text = f"{agent.robot} starts {effect.activation}, a job that has ended"
+                    self._run.violation("I10", text)
+        before = self._ended.setdefault(process, set())
+        for name in sorted(before):
+            if not jobs.has_ended(name):
+                self._run.violation(
+                    "I10", f"for {agent.robot} the job {name} has not ended any more"
+                )
+        before.clear()
+        before.update(known.id for known in jobs if known.ends)
+
+    def sample(self) -> None:
+        run, world = self._run, self._run.world
+        agents = joined(world)
+        now_us, healed_us = world.clock.now_us, world.healed_us
+        if not self._acknowledged or healed_us is None or not run.is_tolerable:
+            return
+        if now_us - max(healed_us, run.fault_us) <= run.settling_us:
+            return
+        if len(agents) < len(world.living()) or not is_connected(agents, world.network.blocked):
+            return
+        present = {agent.robot for agent in agents}
+        for name in sorted(self._acknowledged):
+            run.checks["I10"] += 1
+            for agent in agents:
+                jobs = agent.facts.jobs
+                assert jobs is not None
+                is_known = name in jobs.known or jobs.is_archived(name)
+                if not is_known and self._holders[name] & present:
+                    run.violation("I10", f"{agent.robot} has lost the job {name}")

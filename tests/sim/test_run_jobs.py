@@ -1,0 +1,190 @@
+"""Jobs handed to a team that runs, also under faults."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh import TaskContext
+from mrbt_mesh.core.agent.commands import CHANGE_JOB, SUBMIT
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
+from tests.support.effort import seeds
+
+S = 1_000_000
+MISSION = mission_from_yaml(
+    """
+mission: deliveries
+ends: never
+local_tasks:
+  take: {parameters: [what], work: 2}
+  put: {parameters: [what, where], work: 2}
+  look: {parameters: [where], work: 1}
+robot_types:
+  cart: {capabilities: {take: 1, put: 1}}
+  scout: {capabilities: {look: 1}}
+robots: {A1: cart, A2: cart, B1: scout}
+global_tasks:
+  fetch: {parameters: [what], needs: {take($what): {min: 1}}}
+  bring:
+    parameters: [what, where]
+    needs:
+      put($what, $where):
+        same_robot_as: {global_task: fetch($what), local_task: take($what)}
+  check: {parameters: [where], needs: {look($where): {min: 1}}}
+jobs:
+  deliver:
+    parameters: {what: {min: 1, max: 100}, where: [dock_1, dock_2]}
+    tree: {Sequence: [fetch($what), 'bring($what, $where)', check($where)]}
+  inspect:
+    parameters: {where: [dock_1, dock_2]}
+    priority: 5
+    tree: check($where)
+tree: {Jobs: {types: [deliver, inspect], at_most: 3}}
+""",
+    "m.yaml",
+    Path(),
+)
+
+
+def submit(robot: str, name: str, kind: str, *arguments: str, priority: int = 0) -> Fault:
+    given = {"id": name, "type": kind, "arguments": arguments, "operator": "me"}
+    return Command(robot, SUBMIT, json.dumps({**given, "priority": priority}))
+
+
+def change(robot: str, name: str, what: str, **more: Any) -> Fault:
+    return Command(robot, CHANGE_JOB, json.dumps({"id": name, "change": what, **more}))
+
+
+PROGRAM = RobotProgram(record_work=True)
+
+
+async def work(task: TaskContext, *_: str) -> None:
+    await anyio.sleep(task.simulation.duration_s)
+
+
+for name in MISSION.local_tasks:
+    PROGRAM.local_task(name)(work)
+
+
+def run(
+    *schedule: tuple[float, Fault], seconds: float = 60, seed: int = 1
+) -> tuple[SimulationResult, dict[str, tuple[str, tuple[str, ...]]]]:
+    """The result, and id -> state and robots of each job that has ended."""
+    steps = [(round(at_s * S), fault) for at_s, fault in schedule]
+    result = simulate(MISSION, PROGRAM, seed=seed, schedule=steps, timeout_us=round(seconds * S))
+    assert result.violations == [], f"seed {seed}"
+    jobs = result.observer.facts.jobs
+    assert jobs is not None
+    return result, {k.id: (str(k.end.state), k.end.robots) for k in jobs if k.end is not None}
+
+
+def works(result: SimulationResult) -> list[tuple[str, str, str, tuple[str, ...]]]:
+    """(second, robot, local task, arguments) of all work that has ended."""
+    ends = [event for event in result.events if event["event"] == "end"]
+    return [(e["t"], e["robot"], e["local_task"], tuple(e["args"])) for e in ends]
+
+
+@pytest.mark.parametrize("seed", seeds(5))
+def test_jobs_are_done_in_the_order_of_their_steps_each_by_one_robot(seed: int) -> None:
+    result, ends = run(
+        (3, submit("A1", "one", "deliver", "7", "dock_1")),
+        (3, submit("B1", "two", "deliver", "8", "dock_2")),
+        seed=seed,
+    )
+    assert {name: state for name, (state, _) in ends.items()} == dict.fromkeys(
+        ("one", "two"), "succeeded"
+    )
+    done = works(result)
+    for what, where in (("7", "dock_1"), ("8", "dock_2")):
+        mine = [each for each in done if what in each[3]]
+        assert [(task, args) for _, _, task, args in mine] == [
+            ("take", (what,)),
+            ("put", (what, where)),
+        ]
+        assert len({robot for _, robot, _, _ in mine}) == 1, "same_robot_as holds within a job"
+
+
+@pytest.mark.parametrize("seed", seeds(5))
+def test_jobs_survive_the_robot_that_took_them_and_the_one_at_work(seed: int) -> None:
+    jobs = [submit("A2", f"j{n}", "deliver", str(n + 1), "dock_1") for n in range(6)]
+    deaths = [(3.2, Kill("A2")), (8.0, Restart("A2")), (12.0, Kill("B1")), (20.0, Restart("B1"))]
+    result, ends = run(*[(3.0, job) for job in jobs], *deaths, seconds=90, seed=seed)
+    assert {name: state for name, (state, _) in ends.items()} == {
+        f"j{n}": "succeeded" for n in range(6)
+    }
+    facts = result.agents["A1"].view.facts
+    assert not facts.activations, "nothing is kept of the trees of jobs that have ended"
+    assert not any(known.submitted for known in facts.jobs or ())
+
+
+def test_the_same_id_again_is_the_same_job() -> None:
+    again = submit("B1", "one", "inspect", "dock_1")
+    result, ends = run((3, submit("A1", "one", "inspect", "dock_1")), (3, again), (9, again))
+    assert ends == {"one": ("succeeded", ("B1",))}
+    assert len(works(result)) == 1
+
+
+def test_a_cancelled_job_is_stopped_and_a_held_one_waits() -> None:
+    result, ends = run(
+        (3.0, submit("A1", "one", "deliver", "1", "dock_1")),
+        (3.5, submit("A1", "two", "deliver", "2", "dock_2")),
+        (3.5, submit("A1", "three", "deliver", "3", "dock_2")),
+        (3.6, change("A2", "three", "hold")),
+        (4.0, change("B1", "one", "cancel")),
+        (30.0, change("B1", "three", "release")),
+    )
+    assert {name: state for name, (state, _) in ends.items()} == {
+        "one": "cancelled",
+        "two": "succeeded",
+        "three": "succeeded",
+    }
+    done = works(result)
+    assert not any(args[0] == "1" for _, _, task, args in done if task in ("take", "put"))
+    assert min(float(t) for t, _, _, args in done if args[0] == "3") > 30
+
+
+def test_larger_priorities_go_first_also_when_they_change() -> None:
+    waiting = [submit("A1", f"j{n}", "inspect", "dock_1", priority=0) for n in range(6)]
+    result, ends = run(
+        *[(3.0, job) for job in waiting],
+        (3.0, submit("A1", "urgent", "inspect", "dock_2", priority=9)),
+        (3.0, change("A1", "j5", "priority", priority=5)),
+    )
+    assert {state for state, _ in ends.values()} == {"succeeded"}
+    starts = [e["activation"] for e in result.events if e["event"] == "start"]
+    order = [activation.partition("@")[2].partition(":")[0] for activation in starts]
+    assert order == ["urgent", "j5", "j0", "j1", "j2", "j3", "j4"]
+
+
+@pytest.mark.parametrize("seed", seeds(5))
+def test_the_whole_team_starts_again_and_goes_on_with_its_jobs(seed: int) -> None:
+    jobs = [submit("A1", f"j{n}", "deliver", str(n + 1), "dock_1") for n in range(4)]
+    everybody = ("A1", "A2", "B1")
+    kills = [(6.0, Kill(robot)) for robot in everybody]
+    restarts = [(8.0, Restart(robot)) for robot in everybody]
+    _, ends = run(*[(3.0, job) for job in jobs], *kills, *restarts, seconds=90, seed=seed)
+    assert {name: state for name, (state, _) in ends.items()} == {
+        f"j{n}": "succeeded" for n in range(4)
+    }
+
+
+def test_a_job_waits_for_its_delay_and_expires_at_its_deadline() -> None:
+    given = {"type": "deliver", "operator": "me"}
+    later = {**given, "id": "later", "arguments": ["1", "dock_1"], "delay_us": 20 * S}
+    never = {**given, "id": "never", "arguments": ["2", "dock_1"], "deadline_us": 3 * S}
+    result, ends = run(
+        (3.0, Command("A1", SUBMIT, json.dumps(later))),
+        (3.0, Command("A1", SUBMIT, json.dumps(never))),
+        (8.0, Kill("A1")),
+    )
+    assert {name: state for name, (state, _) in ends.items()} == {
+        "later": "succeeded",
+        "never": "expired",
+    }
+    assert min(float(t) for t, _, _, args in works(result) if args[0] == "1") > 23
