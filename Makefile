@@ -10,7 +10,7 @@ APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
-	bench-membership bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
+	bench-membership bench-submissions bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -39,6 +39,7 @@ help:
 	@echo "make bench-security  what signing costs, and takeovers in a flood of 20,000 messages a second"
 	@echo "make bench-tokens    what a stranger's liveliness tokens cost a team"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
+	@echo "make bench-submissions 1,000 jobs, and a robot that is killed every five seconds"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt sim estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
@@ -198,6 +199,10 @@ bench-tokens: $(READY)
 
 bench-resume: $(READY)
 	$(BIN)/python -m benchmarks.resume
+
+# Jobs that are handed in while robots are killed: none may be lost.
+bench-submissions: $(READY)
+	$(BIN)/python -m benchmarks.submissions
 
 bench-failover: $(READY)
 	$(BIN)/python -m benchmarks.failover
