@@ -11,7 +11,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.jobs import KnownJob
 from mrbt_mesh.core.facts.records import Job, JobChange, JobState
 from mrbt_mesh.core.facts.values import MAX_TEXT
-from mrbt_mesh.core.mission.jobs import is_job_id
+from mrbt_mesh.core.mission.jobs import OpenJob, is_job_id
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY
 from mrbt_mesh.core.planning.job_ends import job_end, robots_of
 
@@ -50,7 +50,8 @@ class JobDesk:
         known = facts.jobs.known.get(name)
         if known is not None and known.job is not None:
             if (known.job.type, known.job.arguments) != (kind, arguments):
-                raise JobError(f"{name} is another job: {known.job.type}{known.job.arguments}")
+                other = OpenJob(name, known.job.type, known.job.arguments)
+                raise JobError(f"there is another job of this id, {other.label}; choose another id")
             return self._state(known)
         if known is not None and known.end is not None:
             return self._state(known)
@@ -60,6 +61,8 @@ class JobDesk:
             raise JobError("arguments are texts")
         if problem := mission.jobs[kind].problem(arguments):
             raise JobError(problem)
+        if not given["operator"].isprintable():
+            raise JobError("operator is one line of printable text")
         if facts.jobs.count_open() >= MAX_OPEN:
             raise JobError(f"{MAX_OPEN} jobs are open; cancel some, or wait")
         priority = _priority(given.get("priority", mission.jobs[kind].priority))

@@ -1,0 +1,87 @@
+"""Commands about jobs: what is refused, in words for the operator, and what is answered."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.job_desk import JobDesk, JobError
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.formats.mission_file import load_mission
+from tests.support.paths import mission_file
+
+MISSION = load_mission(mission_file("deliveries"))
+JOB = {"id": "a", "type": "inspect", "arguments": ["shelf_1"], "operator": "me"}
+
+
+def desk() -> tuple[JobDesk, Context]:
+    config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver)
+    context = Context(MISSION, config, 0)
+    context.replica.next_incarnation(0)
+    return JobDesk(context), context
+
+
+def asked(take: Any, **given: Any) -> Any:
+    return json.loads(take(json.dumps(given), 0))
+
+
+def test_a_job_is_kept_once_the_disk_has_it_and_the_same_id_is_the_same_job() -> None:
+    found, context = desk()
+    assert asked(found.submit, **JOB)["state"] == "open"
+    assert asked(found.kept, ids=["a", "b"]) == []
+    context.durability.note_synced(context.durability.take_number())
+    assert asked(found.kept, ids=["a", "b"]) == ["a"]
+    assert asked(found.submit, **JOB)["state"] == "open"
+    (job,) = (entry for entry in context.facts.map if entry.parts[0] == "job")
+    assert job.record.to_value() == ["inspect", ["shelf_1"], 0, 0, 0, "me", 1]
+    assert asked(found.change, id="a", change="priority", priority=7)["priority"] == 7
+    assert asked(found.change, id="a", change="hold")["state"] == "held"
+    assert asked(found.change, id="a", change="cancel")["state"] == "cancelled"
+    assert asked(found.change, id="a", change="release")["state"] == "cancelled"
+    assert asked(found.submit, **JOB)["state"] == "cancelled"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"type": "paint"}, "no job type 'paint'; there is deliver, inspect"),
+        ({"arguments": []}, "inspect takes 1 argument (where)"),
+        ({"arguments": [1]}, "arguments are texts"),
+        ({"arguments": ["moon"]}, "where is one of dock_1,"),
+        ({"id": "a b"}, "'a b' is no id: 1 to 64 letters"),
+        ({"priority": "high"}, "a priority is a whole number"),
+        ({"deadline_us": -1}, "deadline_us is a whole number of microseconds"),
+        ({"operator": None}, "operator is missing, or is no str"),
+        ({"operator": "\ud800"}, "operator is one line of printable text"),
+        ({"id": "taken"}, "another job of this id, taken: inspect(shelf_2); choose another id"),
+    ],
+)
+def test_a_wrong_job_is_refused_with_the_remedy_and_writes_nothing(
+    change: dict[str, Any], message: str
+) -> None:
+    found, context = desk()
+    asked(found.submit, **{**JOB, "id": "taken", "arguments": ["shelf_2"]})
+    before = len(context.facts.map)
+    with pytest.raises(JobError) as caught:
+        found.submit(json.dumps({**JOB, **change}), 0)
+    assert message in str(caught.value)
+    assert len(context.facts.map) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "a JSON object is expected"),
+        ("[]", "a JSON object is expected"),
+        ('{"id": "a"}', "change is missing"),
+        ('{"id": "a", "change": "paint"}', "no job 'a' is known here"),
+    ],
+)
+def test_a_wrong_change_is_refused(text: str, message: str) -> None:
+    found, _ = desk()
+    with pytest.raises(JobError, match=message):
+        found.change(text, 0)
