@@ -175,13 +175,11 @@ def test_a_second_run_below_the_first(runs: tuple[Path, Path], browser: Browser)
         assert deaths == ["deaths", "1", "1", "0"]
         # Aligned there, B1's death is below A1's, which came 3.5 s later in its own run.
         page.select_option("#beside select", "death")
-        box = page.locator("#spans").bounding_box()
-        assert box is not None
-        x = box["x"] + 80
-        while "A1 died at 12.5 s: " not in tip(page, x, box["y"] + A1_ROW):
+        x = 80
+        while "A1 died at 12.5 s: " not in tip(page, x, A1_ROW):
             x += 4
-            assert x < box["x"] + box["width"], "its death is nowhere"
-        assert "② B1 died at 9.0 s: " in tip(page, x, box["y"] + B1_ROW_OF_THE_OTHER)
+            assert x < WIDE[0], "its death is nowhere"
+        assert "② B1 died at 9.0 s: " in tip(page, x, B1_ROW_OF_THE_OTHER)
         assert problems == []
 
 
@@ -190,5 +188,8 @@ A1_ROW, B1_ROW_OF_THE_OTHER = 10, 8 * 16 + 10
 
 
 def tip(page: Page, x: float, y: float) -> str:
-    page.mouse.move(x, y)
+    """What is said of a point of the timeline, which moves while the page opens its drawer."""
+    box = page.locator("#spans").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + x, box["y"] + y)
     return page.inner_text("#tip")
