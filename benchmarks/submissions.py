@@ -55,7 +55,7 @@ global_tasks:
 jobs:
   plain: {parameters: {number: {min: 1, max: 1000000}}, tree: do($number)}
   once: {parameters: {number: {min: 1, max: 1000000}}, tree: dose($number)}
-tree: Jobs
+tree: {Jobs: all}
 """
 RESTART_S = 1.0
 END_S = 120.0
