@@ -205,6 +205,7 @@ class RunRecord:
                 self._died(robot, known["incarnation"], evidence_us)
             elif not fault.exact:
                 fault.at_us = min(fault.at_us, evidence_us)
+                self._find_takeover(fault)
                 self._settle(fault)
         elif state is State.ALIVE:
             fault = self._open_fault(robot, known["incarnation"])
@@ -427,6 +428,8 @@ class RunRecord:
             return
         if (held.activation, held.local_task) == (claim.activation, claim.local_task):
             fault.reassigned_us, fault.replacement = now_us, robot
+            if fault.detected_us is not None:
+                fault.detected_us = min(fault.detected_us, now_us)
             self._settle(fault)
 
     def seconds(self, at_us: int | None) -> float | None:

@@ -71,8 +71,9 @@ def test_the_end_of_a_life_says_nothing_of_the_next_one(record: RunRecord) -> No
     assert fault.at_us == 9 * S
 
 
+@pytest.mark.parametrize("is_exit_known", [True, False])
 def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
-    record: RunRecord,
+    record: RunRecord, is_exit_known: bool
 ) -> None:
     """The robots knew first: their claims may overtake the word of the death."""
 
@@ -84,9 +85,12 @@ def test_a_replacement_that_is_heard_of_before_the_death_took_over_all_the_same(
         record.robot_seen(robot, FIRST, 0)
     running("C", S)
     running("A", 2 * S)
-    record.exited("A", 3 * S)
+    if is_exit_known:
+        record.exited("A", 3 * S)
     running("B", 3 * S + 20_000)
     record.declared_dead("A", FIRST, 3 * S + 30_000)
+    # Its last heartbeat was earlier.
+    record.state("A", State.DEAD, 3 * S, 3 * S + 40_000)
     (fault,) = record.major
     assert (fault.replacement, fault.reassigned_us) == ("B", 3 * S + 20_000)
     assert fault.detected_us == fault.reassigned_us, "who takes over knows of the death"
