@@ -150,7 +150,7 @@ JobTypes: TypeAlias = Annotated[list[Name], Field(min_length=1, max_length=MAX_J
 class JobsModel(FileModel):
     """The open jobs of these types (`all`: of all), all at once.
 
-    `at_most`: so many of each type at a time; twice the number of robots unless it is given.
+    `at_most`: how many jobs of each type are in the tree at a time; default: twice the robots.
     """
 
     types: Annotated[

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import getpass
 import json
+import os
 import secrets
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent.commands import CHANGE_JOB, KEPT_JOBS, SUBMIT
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOBS, SUBMIT
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
 from mrbt_mesh.errors import InputError
@@ -32,7 +33,9 @@ CONNECT_TIMEOUT_S = 10.0
 # A robot that does not answer for so long is left out, and another one is asked.
 ANSWER_S = 1.0
 KEEP_TIMEOUT_S = 10.0
-ASK_AGAIN_S = 0.02
+ASK_AGAIN_S = 0.01
+# A command has no room for more ids.
+MOST_ASKED = 50
 
 
 class JobRefusedError(InputError):
@@ -51,12 +54,28 @@ class JobHandle:
         return await self._client.wait_for_end(self.id)
 
 
+@dataclass
+class _Awaited:
+    """A job that is to be in the journals of `wanted` robots; `keepers` have it."""
+
+    wanted: int
+    keepers: set[str] = field(default_factory=set)
+    is_kept: anyio.Event = field(default_factory=anyio.Event)
+
+    def add(self, robot: str) -> None:
+        """One more robot has it."""
+        self.keepers.add(robot)
+        if len(self.keepers) >= self.wanted:
+            self.is_kept.set()
+
+
 class TeamClient:
     """Use `connect` or `client_of` to make one."""
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
         self._news = anyio.Event()
+        self._awaited: dict[str, _Awaited] = {}
 
     async def follow(self) -> None:
         """Keep what is known of the team up to date, until cancelled."""
@@ -96,7 +115,7 @@ class TeamClient:
         """
         name = job_id or _new_id()
         given: dict[str, Any] = {"id": name, "type": kind, "arguments": list(arguments)}
-        given["operator"] = getpass.getuser()
+        given["operator"] = _operator()
         if priority is not None:
             given["priority"] = priority
         if delay_s:
@@ -131,18 +150,21 @@ class TeamClient:
     # -- asking robots ------------------------------------------------------------------------
 
     async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
-        """The first answer of any robot; those that do not answer are left out."""
+        """The first answer of any robot; one that does not answer, or still joins, is left out."""
+        mission = self._watcher.observer.mission
+        if not mission.jobs:
+            raise JobRefusedError(
+                f"mission {mission.name} has no types of jobs (jobs: in its file)"
+            )
         problem = "no robot of the team is heard"
         with anyio.move_on_after(KEEP_TIMEOUT_S):
             while True:
                 for robot in self.robots:
-                    good, text = await self._ask(robot, command, given)
-                    if good:
-                        found: dict[str, Any] = json.loads(text)
-                        return found
-                    problem = text
-                    if not _is_of_robot(text):
-                        raise JobRefusedError(text)
+                    answer, problem = await self._ask(robot, command, given)
+                    if answer is not None and "refused" in answer:
+                        raise JobRefusedError(answer["refused"])
+                    if answer is not None:
+                        return answer
                 await anyio.sleep(ASK_AGAIN_S)
         raise TimeoutError(problem)
 
@@ -150,40 +172,55 @@ class TeamClient:
         """Wait until enough robots have the job, or its end, in their journals."""
         mission = self._watcher.observer.mission
         wanted = len(mission.robots) // 2 + 1 if safe is None else safe
-        kept: set[str] = set()
-        with anyio.move_on_after(KEEP_TIMEOUT_S):
-            while True:
-                missing = [robot for robot in self.robots if robot not in kept]
-                kept |= await self._keepers(name, missing)
-                if len(kept) >= wanted:
-                    return
-                await anyio.sleep(ASK_AGAIN_S)
+        awaited = self._awaited[name] = _Awaited(wanted)
+        try:
+            with anyio.move_on_after(KEEP_TIMEOUT_S):
+                await awaited.is_kept.wait()
+                return
+        finally:
+            del self._awaited[name]
+        keepers = ", ".join(sorted(awaited.keepers)) or "nobody"
         raise TimeoutError(
-            f"{name} is in the journals of {len(kept)} robots ({', '.join(sorted(kept))}); "
-            f"{wanted} were asked for: submit it again under this id, or ask for fewer (--safe)"
+            f"{name} is in the journals of {len(awaited.keepers)} robots ({keepers}), and {wanted} "
+            "were asked for: submit it again under this id, or ask for fewer"
         )
 
-    async def _keepers(self, name: str, robots: Collection[str]) -> set[str]:
-        async def ask(robot: str) -> None:
-            good, text = await self._ask(robot, KEPT_JOBS, {"ids": [name]})
-            if good and json.loads(text) == [name]:
-                found.add(robot)
+    async def ask_for_kept(self) -> None:
+        """Ask the robots which of the awaited jobs they have in their journals, until cancelled."""
+        asked: set[str] = set()
 
-        found: set[str] = set()
+        async def ask(robot: str, names: list[str]) -> None:
+            answer, _ = await self._ask(robot, KEPT_JOBS, {"ids": names})
+            for name in (answer or {}).get("kept", ()):
+                if name in self._awaited:
+                    self._awaited[name].add(robot)
+            asked.discard(robot)
+
         async with anyio.create_task_group() as group:
-            for robot in robots:
-                group.start_soon(ask, robot)
-        return found
+            while True:
+                for robot in self.robots if self._awaited else ():
+                    names = [n for n, each in self._awaited.items() if robot not in each.keepers]
+                    if names and robot not in asked:
+                        asked.add(robot)
+                        group.start_soon(ask, robot, names[:MOST_ASKED])
+                await anyio.sleep(ASK_AGAIN_S)
 
-    async def _ask(self, robot: str, command: str, given: dict[str, Any]) -> tuple[bool, str]:
+    async def _ask(
+        self, robot: str, command: str, given: dict[str, Any]
+    ) -> tuple[dict[str, Any] | None, str]:
+        """The robot's answer, or None and why there is none."""
         with anyio.move_on_after(ANSWER_S):
-            return await self._watcher.command(robot, command, json.dumps(given))
-        return False, f"{robot} does not answer"
+            good, text = await self._watcher.command(robot, command, json.dumps(given))
+            return (json.loads(text), "") if good else (None, text)
+        return None, f"{robot} does not answer"
 
 
-def _is_of_robot(text: str) -> bool:
-    """Whether a refusal is of one robot, so that another one may do it."""
-    return "does not answer" in text or "still joining" in text or "journal" in text
+def _operator() -> str:
+    """Who runs this program: its user's name, or number if it has none, as in some containers."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return f"user {os.getuid()}"
 
 
 def _new_id() -> str:
@@ -197,6 +234,7 @@ async def client_of(address: TeamAddress) -> AsyncIterator[TeamClient]:
         await watcher.catch_up(CONNECT_TIMEOUT_S)
         client = TeamClient(watcher)
         group.start_soon(client.follow)
+        group.start_soon(client.ask_for_kept)
         yield client
         group.cancel_scope.cancel()
 

@@ -10,7 +10,7 @@ import anyio
 import pytest
 
 from mrbt_mesh import TaskContext
-from mrbt_mesh.core.agent.commands import CHANGE_JOB, SUBMIT
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate

@@ -162,8 +162,6 @@ def _with_client(team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]])
     name = address.transport.team
     if address.run_dir is not None and not is_running(address.run_dir):
         raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
-    if not address.mission.jobs:
-        raise InputError(f"mission {address.mission.name} has no types of jobs (jobs: in its file)")
 
     async def attach() -> int:
         async with client_of(address) as client:

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
-from mrbt_mesh.core.agent.job_desk import JobDesk, JobError
+from mrbt_mesh.core.agent.job_desk import JOB_COMMANDS, JobDesk
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -23,7 +23,6 @@ from mrbt_mesh.core.mission.mission import micro_performance
 
 FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
 PERFORM = "perform"
-SUBMIT, CHANGE_JOB, KEPT_JOBS = "submit", "change_job", "kept_jobs"
 REFUSALS = "refusals"
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
@@ -69,14 +68,9 @@ class Commands:
             REFUSALS: self._refusals,
             DECIDE: self._decide,
         }
-        if context.mission.jobs:
-            desk = JobDesk(context)
-            for name, take in (
-                (SUBMIT, desk.submit),
-                (CHANGE_JOB, desk.change),
-                (KEPT_JOBS, desk.kept),
-            ):
-                self._known[name] = partial(self._of_jobs, take)
+        if context.facts.jobs is not None:
+            desk = JobDesk(context, context.facts.jobs)
+            self._known |= {name: partial(self._of_jobs, desk, name) for name in JOB_COMMANDS}
 
     def carry_out(self, body: Any, now_us: int) -> Answer:
         """Carry out a command; (False, why) for anything malformed or unknown."""
@@ -90,13 +84,10 @@ class Commands:
         carry_out = self._known.get(command)
         return carry_out(argument, now_us) if carry_out else (False, f"no command {command!r}")
 
-    def _of_jobs(self, take: Callable[[str, int], str], argument: str, now_us: int) -> Answer:
+    def _of_jobs(self, desk: JobDesk, command: str, argument: str, now_us: int) -> Answer:
         if self._context.is_new:
             return False, f"{self._context.me} is still joining the team: ask another robot"
-        try:
-            return True, take(argument, now_us)
-        except JobError as error:
-            return False, str(error)
+        return True, desk.answer(command, argument, now_us)
 
     def _change_capability(self, local_task: str, lost: bool, now_us: int) -> Answer:
         change = CapabilityChanged(local_task, lost, OPERATOR, OPERATOR)

@@ -140,10 +140,13 @@ class Context:
         """Whether all that this robot knows of a job is in its journal."""
         return self.durability.may_promise and self.durability.is_on_disk(self._kept.get(job, 0))
 
-    def forget_kept(self, jobs: Iterable[str]) -> None:
-        """These jobs are known no longer."""
-        for job in jobs:
-            self._kept.pop(job, None)
+    def forget_kept(self, dropped: Iterable[tuple[str, str]]) -> None:
+        """These facts, by author and name, were dropped: of some jobs nothing is known any more."""
+        jobs = self.facts.jobs
+        for _, name in dropped if jobs is not None else ():
+            kind, _, job = name.partition("/")
+            if jobs is not None and kind in records.JOB_KINDS and job not in jobs.known:
+                self._kept.pop(job, None)
 
     def members_digest(self) -> bytes:
         """A digest of the members as this robot sees them; zeros while it has no place."""

@@ -15,6 +15,7 @@ from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
@@ -74,8 +75,7 @@ class StartPolicies(NamedTuple):
 class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
-    `shows_outcome`: T_Li was ticked with an
-    outcome, and is to be ticked again.
+    `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
     """
 
     def __init__(self, context: Context, tree: RobotTree, starts: StartPolicies) -> None:
@@ -127,10 +127,9 @@ class Executor:
         context = self._context
         if context.mission.travel is None or claim is None:
             return ""
-        travel = context.facts.mission.travel
-        if travel is None or claim.phase in (Phase.READY, Phase.RUNNING):
+        if claim.phase in (Phase.READY, Phase.RUNNING):
             return ""
-        goal = travel.at.get(claim.local_task, "")
+        goal = place_at(context.mission, claim.local_task)
         return goal if context.work.is_between or goal != context.place else ""
 
     def _may_start(self, plan: Plan, now_us: int) -> bool:

@@ -188,16 +188,18 @@ class Inbound:
                 context.joining.mark_answered(peer)
 
     def _take_in(self, source: str, received: Received) -> None:
-        if received.changed:
-            jobs = [
-                each.parts[1] for each in received.changed if each.parts[0] in records.JOB_KINDS
-            ]
-            number = self._context.durability.take_number() if jobs else 0
-            self._context.emit(Persist(tuple(received.changed), bool(jobs), number))
+        context = self._context
+        names = [entry.parts for entry in received.changed]
+        jobs = [parts[1] for parts in names if parts[0] in records.JOB_KINDS]
+        if jobs:  # their submitters wait until they are on disk
+            number = context.durability.take_number()
+            context.emit(Persist(tuple(received.changed), True, number))
             for job in jobs:
-                self._context.note_kept(job, number)
+                context.note_kept(job, number)
+        elif received.changed:
+            context.emit(Persist(tuple(received.changed), at_once=False))
         if received.refused:
-            self._context.refuse(source, received.reason)
+            context.refuse(source, received.reason)
 
     def _read_facts(self, source: str, data: bytes, now_us: int) -> None:
         received = self._context.replica.receive(source, data, now_us)

@@ -8,13 +8,15 @@ from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.jobs import KnownJob
+from mrbt_mesh.core.facts.jobs import Jobs, KnownJob
 from mrbt_mesh.core.facts.records import Job, JobChange, JobState
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.values import MAX_TEXT
 from mrbt_mesh.core.mission.jobs import OpenJob, is_job_id
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY
 from mrbt_mesh.core.planning.job_ends import job_end, robots_of
 
+SUBMIT, CHANGE_JOB, KEPT_JOBS = JOB_COMMANDS = "submit", "change_job", "kept_jobs"
 MAX_OPEN = 20_000
 # Of delays and deadlines: a year.
 MAX_JOB_US = 366 * 86_400 * 1_000_000
@@ -22,137 +24,144 @@ MAX_JOB_US = 366 * 86_400 * 1_000_000
 _CHANGES = ("cancel", "hold", "release", "priority")
 
 
-class JobError(ValueError):
+class _RefusedError(ValueError):
     """Why a command about a job is refused, in words for the operator."""
 
 
 class JobDesk:
-    """Takes operators' commands about jobs, at one robot. All are JSON in and JSON out."""
+    """Takes operators' commands about jobs, at one robot. All are JSON in and JSON out.
 
-    def __init__(self, context: Context) -> None:
+    A command that no robot would carry out is answered by `{"refused": why}`.
+    """
+
+    def __init__(self, context: Context, jobs: Jobs) -> None:
         self._context = context
+        self._jobs = jobs
+        self._commands = {SUBMIT: self._submit, CHANGE_JOB: self._change, KEPT_JOBS: self._kept}
 
-    def submit(self, argument: str, now_us: int) -> str:
+    def answer(self, command: str, argument: str, now_us: int) -> str:
+        """Carry out one of `JOB_COMMANDS`; its answer."""
+        try:
+            return json.dumps(self._commands[command](_read(argument), now_us))
+        except _RefusedError as refusal:
+            return json.dumps({"refused": str(refusal)})
+
+    def _submit(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
         """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"delay_us"` and
-        `"deadline_us"` unless they are as usual: the job's state, as JSON.
+        `"deadline_us"` unless they are as usual: the job's state.
 
-        The same id with the same type and arguments again is the same job. Raises JobError.
+        The same id with the same type and arguments again is the same job.
         """
-        given = _read(argument, {"id": str, "type": str, "arguments": list, "operator": str})
-        name, kind, arguments = given["id"], given["type"], tuple(given["arguments"])
-        facts, mission = self._context.facts, self._context.mission
-        if facts.jobs is None:
-            raise JobError("this mission has no types of jobs")
+        name, kind, operator = (_text(given, each) for each in ("id", "type", "operator"))
+        arguments, types = tuple(_texts(given, "arguments")), self._context.mission.jobs
         if not is_job_id(name):
-            raise JobError(f"{name!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -")
-        if kind not in mission.jobs:
-            raise JobError(f"no job type {kind!r:.80}; there is {', '.join(sorted(mission.jobs))}")
-        known = facts.jobs.known.get(name)
-        if known is not None and known.job is not None:
-            if (known.job.type, known.job.arguments) != (kind, arguments):
-                other = OpenJob(name, known.job.type, known.job.arguments)
-                raise JobError(f"there is another job of this id, {other.label}; choose another id")
-            return self._state(known)
-        if known is not None and known.end is not None:
-            return self._state(known)
-        if facts.jobs.is_archived(name):
-            return json.dumps({"id": name, "state": "ended"})
-        if not all(isinstance(each, str) for each in arguments):
-            raise JobError("arguments are texts")
-        if problem := mission.jobs[kind].problem(arguments):
-            raise JobError(problem)
-        if not given["operator"].isprintable():
-            raise JobError("operator is one line of printable text")
-        if facts.jobs.count_open() >= MAX_OPEN:
-            raise JobError(f"{MAX_OPEN} jobs are open; cancel some, or wait")
-        priority = _priority(given.get("priority", mission.jobs[kind].priority))
-        usual_us = mission.jobs[kind].deadline_us or 0
-        delay_us = _time(given, "delay_us", 0)
-        deadline_us = _time(given, "deadline_us", usual_us)
-        operator, stamp = given["operator"][:MAX_TEXT], facts.max_stamp + 1
-        job = Job(kind, arguments, priority, delay_us, deadline_us, operator, stamp)
-        number = self._context.promise([(f"{records.JOB}/{name}", job)], now_us)
-        self._context.note_kept(name, number)
+            raise _RefusedError(f"{name!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -")
+        if kind not in types:
+            raise _RefusedError(f"no job type {kind!r:.80}; there is {', '.join(sorted(types))}")
+        known = self._jobs.known.get(name)
+        job = known.job if known is not None else None
+        if job is not None and (job.type, job.arguments) != (kind, arguments):
+            other = OpenJob(name, job.type, job.arguments).label
+            raise _RefusedError(f"there is another job of this id, {other}; choose another id")
+        if known is not None and (job is not None or known.end is not None):
+            return _state(known)
+        if self._jobs.is_archived(name):
+            return {"id": name, "state": "ended"}
+        if problem := types[kind].problem(arguments):
+            raise _RefusedError(problem)
+        if self._jobs.count_open() >= MAX_OPEN:
+            raise _RefusedError(f"{MAX_OPEN} jobs are open; cancel some, or wait")
+        job = Job(
+            kind,
+            arguments,
+            _priority(given.get("priority", types[kind].priority)),
+            _time(given, "delay_us", 0),
+            _time(given, "deadline_us", types[kind].deadline_us or 0),
+            operator[:MAX_TEXT],
+            self._context.facts.max_stamp + 1,
+        )
+        self._write(name, (f"{records.JOB}/{name}", job), now_us)
         self._context.log("info", "job_submitted", job=name, type=kind, operator=job.operator)
-        return self._state(facts.jobs.known[name])
+        return _state(self._jobs.known[name])
 
-    def change(self, argument: str, now_us: int) -> str:
-        """`{"id", "change"}`, and `"priority"` if that is what is changed: the state, as JSON.
-
-        Raises JobError.
-        """
-        given = _read(argument, {"id": str, "change": str})
-        facts, name, change = self._context.facts, given["id"], given["change"]
-        known = facts.jobs.known.get(name) if facts.jobs is not None else None
+    def _change(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
+        """`{"id", "change"}`, and `"priority"` if that is what is changed: the job's state."""
+        name, change = _text(given, "id"), _text(given, "change")
+        known = self._jobs.known.get(name)
         if known is None or (known.job is None and known.end is None):
-            raise JobError(f"no job {name!r:.80} is known here")
+            raise _RefusedError(f"no job {name!r:.80} is known here")
         if change not in _CHANGES:
-            raise JobError(f"no change {change!r:.80}; there is {', '.join(_CHANGES)}")
-        if known.end is not None or known.job is None:
-            return self._state(known)
-        before, stamp, job = known.change, facts.max_stamp + 1, known.job
+            raise _RefusedError(f"no change {change!r:.80}; there is {', '.join(_CHANGES)}")
+        job, before, stamp = known.job, known.change, self._context.facts.max_stamp + 1
+        if known.end is not None or job is None:
+            return _state(known)
         if change == "cancel":
-            robots = robots_of(facts, name)
+            robots = robots_of(self._context.facts, name)
             end = job_end(job, JobState.CANCELLED, "", robots, stamp)
-            number = self._context.promise([(f"{records.JOB_END}/{name}", end)], now_us)
+            self._write(name, (f"{records.JOB_END}/{name}", end), now_us)
         else:
             is_held = {"hold": True, "release": False}.get(change, before.is_held)
-            priority = before.priority
-            if change == "priority":
-                priority = _priority(given.get("priority"))
+            is_priority = change == "priority"
+            priority = _priority(given.get("priority")) if is_priority else before.priority
             after = JobChange(is_held, priority, stamp)
-            number = self._context.promise([(f"{records.JOB_CHANGE}/{name}", after)], now_us)
-        self._context.note_kept(name, number)
+            self._write(name, (f"{records.JOB_CHANGE}/{name}", after), now_us)
         self._context.log("info", "job_changed", job=name, change=change)
-        return self._state(known)
+        return _state(known)
 
-    def kept(self, argument: str, _: int) -> str:
-        """`{"ids": [...]}`: those whose newest facts are in this robot's journal, as JSON."""
-        given = _read(argument, {"ids": list})
-        jobs, found = self._context.facts.jobs, []
-        for name in given["ids"]:
-            known = jobs.known.get(name) if jobs is not None and isinstance(name, str) else None
-            is_known = known is not None or (jobs is not None and jobs.is_archived(name))
-            if is_known and self._context.is_kept(name):
-                found.append(name)
-        return json.dumps(found)
+    def _kept(self, given: Mapping[str, Any], _: int) -> dict[str, Any]:
+        """`{"ids": [...]}`: those whose newest facts are in this robot's journal, as `"kept"`."""
+        known, is_archived = self._jobs.known, self._jobs.is_archived
+        names = (name for name in _texts(given, "ids") if name in known or is_archived(name))
+        return {"kept": [name for name in names if self._context.is_kept(name)]}
 
-    def _state(self, known: KnownJob) -> str:
-        job, end = known.job, known.end
-        state: dict[str, Any] = {
-            "id": known.id,
-            "state": "held" if known.change.is_held else "open",
-        }
-        if job is not None:
-            state |= {"type": job.type, "arguments": list(job.arguments)}
-            state["priority"] = known.priority
-        if end is not None:
-            state |= {"state": str(end.state), "reason": end.reason, "robots": list(end.robots)}
-        return json.dumps(state)
+    def _write(self, name: str, fact: Fact, now_us: int) -> None:
+        self._context.note_kept(name, self._context.promise([fact], now_us))
 
 
-def _read(argument: str, wanted: Mapping[str, type]) -> dict[str, Any]:
-    """A JSON object with at least these fields; raises JobError."""
+def _state(known: KnownJob) -> dict[str, Any]:
+    job, end = known.job, known.end
+    state: dict[str, Any] = {"id": known.id, "state": "held" if known.change.is_held else "open"}
+    if job is not None:
+        arguments = list(job.arguments)
+        state |= {"type": job.type, "arguments": arguments, "priority": known.priority}
+    if end is not None:
+        state |= {"state": str(end.state), "reason": end.reason, "robots": list(end.robots)}
+    return state
+
+
+def _read(argument: str) -> Mapping[str, Any]:
+    """A JSON object."""
     try:
         given = json.loads(argument)
-    except ValueError:
+    except (ValueError, RecursionError):
         given = None
     if not isinstance(given, dict):
-        raise JobError("a JSON object is expected")
-    for name, kind in wanted.items():
-        if not isinstance(given.get(name), kind):
-            raise JobError(f"{name} is missing, or is no {kind.__name__}")
+        raise _RefusedError("a JSON object is expected")
     return given
+
+
+def _text(given: Mapping[str, Any], name: str) -> str:
+    value = given.get(name)
+    if not isinstance(value, str) or not value.isprintable():
+        raise _RefusedError(f"{name} is missing, or is not one line of printable text")
+    return value
+
+
+def _texts(given: Mapping[str, Any], name: str) -> list[str]:
+    values = given.get(name)
+    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
+        raise _RefusedError(f"{name} is missing, or is no list of texts")
+    return values
 
 
 def _time(given: Mapping[str, Any], name: str, usual_us: int) -> int:
     value = given.get(name, usual_us)
     if type(value) is not int or not 0 <= value <= MAX_JOB_US:
-        raise JobError(f"{name} is a whole number of microseconds, at most {MAX_JOB_US}")
+        raise _RefusedError(f"{name} is a whole number of microseconds, at most {MAX_JOB_US}")
     return value
 
 
 def _priority(value: Any) -> int:
     if type(value) is not int or abs(value) > MAX_PRIORITY:
-        raise JobError(f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}")
+        raise _RefusedError(f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}")
     return value

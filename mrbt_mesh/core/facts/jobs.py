@@ -194,7 +194,7 @@ class Jobs:
         return self._in_tree
 
     def _next(self, name: str, count: int) -> Iterator[JobKey]:
-        """The first jobs of a type that are not begun, at most so many."""
+        """The first `count` jobs of a type that are not begun."""
         for key in self._open[name]:
             if count <= 0:
                 return

@@ -10,7 +10,7 @@ import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar, get_type_hints
 
 from mrbt_mesh.core.facts.values import (
     read_boolean,
@@ -25,6 +25,8 @@ from mrbt_mesh.core.facts.values import (
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_ROBOTS
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES
+
+_Item = TypeVar("_Item")
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
@@ -77,26 +79,20 @@ def _read_robots(value: Any) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(map(read_text, each)) for each in value)
 
 
-def _write_robots(robots: tuple[tuple[str, ...], ...]) -> list[Any]:
-    return [list(each) for each in robots]
+def _write_rows(rows: tuple[tuple[Any, ...], ...]) -> list[Any]:
+    return [list(each) for each in rows]
 
 
-def _read_hashes(value: Any) -> tuple[int, ...]:
-    if not isinstance(value, list) or len(value) > MAX_ARCHIVED:
-        raise ValueError(f"list of hashes expected, found {shown(value)}")
-    return tuple(read_integer(each, 0, MAX_HASH) for each in value)
+def _read_list(value: Any, most: int, read: Callable[[Any], _Item]) -> tuple[_Item, ...]:
+    if not isinstance(value, list) or len(value) > most:
+        raise ValueError(f"a list of at most {most} expected, found {shown(value)}")
+    return tuple(map(read, value))
 
 
-def _read_texts(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or len(value) > MAX_ROBOTS:
-        raise ValueError(f"list of texts expected, found {shown(value)}")
-    return tuple(map(read_text, value))
-
-
-def _read_places(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or len(value) > MAX_TIMED_PLACES:
-        raise ValueError(f"a list of at most {MAX_TIMED_PLACES} places expected")
-    return tuple(map(read_text, value))
+_read_hash = partial(read_integer, low=0, high=MAX_HASH)
+_read_hashes = partial(_read_list, most=MAX_ARCHIVED, read=_read_hash)
+_read_texts = partial(_read_list, most=MAX_ROBOTS, read=read_text)
+_read_places = partial(_read_list, most=MAX_TIMED_PLACES, read=read_text)
 
 
 def _read_ways(value: Any) -> tuple[tuple[int | None, ...], ...]:
@@ -108,10 +104,6 @@ def _read_ways(value: Any) -> tuple[tuple[int | None, ...], ...]:
         tuple(None if ms is None else read_integer(ms, high=MAX_MS) for ms in each)
         for each in value
     )
-
-
-def _write_ways(ways_ms: tuple[tuple[int | None, ...], ...]) -> list[Any]:
-    return [list(each) for each in ways_ms]
 
 
 def _read_revisions(value: Any) -> tuple[int, ...]:
@@ -267,7 +259,7 @@ class ProposedStep(Record):
     """One task of a proposed schedule, and the robots for each of its needs."""
 
     activation: _Name
-    robots: Annotated[tuple[tuple[str, ...], ...], Plain(_read_robots, _write_robots)]
+    robots: Annotated[tuple[tuple[str, ...], ...], Plain(_read_robots, _write_rows)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,7 +276,7 @@ class TravelTimes(Record):
     """
 
     places: Annotated[tuple[str, ...], Plain(_read_places, list)]
-    ways_ms: Annotated[tuple[tuple[int | None, ...], ...], Plain(_read_ways, _write_ways)]
+    ways_ms: Annotated[tuple[tuple[int | None, ...], ...], Plain(_read_ways, _write_rows)]
 
     @classmethod
     def parse(cls, value: Any) -> TravelTimes:

@@ -38,7 +38,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
-from mrbt_mesh.core.mission.jobs import OpenJob, task_of_job, with_jobs
+from mrbt_mesh.core.mission.jobs import OpenJob, place_at, task_of_job, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 
@@ -222,7 +222,7 @@ class TeamFacts:
         travel, claim = self.mission.travel, self.valid_claim(robot)
         if travel is None or claim is None or claim.phase is not Phase.TRAVELLING:
             return ""
-        return travel.at.get(claim.local_task, "")
+        return place_at(self.declared, claim.local_task)
 
     def travel_table(self, robot: str) -> Sequence[Sequence[int]]:
         """The robot's travel times in ms, as in `Travel.table`: by its program, else as the mission
@@ -360,7 +360,8 @@ class TeamFacts:
 
     def is_obsolete(self, activation: Activation) -> bool:
         """Whether no evaluation, now or later, can reach this activation any more."""
-        if self.jobs is not None and self.jobs.has_ended(activation.job):
+        job = activation.job
+        if job and self.jobs is not None and self.jobs.has_ended(job):
             return True
         return self.mission.evaluator.is_obsolete(activation, self)
 

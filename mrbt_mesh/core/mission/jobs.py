@@ -8,9 +8,9 @@ that everything else reads an ordinary mission.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from mrbt_mesh.core.bt.tree import (
     ATTEMPT_KINDS,
@@ -26,7 +26,7 @@ from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, PLACEHOLDER, bound
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 
 _JOB_ID = re.compile(ARGUMENT_PATTERN)
-
+_Found = TypeVar("_Found")
 
 # How its jobs have ended is a fact about a Jobs node; there is one run of it.
 _NEVER_ABOVE_JOBS = ATTEMPT_KINDS | {
@@ -211,32 +211,33 @@ def task_of_job(mission: Mission, origin: int, subject: str) -> GlobalTask | Non
 def local_tree(mission: Mission, local_task: str) -> Tree | None:
     """The tree of other local tasks that this one is, also in a job's tree; None: it is none."""
     found = mission.local_trees.get(local_task)
-    for known in mission.jobs.values() if found is None else ():
-        for pattern, tree in known.local_trees.items():
-            values = arguments_in(pattern, local_task)
-            if values is not None:
-                return build_tree(_bound_spec(tree.spec(), values))
-    return found
+    of_job = None if found else _of_types(mission, local_task, lambda kind: kind.local_trees)
+    return found if of_job is None else build_tree(_bound_spec(of_job[0].spec(), of_job[1]))
 
 
 def program_tree(mission: Mission, local_task: str) -> ProgramTree | None:
     """The BehaviorTree.CPP tree that this local task is, as in `local_tree`."""
     found = mission.program_trees.get(local_task)
-    for known in mission.jobs.values() if found is None else ():
-        for pattern, tree in known.program_trees.items():
-            values = arguments_in(pattern, local_task)
-            if values is not None:
-                return _bound_program(tree, values)
-    return found
+    of_job = (
+        _of_types(mission, local_task, lambda known: known.program_trees) if not found else None
+    )
+    return found if of_job is None else _bound_program(*of_job)
 
 
 def place_at(mission: Mission, local_task: str) -> str:
     """The place where a local task happens, also in a job's tree; empty: anywhere."""
-    travel = mission.travel
-    found = travel.at.get(local_task, "") if travel is not None else ""
-    for known in mission.jobs.values() if travel is not None and not found else ():
-        for pattern, at in known.at.items():
-            values = arguments_in(pattern, local_task)
+    found = mission.travel.at.get(local_task, "") if mission.travel is not None else ""
+    of_job = None if found else _of_types(mission, local_task, lambda kind: kind.at)
+    return found if of_job is None else bound(*of_job)
+
+
+def _of_types(
+    mission: Mission, ground: str, table: Callable[[JobType], Mapping[str, _Found]]
+) -> tuple[_Found, dict[str, str]] | None:
+    """What a table of some job type has under a name that becomes this one, and the values."""
+    for known in mission.jobs.values():
+        for pattern, found in table(known).items():
+            values = arguments_in(pattern, ground)
             if values is not None:
-                return bound(at, values)
-    return found
+                return found, values
+    return None

@@ -17,7 +17,8 @@ from functools import partial
 from itertools import permutations
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import CHANGE_JOB, ORDER, SUBMIT
+from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.sim.world import faults
