@@ -90,3 +90,10 @@ def read_limited(path: Path, limit_bytes: int) -> bytes:
     if len(content) > limit_bytes:
         raise whole_file_error(file, f"larger than the limit of {limit_bytes} bytes")
     return content
+
+
+def lone(error: BaseException) -> BaseException:
+    """The one exception in a group of one; a group of several stays one."""
+    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
+        error = error.exceptions[0]
+    return error

@@ -18,7 +18,7 @@ import click
 from click.core import ParameterSource
 
 from mrbt_mesh import plugins
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, lone
 
 NAME = "mrbt"
 SUCCESS, FAILURE, BAD_INPUT, NOT_FINISHED = 0, 1, 2, 3
@@ -159,13 +159,6 @@ def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(FAILURE) from None
     raise SystemExit(status if isinstance(status, int) else SUCCESS)
-
-
-def lone(error: BaseException) -> BaseException:
-    """The one exception in a group of one; a group of several stays one."""
-    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
-        error = error.exceptions[0]
-    return error
 
 
 def fail(message: str, code: int = BAD_INPUT) -> NoReturn:

@@ -23,7 +23,7 @@ import anyio
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOBS, SUBMIT
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, lone
 from mrbt_mesh.runtime.known_runs import find_run, is_running
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -32,7 +32,7 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 CONNECT_TIMEOUT_S = 10.0
 # A robot that does not answer for so long is left out, and another one is asked.
 ANSWER_S = 1.0
-KEEP_TIMEOUT_S = 10.0
+SUBMIT_TIMEOUT_S = KEEP_TIMEOUT_S = 10.0
 ASK_AGAIN_S = 0.01
 # A command has no room for more ids.
 MOST_ASKED = 50
@@ -113,6 +113,9 @@ class TeamClient:
         `deadline_s` (None: as its type says; 0: never). Raises JobRefusedError, TimeoutError if too
         few robots answer.
         """
+        count = len(self._watcher.observer.mission.robots)
+        if safe is not None and not 1 <= safe <= count:
+            raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
         name = job_id or _new_id()
         given: dict[str, Any] = {"id": name, "type": kind, "arguments": list(arguments)}
         given["operator"] = _operator()
@@ -157,7 +160,7 @@ class TeamClient:
                 f"mission {mission.name} has no types of jobs (jobs: in its file)"
             )
         problem = "no robot of the team is heard"
-        with anyio.move_on_after(KEEP_TIMEOUT_S):
+        with anyio.move_on_after(SUBMIT_TIMEOUT_S):
             while True:
                 for robot in self.robots:
                     answer, problem = await self._ask(robot, command, given)
@@ -230,13 +233,16 @@ def _new_id() -> str:
 @asynccontextmanager
 async def client_of(address: TeamAddress) -> AsyncIterator[TeamClient]:
     """A client of the team at an address. Raises TransportError."""
-    async with watching(address) as watcher, anyio.create_task_group() as group:
-        await watcher.catch_up(CONNECT_TIMEOUT_S)
-        client = TeamClient(watcher)
-        group.start_soon(client.follow)
-        group.start_soon(client.ask_for_kept)
-        yield client
-        group.cancel_scope.cancel()
+    try:
+        async with watching(address) as watcher, anyio.create_task_group() as group:
+            await watcher.catch_up(CONNECT_TIMEOUT_S)
+            client = TeamClient(watcher)
+            group.start_soon(client.follow)
+            group.start_soon(client.ask_for_kept)
+            yield client
+            group.cancel_scope.cancel()
+    except BaseExceptionGroup as error:
+        raise lone(error) from None
 
 
 @asynccontextmanager

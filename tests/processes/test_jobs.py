@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from unittest import mock
 
 import anyio
 import pytest
@@ -24,6 +25,8 @@ def test_acknowledged_jobs_survive_the_robots_that_took_them(team: Team) -> None
         async with connect(team.run_dir) as client:
             with pytest.raises(JobRefusedError, match="boxes is a whole number from 1 to 4"):
                 await client.submit("deliver", "shelf_1", "dock_1", "9")
+            with pytest.raises(JobRefusedError, match="safe 7: the mission has 6 robots"):
+                await client.submit("inspect", "shelf_1", safe=7)
             handles = []
             for number in range(COUNT):
                 name = f"job-{number}"
@@ -43,6 +46,25 @@ def test_acknowledged_jobs_survive_the_robots_that_took_them(team: Team) -> None
     assert ends == [(f"job-{number}", "succeeded") for number in range(COUNT)], team.logs()
     listed = json.loads(team.mrbt("jobs", "--json"))
     assert {row["id"] for row in listed} == {f"job-{number}" for number in range(COUNT)}
+
+
+def test_a_job_that_too_few_journals_hold_is_not_acknowledged(team: Team) -> None:
+    team.up(DELIVERIES, speed=20)
+    team.wait_until(lambda: len(team.robots()) == 6, "all are there")
+    for robot in ("C1", "C2", "C3", "C4"):
+        team.signal(robot, signal.SIGKILL)
+
+    async def hand_in() -> None:
+        async with connect(team.run_dir) as client:
+            await client.submit("inspect", "shelf_1", job_id="few")
+
+    with (
+        mock.patch("mrbt_mesh.runtime.team_client.KEEP_TIMEOUT_S", 0.5),
+        pytest.raises(
+            TimeoutError, match=r"few is in the journals of . robots .*: submit it again"
+        ),
+    ):
+        anyio.run(hand_in)
 
 
 def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> None:

@@ -281,9 +281,10 @@ class TeamFacts:
             found = parse_activation(activation)
         except ValueError:
             return None
-        if not found.job:
-            return self.declared.global_tasks.get(found.subject)
-        return task_of_job(self.declared, found.node, found.subject)
+        known = self._mission.global_tasks.get(found.subject)
+        if known is not None or not found.job:
+            return known
+        return task_of_job(self.declared, found.node, found.subject)  # not in the tree now
 
     def task(self, activation: str) -> GlobalTask:
         """The global task of an activation that a robot works on, or has."""
