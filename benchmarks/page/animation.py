@@ -83,7 +83,9 @@ def make(file: Path) -> None:
         film.until(_WORKS, 0.6)
         robot = page.inner_text(f"{_WORKS} .name")
         # A click of the mouse would scroll.
-        page.eval_on_selector(f'button[aria-label="Orders to {robot}"]', "button => button.click()")
+        page.eval_on_selector(
+            f'button[aria-label="Commands to {robot}"]', "button => button.click()"
+        )
         film.until("#menu", MENU_S)
         page.click(f'#menu button[aria-label="Kill {robot}"]')
         page.mouse.move(0, 0)

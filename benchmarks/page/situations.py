@@ -33,7 +33,7 @@ async def work(task: TaskContext, place: str) -> None:
 
 @dataclass(frozen=True)
 class Scene:
-    """A team in its situation; `url`: its page, with orders unless the run is over."""
+    """A team in its situation; `url`: its page, with commands unless the run is over."""
 
     team: Team
     url: str

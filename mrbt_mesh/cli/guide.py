@@ -49,7 +49,9 @@ class Guide:
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
                     try:
-                        team.run_dir.note_order("mrbt demo", f"{robot} (pid {process.pid}) killed")
+                        team.run_dir.note_command(
+                            "mrbt demo", f"{robot} (pid {process.pid}) killed"
+                        )
                     except InputError as error:
                         self._problem = [f"{WARNING} {error}"]
                     return

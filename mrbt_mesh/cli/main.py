@@ -28,7 +28,7 @@ SECTIONS = {
 }
 # The modules of commands that share one; others have one of their own name.
 MODULES = {
-    "orders": "kill freeze thaw leave join fault pause resume abort decide",
+    "operate": "kill freeze thaw leave join fault pause resume abort decide",
     "runs": "ls down logs",
     "jobs": "submit job",
     "plan": "validate",

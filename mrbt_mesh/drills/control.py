@@ -1,4 +1,4 @@
-"""Orders to a team that is watched: faults of processes of this machine, commands, drills.
+"""Commands to a team that is watched: faults of processes of this machine, commands, drills.
 
 The live page and `mrbt watch --top` offer them.
 """
@@ -9,8 +9,8 @@ from typing import Any
 
 import anyio.abc
 
-from mrbt_mesh.core.agent.commands import FAULT, LEAVE, ORDER, RESTORE
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.agent.commands import FAULT, LEAVE, RESTORE, TEAM
+from mrbt_mesh.core.facts.records import CommandKind
 from mrbt_mesh.drills.inject import DrillInjector
 from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.drills.triggers import Snapshot
@@ -20,7 +20,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
-# What can be done to a process of this machine: order -> (key of a drill's step, description).
+# What can be done to a process of this machine: command -> (key of a drill's step, description).
 FAULTS = {
     "kill": ("kill", "Kill the process (SIGKILL). The others notice, and one takes its work over."),
     "freeze": ("stop", "Freeze the process (SIGSTOP). It falls silent and is replaced."),
@@ -32,19 +32,19 @@ WORDS = {
     "restore": (RESTORE, "Give back what the robot has lost."),
     "leave": (LEAVE, "Have the robot leave on purpose. It hands its work over at once."),
 }
-ORDERS = {
-    "pause": (OrderKind.PAUSE, "Stop all work, until it is resumed."),
-    "resume": (OrderKind.RESUME, "Go on with the work."),
-    "abort": (OrderKind.ABORT, "End the mission as failed. It cannot be taken back."),
+TEAM_COMMANDS = {
+    "pause": (CommandKind.PAUSE, "Stop all work, until it is resumed."),
+    "resume": (CommandKind.RESUME, "Go on with the work."),
+    "abort": (CommandKind.ABORT, "End the mission as failed. It cannot be taken back."),
 }
 
 
-class OrderError(Exception):
-    """An order that was not carried out; the message has the reason."""
+class CommandError(Exception):
+    """A command that was not carried out; the message has the reason."""
 
 
 class Control:
-    """Carries out what is ordered. `team` is None where no process is of this machine."""
+    """Carries out what is commanded. `team` is None where no process is of this machine."""
 
     def __init__(self, watcher: Watcher, team: Team | None, group: anyio.abc.TaskGroup) -> None:
         self._watcher = watcher
@@ -56,54 +56,54 @@ class Control:
         robots = {name: text for name, (_, text) in WORDS.items()}
         if self._team is not None:
             robots = {name: text for name, (_, text) in FAULTS.items()} | robots
-        team = {name: text for name, (_, text) in ORDERS.items()}
+        team = {name: text for name, (_, text) in TEAM_COMMANDS.items()}
         return {"robot": robots, "team": team, "drills": self._drills is not None}
 
     async def drills(self) -> list[dict[str, Any]]:
-        """The drills that fit this team; raises OrderError if a drill file is wrong."""
+        """The drills that fit this team; raises CommandError if a drill file is wrong."""
         try:
             return [] if self._drills is None else await self._drills.known()
         except InputError as error:
-            raise OrderError(str(error)) from error
+            raise CommandError(str(error)) from error
 
-    async def carry_out(self, order: Any) -> str:
-        """Do it and say what was done; raises OrderError."""
-        text = await self._carry_out(order)
+    async def carry_out(self, command: Any) -> str:
+        """Do it and say what was done; raises CommandError."""
+        text = await self._carry_out(command)
         if self._team is not None:
             try:
-                self._team.run_dir.note_order(f"a view: {order['act']}", text)
+                self._team.run_dir.note_command(f"a view: {command['act']}", text)
             except InputError as error:
                 return f"{text}; {error}"
         return text
 
-    async def _carry_out(self, order: Any) -> str:
-        match order:
+    async def _carry_out(self, command: Any) -> str:
+        match command:
             case {"act": str(act), "robot": str(robot)} if act in FAULTS:
                 return await self._fault(act, robot)
             case {"act": str(act), "robot": str(robot)} if act in WORDS:
-                task = order.get("local_task", "all")
+                task = command.get("local_task", "all")
                 return await self._word(act, robot, task if isinstance(task, str) else "all")
-            case {"act": str(act)} if act in ORDERS:
-                return await self._order(act)
+            case {"act": str(act)} if act in TEAM_COMMANDS:
+                return await self._command(act)
             case {"act": "drill", "label": str(label)} if self._drills is not None:
                 return await self._drill(self._drills, label)
-        raise OrderError("no such order")
+        raise CommandError("no such command")
 
     def _known(self, robot: str) -> None:
         observer = self._watcher.observer
         known = {*observer.robots(), *observer.mission.robots}
         if robot not in known:
-            raise OrderError(f"the team has no robot {robot[:32]!r}")
+            raise CommandError(f"the team has no robot {robot[:32]!r}")
 
     async def _fault(self, act: str, robot: str) -> str:
         self._known(robot)
         if self._team is None:
-            raise OrderError("no process of this team runs on this machine")
+            raise CommandError("no process of this team runs on this machine")
         has_process = self._team.process(robot) is not None
         if act == "join" and has_process:
-            raise OrderError(f"{robot} runs already")
+            raise CommandError(f"{robot} runs already")
         if act != "join" and not has_process:
-            raise OrderError(f"no process of {robot} runs on this machine")
+            raise CommandError(f"no process of {robot} runs on this machine")
         texts: list[str] = []
         injector = DrillInjector(
             self._team, self._watcher, None, None, lambda fault: texts.append(fault.text)
@@ -114,9 +114,9 @@ class Control:
             snapshot = Snapshot.of(self._watcher.observer, (), boottime_us())
             await injector.carry_out(step, snapshot)
         except REFUSALS as error:
-            raise OrderError(str(error)) from error
+            raise CommandError(str(error)) from error
         if injector.injected.problems:
-            raise OrderError("; ".join(injector.injected.problems))
+            raise CommandError("; ".join(injector.injected.problems))
         return f"{robot}: {', '.join(texts)}"
 
     async def _word(self, act: str, robot: str, local_task: str) -> str:
@@ -125,21 +125,21 @@ class Control:
         argument = "" if command == LEAVE else local_task
         return self._answered(await self._watcher.command(robot, command, argument))
 
-    async def _order(self, act: str) -> str:
+    async def _command(self, act: str) -> str:
         living = list(self._watcher.observer.membership.members())
         if not living:
-            raise OrderError("no robot answers")
-        kind, _ = ORDERS[act]
-        return self._answered(await self._watcher.command(living[0], ORDER, str(kind)))
+            raise CommandError("no robot answers")
+        kind, _ = TEAM_COMMANDS[act]
+        return self._answered(await self._watcher.command(living[0], TEAM, str(kind)))
 
     async def _drill(self, drills: TeamDrills, label: str) -> str:
         try:
             return await drills.start(label)
         except InputError as error:
-            raise OrderError(str(error)) from error
+            raise CommandError(str(error)) from error
 
     def _answered(self, answer: tuple[bool, str]) -> str:
         good, text = answer
         if not good:
-            raise OrderError(text)
+            raise CommandError(text)
         return text

@@ -9,7 +9,7 @@ running: {A2: diagnose_part(2)}            # what robots work on
 bids: {fetch(1): {drive(1): {A1: -12.5}}}  # where performances are bid; null: it has no bid
 lost: {B1: [use_soldering_iron]}           # minor faults
 performances: {A2: {replace_hw: 0.5}}      # where they differ from the mission
-order: pause
+command: pause
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from mrbt_mesh.core.facts.records import (
     Coalition,
     CoalitionId,
     CoalitionMember,
+    CommandKind,
     Member,
-    OrderKind,
     Phase,
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
@@ -54,7 +54,9 @@ _Bid: TypeAlias = Annotated[
         lambda v: v is None or (type(v) in (int, float) and -MAX_BID <= v <= MAX_BID),
     ),
 ]
-_Order: TypeAlias = Annotated[str, one_of(" or ".join(OrderKind), lambda v: v in tuple(OrderKind))]
+_Command: TypeAlias = Annotated[
+    str, one_of(" or ".join(CommandKind), lambda v: v in tuple(CommandKind))
+]
 
 
 class _OutcomeModel(FileModel):
@@ -73,7 +75,7 @@ class _FactsModel(FileModel):
     bids: dict[str, dict[str, dict[str, _Bid]]] = Field(default={})
     lost: dict[str, list[str]] = Field(default={})
     performances: dict[str, dict[str, Any]] = Field(default={})
-    order: _Order | None = None
+    command: _Command | None = None
 
 
 def facts_from_file(mission: Mission, path: Path | None) -> TeamFacts:
@@ -114,8 +116,8 @@ class _Builder:
         self._outcomes(given.outcomes)
         self._bids(given.bids)
         self._running(given.running)
-        if given.order is not None:
-            self._write(self._first, records.ORDER, [given.order, 1])
+        if given.command is not None:
+            self._write(self._first, records.TEAM_COMMAND, [given.command, 1])
         self._report.raise_if_any()
 
     # -- sections -------------------------------------------------------------------------

@@ -14,7 +14,7 @@ fork_server.out     what was printed by the process that forks the robots: nothi
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
 run.mcap            what `up` heard of it
-orders.jsonl        what operators ordered by commands and views, with the times
+commands.jsonl        what operators commanded by commands and views, with the times
 deaths.json         the times of its deaths, as `up` and `drill` have them
 summary.json        written by `up` at the end; for a detached team by `cli/finished.py`
 summary.signature   its signature, in a team with keys (see `summary_signature`)
@@ -43,7 +43,7 @@ from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
-DEATHS_FILE, ORDERS_FILE = "deaths.json", "orders.jsonl"
+DEATHS_FILE, COMMANDS_FILE = "deaths.json", "commands.jsonl"
 _STATE = "MRBT_STATE_DIR"
 
 
@@ -264,19 +264,19 @@ class RunDir:
 
     # -- what happened --------------------------------------------------------------------
 
-    def note_order(self, by: str, order: str, unix_s: float | None = None) -> None:
-        """An operator has ordered something, by default now: by which command or view, and what.
+    def note_command(self, by: str, command: str, unix_s: float | None = None) -> None:
+        """An operator has commanded something, by default now: by which command or view, and what.
 
-        Raises RunDirError if that cannot be noted; the order itself was carried out.
+        Raises RunDirError if that cannot be noted; the command itself was carried out.
         """
-        line = json.dumps({"unix_s": unix_s or time.time(), "by": by, "order": order})
-        path = self.path / ORDERS_FILE
+        line = json.dumps({"unix_s": unix_s or time.time(), "by": by, "command": command})
+        path = self.path / COMMANDS_FILE
         try:
             with path.open("a") as file:
                 file.write(f"{line}\n")
         except OSError as error:
             reason = error.strerror or error
-            raise RunDirError(f"{path}: the order is not noted for reports: {reason}") from error
+            raise RunDirError(f"{path}: the command is not noted for reports: {reason}") from error
 
     def write_deaths(self, deaths: Sequence[MajorFault], now_us: int) -> None:
         """Called by the launcher of the robots, whose times of their deaths count."""

@@ -41,7 +41,7 @@ def at_work(team: Team) -> tuple[str, str]:
 def killed(team: Team, page: Page, robot: str) -> str:
     """Kill the robot by its button; the name of its replacement, as the page has it."""
     page.wait_for_selector(f'.card:has-text("{robot}"):has-text("{HELD}")')
-    order(page, robot, "Kill")
+    command(page, robot, "Kill")
     button = page.wait_for_selector(TAKEN_OVER)
     assert button is not None
     found = re.search(rf"{robot} died .* by (\w+) \(", button.inner_text())
@@ -49,9 +49,9 @@ def killed(team: Team, page: Page, robot: str) -> str:
     return found[1]
 
 
-def order(page: Page, robot: str, what: str) -> None:
+def command(page: Page, robot: str, what: str) -> None:
     """Give a robot an order, by its menu."""
-    page.click(f'button[aria-label="Orders to {robot}"]')
+    page.click(f'button[aria-label="Commands to {robot}"]')
     page.click(f'#menu button[aria-label="{what} {robot}"]')
 
 
@@ -87,7 +87,7 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     assert "is dead" in why
     picture(page, "takeover-wide-light")
     # It comes back by its button, and the mission goes on.
-    order(page, robot, "Start again")
+    command(page, robot, "Start again")
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
     team.release()
     page.wait_for_selector(ended())
@@ -119,7 +119,7 @@ def test_everybody_can_use_it(team: Team, browser: Browser) -> None:
             page.click("#signs-open")
             assert accessibility_violations(page) == []
             page.click("#signs-close")
-            page.click('button[aria-label="Orders to the team"]')
+            page.click('button[aria-label="Commands to the team"]')
             assert accessibility_violations(page) == []
             page.click('button:has-text("Drills…")')
             page.wait_for_selector('#drills-list li:has-text("kill_at_work")')
@@ -178,7 +178,7 @@ def test_the_tree_by_keyboard_and_by_search(team: Team, browser: Browser) -> Non
 def test_a_drill_file_is_carried_out_on_this_team(team: Team, browser: Browser) -> None:
     url, robot = at_work(team)
     page, problems = opened(browser, url)
-    page.click('button[aria-label="Orders to the team"]')
+    page.click('button[aria-label="Commands to the team"]')
     page.click('button:has-text("Drills…")')
     label = f"kill_at_work[task={HELD},phase=running]"
     page.fill("#drills-search", label)
@@ -194,9 +194,9 @@ def test_a_drill_file_is_carried_out_on_this_team(team: Team, browser: Browser) 
 def test_orders_without_the_token_are_refused(team: Team, browser: Browser) -> None:
     url, robot = at_work(team)
     page, _ = opened(browser, url.partition("#")[0])
-    assert page.locator('button[aria-label^="Orders"]').count() == 0
+    assert page.locator('button[aria-label^="Commands"]').count() == 0
     page, _ = opened(browser, url.partition("#")[0] + "#wrong")
-    order(page, robot, "Kill")
+    command(page, robot, "Kill")
     page.wait_for_selector('#toast:has-text("token is missing or wrong")')
     assert team.pid(robot) in {process.pid for process in team.running()}
 
@@ -208,7 +208,7 @@ def test_a_lost_connection_says_so_and_comes_back(team: Team, browser: Browser) 
     team.wait_for_event("do_diagnosis", args=["2"])
     served, url = serve(team, "0")
     page, _ = opened(browser, url)
-    assert page.locator('button[aria-label^="Orders"]').count() == 0
+    assert page.locator('button[aria-label^="Commands"]').count() == 0
     served.kill()
     served.communicate()
     page.wait_for_selector('#headline:has-text("connection lost")')
@@ -235,9 +235,9 @@ def test_a_frozen_robot_is_thawed_by_its_button(team: Team, browser: Browser) ->
     url, robot = at_work(team)
     page, problems = opened(browser, url)
     page.wait_for_selector(f'.card:has-text("{robot}"):has-text("{HELD}")')
-    order(page, robot, "Freeze")
+    command(page, robot, "Freeze")
     page.wait_for_selector(f'.card[data-state="dead"]:has-text("{robot}")')
-    order(page, robot, "Thaw")
+    command(page, robot, "Thaw")
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
     team.interrupt()
     team.end()

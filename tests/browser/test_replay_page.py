@@ -83,7 +83,7 @@ def test_a_death_is_found_by_its_mark_and_undone_by_going_back(url: str, browser
     page, problems = opened(browser, url)
     page.wait_for_selector("#takeovers button")
     assert page.locator('.card[data-state="dead"]').count() == 0, "it has not come yet"
-    assert page.locator('button[aria-label^="Orders"]').count() == 0
+    assert page.locator('button[aria-label^="Commands"]').count() == 0
     paused(page)
     page.click("#next-fault")
     page.wait_for_selector('.card[data-state="dead"]:has-text("A1")')

@@ -1,4 +1,4 @@
-"""What may be ordered by hand, and what is told when that cannot be done."""
+"""What may be commanded by hand, and what is said when that cannot be done."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from mrbt_mesh.drills import watched as drills_watched
-from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.runtime.run_dir import RunDir
 from tests.support.watched import WELD, watched
@@ -36,31 +36,31 @@ def control(watcher: Watcher) -> Control:
 
 
 @pytest.mark.parametrize(
-    ("order", "said"),
+    ("command", "said"),
     [
-        ({"act": "pause"}, ("A", "order", "pause")),
-        ({"act": "resume"}, ("A", "order", "resume")),
-        ({"act": "abort"}, ("A", "order", "abort")),
+        ({"act": "pause"}, ("A", "team", "pause")),
+        ({"act": "resume"}, ("A", "team", "resume")),
+        ({"act": "abort"}, ("A", "team", "abort")),
         ({"act": "lose", "robot": "B", "local_task": "weld"}, ("B", "fault", "weld")),
         ({"act": "restore", "robot": "B"}, ("B", "restore", "all")),
         ({"act": "leave", "robot": "B"}, ("B", "leave", "")),
     ],
 )
-async def test_words_go_to_robots(order: Any, said: tuple[str, str, str]) -> None:
+async def test_words_go_to_robots(command: Any, said: tuple[str, str, str]) -> None:
     watcher = Watcher()
-    assert await control(watcher).carry_out(order) == "done"
+    assert await control(watcher).carry_out(command) == "done"
     assert watcher.said == [said]
 
 
 async def test_what_a_robot_refuses_is_told() -> None:
     watcher = Watcher()
     watcher.answer = False, "B has no such capability"
-    with pytest.raises(OrderError, match="no such capability"):
+    with pytest.raises(CommandError, match="no such capability"):
         await control(watcher).carry_out({"act": "lose", "robot": "B", "local_task": "x"})
 
 
 @pytest.mark.parametrize(
-    "order",
+    "command",
     [
         None,
         7,
@@ -76,10 +76,10 @@ async def test_what_a_robot_refuses_is_told() -> None:
         {"act": ["pause"]},
     ],
 )
-async def test_what_is_no_order_or_not_for_this_team(order: Any) -> None:
+async def test_what_is_no_command_or_not_for_this_team(command: Any) -> None:
     watcher = Watcher()
-    with pytest.raises(OrderError):
-        await control(watcher).carry_out(order)
+    with pytest.raises(CommandError):
+        await control(watcher).carry_out(command)
     assert watcher.said == []
 
 
@@ -105,7 +105,7 @@ class FullDisk:
 
 async def test_what_the_system_refuses_is_told(tmp_path: Path) -> None:
     refusing = Control(Watcher(), FullDisk(tmp_path), None)  # type: ignore[arg-type]
-    with pytest.raises(OrderError, match="No space left"):
+    with pytest.raises(CommandError, match="No space left"):
         await refusing.carry_out({"act": "join", "robot": "A"})
 
 
@@ -121,8 +121,8 @@ async def test_a_drill_that_the_system_refuses_ends_and_nothing_else(
         assert await refusing.carry_out({"act": "drill", "label": "one"}) == (
             "one: 1 steps, each at its moment"
         )
-    (order,) = (tmp_path / "orders.jsonl").read_text().splitlines()
-    assert json.loads(order)["by"] == "a view: drill"
+    (command,) = (tmp_path / "commands.jsonl").read_text().splitlines()
+    assert json.loads(command)["by"] == "a view: drill"
     assert "drill one: [Errno 28] No space left on device" in watcher.observer.record.timeline[-1]
 
 
@@ -132,5 +132,5 @@ async def test_a_drill_file_that_is_wrong_is_told(
     (tmp_path / "wrong.yaml").write_text("name: [")
     monkeypatch.setattr(drills_watched, "drill_folder", lambda: tmp_path)
     wrong = Control(Watcher(), FullDisk(tmp_path), None)  # type: ignore[arg-type]
-    with pytest.raises(OrderError, match=r"wrong\.yaml"):
+    with pytest.raises(CommandError, match=r"wrong\.yaml"):
         await wrong.drills()

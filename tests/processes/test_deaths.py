@@ -75,7 +75,7 @@ def test_all_views_show_the_same_times_of_a_death(team: Team) -> None:
     assert f"took over its {item['held']} after {taken}." in items["why/0"]["sentence"]
 
     (run,) = json.loads(team.mrbt("recording", "report", "--json"))["runs"]
-    assert [(each["by"], each["order"][:2]) for each in run["orders"]] == [
+    assert [(each["by"], each["command"][:2]) for each in run["commands"]] == [
         ("mrbt kill", victim["robot"])
     ]
     assert run["proof"]["findings"] == []

@@ -126,6 +126,6 @@ def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -
     assert refused.returncode == 1
     assert "screen is known as observer and may not say this" in refused.stderr
     operator.write_text(key)
-    assert "abort is the team's order" in team.mrbt("abort")
+    assert "abort is the team's command" in team.mrbt("abort")
     code, _ = team.end()
     assert code == 1, team.logs()

@@ -37,7 +37,7 @@ def test_a_team_found_by_multicast_is_watched_asked_and_told(team: Team) -> None
     observer = there.start("watch", "--json")
     started = robots(there, "--speed", "10")
     team.wait_until(lambda: events(team, "R1") and events(team, "R2"), "both robots work")
-    assert "pause is the team's order" in there.mrbt("pause")
+    assert "pause is the team's command" in there.mrbt("pause")
     team.wait_until(lambda: ("cancel", None) in events(team, "R1"), "R1 pauses")
     process_file = team.folder / "R1" / "R1.process"
     first_sign_ns = process_file.stat().st_mtime_ns

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from mrbt_mesh.runtime.run_dir import ORDERS_FILE
+from mrbt_mesh.runtime.run_dir import COMMANDS_FILE
 from tests.support.team import EXPLORE, Team
 
 
@@ -103,7 +103,7 @@ def test_pause_resume_abort(team: Team) -> None:
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
     name = json.loads((team.run_dir / "run.json").read_text())["options"]["team"]
-    assert team.mrbt("pause").startswith(f"{name}: pause is the team's order")
+    assert team.mrbt("pause").startswith(f"{name}: pause is the team's command")
     team.wait_for_events(2, "explore", "cancel")
     given = json.loads(team.mrbt("resume", "--run-dir", name, "--json"))
     assert given | {"result": ""} == {
@@ -173,7 +173,7 @@ def test_a_team_is_ended_by_its_name(team: Team) -> None:
     name = json.loads((team.run_dir / "run.json").read_text())["options"]["team"]
     expected = f"{name}: 2 robots ended, mission timeout\n"
     assert team.mrbt("down", name) == expected
-    assert "mrbt down" in (team.run_dir / ORDERS_FILE).read_text()
+    assert "mrbt down" in (team.run_dir / COMMANDS_FILE).read_text()
     code, summary = team.end()
     assert (code, summary["ended_because"]) == (3, "stopped by the operator")
     other = team.folder / "other"

@@ -145,20 +145,20 @@ def test_questions_and_orders_of_members_pass_in_the_midst_of_a_flood_of_others(
     desk, asker = Desk(), Guard(KEYS["A"], "run", 1)
     operator, receiver = Guard(KEYS["op"], "run", 1), Guard(KEYS["B"], "run", LIFE)
     operator.open(receiver.seal(b"x"), BEAT, "B")
-    pull, order = asker.seal(b"x", ("B",)), operator.seal_command(b"x", "B")
+    pull, command = asker.seal(b"x", ("B",)), operator.seal_command(b"x", "B")
     late = Guard(KEYS["op"], "run", 1).seal_command(b"x", "B")  # for an earlier life
     for _ in range(CHECKS_AT_ONCE + 5):
         desk.gate.deliver(QueryReceived(1, MessageKind.COMMAND, b"noise"), None)
     for kind, data in (
         (MessageKind.PULL, pull),
-        (MessageKind.COMMAND, order),
+        (MessageKind.COMMAND, command),
         (MessageKind.COMMAND, late),
     ):
         desk.gate.deliver(QueryReceived(2, kind, data), None)
     passed = [event.data for event, _ in desk.got[CHECKS_AT_ONCE:]]  # type: ignore[union-attr]
-    assert passed == [pull, order]
+    assert passed == [pull, command]
     assert desk.gate.take_refused() == [InputRefused("a query", TOO_MUCH, 6)]
-    assert receiver.open(order, MessageKind.COMMAND) == ("op", b"x")
+    assert receiver.open(command, MessageKind.COMMAND) == ("op", b"x")
 
 
 def test_a_thread_that_brings_too_much_waits_and_no_other() -> None:

@@ -32,7 +32,7 @@ def test_another_observer_reads_what_was_written(tmp_path: Path) -> None:
     assert run_dir.deaths(NOW_US) == [], "damaged"
 
 
-def test_an_order_that_cannot_be_noted_is_said(tmp_path: Path) -> None:
-    (tmp_path / "orders.jsonl").mkdir()
-    with pytest.raises(RunDirError, match=r"the order is not noted for reports: Is a"):
-        RunDir(tmp_path).note_order("mrbt kill", "A1 killed")
+def test_a_command_that_cannot_be_noted_is_said(tmp_path: Path) -> None:
+    (tmp_path / "commands.jsonl").mkdir()
+    with pytest.raises(RunDirError, match=r"the command is not noted for reports: Is a"):
+        RunDir(tmp_path).note_command("mrbt kill", "A1 killed")

@@ -82,7 +82,7 @@ async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
         assert (a.stopped, b.stopped) == (None, None)
         assert await asyncio.gather(a.until_ended(), b.until_ended()) == ["success"] * 2
         assert a.statuses == dict.fromkeys(("T_i", "T_A", "T_G", "T_Li"), "success")
-        assert a.order == "resume"
+        assert a.command == "resume"
         assert [signal.getsignal(s) for s in (2, 15)] == before
         assert not structlog.is_configured()
     assert (a.stopped, b.stopped) == ("left", "left")

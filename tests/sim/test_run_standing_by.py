@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import (
@@ -108,6 +108,6 @@ def test_who_leaves_while_the_team_stands_by_does_not_end_it() -> None:
 
 
 def test_an_abort_ends_it() -> None:
-    result = run((40, Command("B2", ORDER, "abort")))
+    result = run((40, Command("B2", TEAM, "abort")))
     assert (result.result, result.duration_us // S) == ("failure", 40)
     assert result.stops.keys() == set(MISSION.robots)

@@ -267,8 +267,8 @@ class World:
         for author in authors:
             self.write(author, (f"{kind}/{activation}/{token}", True))
 
-    def order(self, kind: str, stamp: int, author: str = "R1") -> None:
-        self.write(author, (records.ORDER, [kind, stamp]))
+    def command(self, kind: str, stamp: int, author: str = "R1") -> None:
+        self.write(author, (records.TEAM_COMMAND, [kind, stamp]))
 
     # -- reading it ---------------------------------------------------------------------------
 

@@ -337,8 +337,8 @@ def entry_text(name: str, value: object) -> str:
             lost = [f"{','.join(names)} ({reason})" for reason, names in reasons.items()]
             text = f" lost={'; '.join(lost)}" if lost else ""
             return f"member{text}{' leaving' if leaving else ''}"
-        case "order", [order, _]:
-            return f"order {order}"
+        case "command", [command, _]:
+            return f"command {command}"
     return latch_text(kind, parts, value)
 
 

@@ -13,7 +13,7 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
 from mrbt_mesh.core.agent.planner import Planner
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import CommandKind
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 
 
@@ -39,9 +39,9 @@ def pretend_to_work(agent: Agent, activation: str, *tasks: str, coalition: str =
     context(agent).work.action = start
 
 
-def order(agent: Agent, kind: OrderKind, now_us: int) -> None:
+def command(agent: Agent, kind: CommandKind, now_us: int) -> None:
     """The robot writes the operator's word down."""
-    agent._reports.order(kind, now_us)
+    agent._reports.command(kind, now_us)
 
 
 def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:

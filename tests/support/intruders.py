@@ -86,7 +86,7 @@ class Intruders:
         )
         self._team.give(self._team.processes[target], event)
 
-    def order(self, target: str, who: str, words: str) -> None:
+    def command(self, target: str, who: str, words: str) -> None:
         """A member gives a command, or the last one comes `again`."""
         if who == "again":
             event = inputs.QueryReceived(0, MessageKind.COMMAND, self._last_order)

@@ -26,7 +26,7 @@ from mrbt_mesh.core.bt.tree import Kind, Node
 from mrbt_mesh.core.facts import coalitions, jobs, store, task_status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.jobs import Jobs
-from mrbt_mesh.core.facts.records import GRANT, ConditionValue, OrderKind, Outcome
+from mrbt_mesh.core.facts.records import GRANT, CommandKind, ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership import leases
@@ -279,7 +279,7 @@ def garbled_commands_pause(
     """A command that no robot understands pauses the team, to be on the safe side."""
     good, text = original(mine, body, now_us)
     if not good:
-        mine._reports.order(OrderKind.PAUSE, now_us)
+        mine._reports.command(CommandKind.PAUSE, now_us)
     return good, text
 
 

@@ -235,9 +235,9 @@ class Intruder:
             yield mine, self._guard_of(INSIDER, heard.run).seal(msgpack.packb(message))
 
     def commands(self) -> Said:
-        """Orders without a key, with keys of its own making, and of members that may not order."""
+        """Commands without a key, with keys of its own making, and of mere members."""
         for key, heard in self._latest():
-            data = encode(_header(heard, ""), MessageKind.COMMAND, command_body("order", "abort"))
+            data = encode(_header(heard, ""), MessageKind.COMMAND, command_body("team", "abort"))
             said = [data]
             stolen = [self._guard_of(name, heard.run) for name in (OBSERVER, INSIDER)]
             for guard in (Guard(self._made("operator"), heard.run, heard.life), *stolen):

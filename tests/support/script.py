@@ -126,9 +126,9 @@ class Script:
         """From now on robots have keys; so have an operator, op, and an observer, eye."""
         self._intruders.make_keys(list(self.robots))
 
-    def do_order(self, name: str, who: str, *words: str) -> None:
-        """order B op order pause: a member commands B; `order B again`: it comes once more."""
-        self._intruders.order(name, who, " ".join(words))
+    def do_command(self, name: str, who: str, *words: str) -> None:
+        """command B op team pause: a member commands B; `command B again`: it comes once more."""
+        self._intruders.command(name, who, " ".join(words))
 
     def do_ends(self, when: str) -> None:
         """ends never: the team stands by when it is done."""
@@ -242,7 +242,7 @@ class Script:
         self.team.give(process, inputs.ActionStopped(process.tickets.pop(0)))
 
     def do_tell(self, name: str, command: str, *words: str) -> None:
-        """tell A fault lift; tell A order pause; tell A decide dose retry"""
+        """tell A fault lift; tell A team pause; tell A decide dose retry"""
         self.team.command(name, command, " ".join(words))
 
     def do_leave(self, name: str) -> None:

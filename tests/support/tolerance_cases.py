@@ -18,7 +18,7 @@ import anyio
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.analysis.tolerance.readings import serial
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
-from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
 from mrbt_mesh.core.mission.mission import (
@@ -33,7 +33,7 @@ from mrbt_mesh.sim import Command, Kill, Lose, Schedule, simulate
 from tests.support.build import SECOND_US, make_mission
 
 MAX_TASKS, MAX_CONDITIONS = 5, 3
-# Robots that the team has met are lost while it rests by order, before any action has ended.
+# Robots that the team has met are lost while it rests by command, before any action has ended.
 PAUSE_US, STRIKE_US, RESUME_US = SECOND_US // 4, SECOND_US // 2, 6 * SECOND_US
 # Longer than anything in a case takes that does not wait for ever.
 TIMEOUT_US = 60 * SECOND_US
@@ -418,7 +418,7 @@ def simulated(case: Case, at_us: int | None = None, performances: int = 0) -> st
         mission, schedule = replace(mission, robots=robots), strikes
     elif case.are_known and len(dead) < len(mission.robots):
         alive = next(robot for robot in sorted(mission.robots) if robot not in dead)
-        pause, resume = Command(alive, ORDER, "pause"), Command(alive, ORDER, "resume")
+        pause, resume = Command(alive, TEAM, "pause"), Command(alive, TEAM, "resume")
         schedule = [(PAUSE_US, pause), *strikes, (RESUME_US, resume)]
     else:
         mission = replace(mission, robots={r: _without(mission, r, lost) for r in mission.robots})

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mrbt_mesh.cli.command import FAILURE, PATH, MrbtCommand, fail
-from mrbt_mesh.cli.commands.orders import note_order, report
+from mrbt_mesh.cli.commands.operate import note_command, report
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
 from mrbt_mesh.errors import InputError
 
@@ -86,7 +86,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     if not is_running(found):
         raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
     robots = [*found.living()]
-    note_order(found, "down", "the team is ended")
+    note_command(found, "down", "the team is ended")
     _end_launcher(found)
     anyio.run(Team(found, info, load_mission(found.mission_path)).end)
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:

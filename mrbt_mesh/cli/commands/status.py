@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
-from mrbt_mesh.cli.commands.orders import nobody, with_team
+from mrbt_mesh.cli.commands.operate import nobody, with_team
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 

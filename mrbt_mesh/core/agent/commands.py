@@ -17,11 +17,11 @@ from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import LATCH, CoalitionId, OrderKind
+from mrbt_mesh.core.facts.records import LATCH, CoalitionId, CommandKind
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.mission import micro_performance
 
-FAULT, RESTORE, LEAVE, ORDER, DECIDE = "fault", "restore", "leave", "order", "decide"
+FAULT, RESTORE, LEAVE, TEAM, DECIDE = "fault", "restore", "leave", "team", "decide"
 PERFORM = "perform"
 REFUSALS = "refusals"
 MAX_ARGUMENT = 4_096
@@ -64,7 +64,7 @@ class Commands:
             RESTORE: lambda names, now_us: self._change_capability(names, False, now_us),
             PERFORM: self._perform,
             LEAVE: self._leave,
-            ORDER: self._order,
+            TEAM: self._team,
             REFUSALS: self._refusals,
             DECIDE: self._decide,
         }
@@ -119,16 +119,16 @@ class Commands:
         me = self._context.me
         return True, f"{me} does {local_task} at {text}" if value else f"{me} has lost {local_task}"
 
-    def _order(self, argument: str, now_us: int) -> Answer:
+    def _team(self, argument: str, now_us: int) -> Answer:
         try:
-            kind = OrderKind(argument)
+            kind = CommandKind(argument)
         except ValueError:
-            return False, f"no order {argument!r}; there is pause, resume, abort"
+            return False, f"no command to the team {argument!r}; there is pause, resume, abort"
         if self._context.is_new:
             me = self._context.me
             return False, f"{me} is still joining the team: ask again, or another robot"
-        self._reports.order(kind, now_us)
-        return True, f"{kind} is the team's order"
+        self._reports.command(kind, now_us)
+        return True, f"{kind} is the team's command"
 
     def _in_doubt(self) -> list[tuple[str, list[CoalitionId]]]:
         """Requested exclusive activations that are in doubt, and the coalitions that left them."""

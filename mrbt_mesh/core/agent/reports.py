@@ -1,4 +1,4 @@
-"""The facts of a robot's work: outcomes and conditions, its leave, an operator's order."""
+"""The facts of a robot's work: outcomes and conditions, its leave, an operator's command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import ConditionValue, Order, OrderKind, Outcome
+from mrbt_mesh.core.facts.records import CommandKind, ConditionValue, Outcome, TeamCommand
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.mission.failure_reasons import one_line
@@ -156,7 +156,7 @@ class Reports:
         if changed:
             context.write(_condition_facts(changed), now_us)
 
-    # -- leaving, and orders ------------------------------------------------------------------
+    # -- leaving, and commands ----------------------------------------------------------------
 
     def leave(self, now_us: int) -> None:
         """Hand the work over, and leave."""
@@ -172,11 +172,13 @@ class Reports:
             context.write([*writes, context.member(), context.claim()], now_us)
         self._schedule.make_due(now_us)
 
-    def order(self, kind: OrderKind, now_us: int) -> None:
-        """Write an operator's order."""
+    def command(self, kind: CommandKind, now_us: int) -> None:
+        """Write an operator's command."""
         context = self._context
-        context.log("warning", "order", order=str(kind))
-        context.write([(records.ORDER, Order(kind, context.facts.max_stamp + 1))], now_us)
+        context.log("warning", "command", command=str(kind))
+        context.write(
+            [(records.TEAM_COMMAND, TeamCommand(kind, context.facts.max_stamp + 1))], now_us
+        )
 
 
 def _unreachable(action: StartAction, event: ActionFinished) -> str:

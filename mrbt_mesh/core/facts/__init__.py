@@ -10,7 +10,7 @@ Where to find a rule:
 - which coalition is at work, which is broken or in doubt: `coalitions`
 - what is said of one activation: `activation_facts`
 - how a robot describes itself, with what it has lost and how well it does now: `description`
-- whose claim counts, what the operator's order is, what may be dropped: `team_facts`
+- whose claim counts, what the operator's command is, what may be dropped: `team_facts`
 
 Imports `mission` and what is below. Joining is commutative, associative and idempotent; whatever is
 read is the same for the same entries, in whichever order they came. Changes are

@@ -382,26 +382,28 @@ class ExpressionRevision(Record):
     read: Annotated[tuple[int, ...], Plain(_read_revisions, list)]
 
 
-class OrderKind(enum.StrEnum):
-    """What the operator may order. `ABORT` is absorbing."""
+class CommandKind(enum.StrEnum):
+    """What the operator may command the team. `ABORT` is absorbing."""
 
     RESUME = "resume"
     PAUSE = "pause"
     ABORT = "abort"
 
 
-_OrderKind: TypeAlias = Annotated[OrderKind, Plain(lambda value: OrderKind(read_text(value)), str)]
+_CommandKind: TypeAlias = Annotated[
+    CommandKind, Plain(lambda value: CommandKind(read_text(value)), str)
+]
 
 
 @dataclass(frozen=True, slots=True)
-class Order(Record):
-    """The operator's last order, as the author heard it."""
+class TeamCommand(Record):
+    """The operator's last command to the team, as the author heard it."""
 
-    kind: _OrderKind
+    kind: _CommandKind
     stamp: int
 
     def rank(self) -> int:
-        return int(self.kind is OrderKind.ABORT)
+        return int(self.kind is CommandKind.ABORT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -564,7 +566,7 @@ class Latch(Record):
 
 LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
-MEMBER, CLAIM, ORDER, RESULT = "member", "claim", "order", "result"
+MEMBER, CLAIM, TEAM_COMMAND, RESULT = "member", "claim", "command", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
 # LATCHED_FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
 LATCHED_FAILURE, EXPIRED = "latched_failure", "expired"
@@ -600,7 +602,7 @@ BID_KINDS = frozenset({BID, CLOSED})
 _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     MEMBER: (Member.parse, (1,)),
     CLAIM: (parse_claim, (1,)),
-    ORDER: (Order.parse, (1,)),
+    TEAM_COMMAND: (TeamCommand.parse, (1,)),
     RESULT: (MissionResult.parse, (1,)),
     OUTCOME: (Outcome.parse, (3, 4)),
     CONDITION: (ConditionValue.parse, (2,)),

@@ -19,6 +19,7 @@ from mrbt_mesh.core.facts.jobs import Jobs
 from mrbt_mesh.core.facts.records import (
     Claim,
     CoalitionId,
+    CommandKind,
     ConditionValue,
     ExpressionRevision,
     Job,
@@ -28,11 +29,10 @@ from mrbt_mesh.core.facts.records import (
     Member,
     MissionResult,
     NoClaim,
-    Order,
-    OrderKind,
     Phase,
     Proposal,
     RobotProblem,
+    TeamCommand,
     TravelTimes,
 )
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
@@ -109,7 +109,7 @@ class TeamFacts:
         self._places: dict[str, str] = {}
         # (robot, its type) -> its table of travel times, of robots that have published some.
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
-        self._orders: dict[str, Order] = {}
+        self._commands: dict[str, TeamCommand] = {}
         self._results: dict[str, MissionResult] = {}
         # What `prune` has to look at: all activations, if the reach of some may have changed, or
         # those that are new.
@@ -244,16 +244,16 @@ class TeamFacts:
         """The robots whose majority grants an exclusive task: all that the mission names."""
         return self.mission.robot_ids
 
-    def order(self) -> OrderKind:
-        """The operator's standing order: abort if anybody heard that, else the latest one.
+    def command(self) -> CommandKind:
+        """The operator's standing command: abort if anybody heard that, else the latest one.
 
         RESUME where nothing was said.
         """
-        orders = self._orders.items()
-        if any(order.kind is OrderKind.ABORT for _, order in orders):
-            return OrderKind.ABORT
-        latest = max(((order.stamp, author, order.kind) for author, order in orders), default=None)
-        return latest[2] if latest else OrderKind.RESUME
+        commands = self._commands.items()
+        if any(each.kind is CommandKind.ABORT for _, each in commands):
+            return CommandKind.ABORT
+        latest = max(((each.stamp, author, each.kind) for author, each in commands), default=None)
+        return latest[2] if latest else CommandKind.RESUME
 
     def result(self, alive: Collection[str]) -> Status | None:
         """How the mission has ended, None if it has not; success goes before failure.
@@ -414,8 +414,8 @@ class TeamFacts:
                 self.jobs.add_archive(entry, record)
             case Proposal() | TravelTimes():
                 self._add_about_ways(author, record)
-            case Order():
-                self._orders[author] = record
+            case TeamCommand():
+                self._commands[author] = record
                 self._see_stamp(record.stamp)
 
     def _add_to_job(self, entry: Entry, jobs: Jobs) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import OrderKind, problem_text
+from mrbt_mesh.core.facts.records import CommandKind, problem_text
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.mission.names import type_name
@@ -102,9 +102,9 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
         yield Statement(level, f"{record.result.name.lower()}{after}")
     elif record.started_us is None:
         yield Statement(Level.INFO, "waiting for robots")
-    elif observer.facts.order() is OrderKind.PAUSE:
+    elif observer.facts.command() is CommandKind.PAUSE:
         yield Statement(Level.WARN, "paused: `mrbt resume` goes on")
-    elif observer.facts.order() is OrderKind.ABORT:
+    elif observer.facts.command() is CommandKind.ABORT:
         yield Statement(Level.WARN, "aborted: robots stop")
     elif plan is not None and plan.result is not Status.RUNNING:
         yield Statement(Level.INFO, f"{plan.result.name.lower()}, stands by")

@@ -257,8 +257,8 @@ class RunRecord:
                 self._bid(entry, number, now_us)
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)
-            case records.Order() as order:
-                self._say_heard(now_us, f"operator: {order.kind}")
+            case records.TeamCommand() as command:
+                self._say_heard(now_us, f"operator: {command.kind}")
 
     def _bid(self, entry: Entry, number: int | None, now_us: int) -> None:
         robot = entry.author

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import CommandKind
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.task_status import has_succeeded
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
@@ -70,7 +70,7 @@ class TaskLog:
     def plan(self, plan: Plan) -> None:
         """A new plan: the state of every task that it shows, and of those out of reach."""
         evaluation = plan.evaluation
-        requests = () if plan.order is OrderKind.ABORT else evaluation.requests
+        requests = () if plan.command is CommandKind.ABORT else evaluation.requests
         nodes = evaluation.tree.nodes
         requests = tuple(request for request in requests if not nodes[request.node].job)
         for request in requests:

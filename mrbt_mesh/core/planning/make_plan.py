@@ -15,7 +15,7 @@ from mrbt_mesh.core.assignment.solve import optimum, within
 from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.coalitions import coalition_at_work
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import CommandKind
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
@@ -53,7 +53,7 @@ class ConsistentRequests:
     """
 
     evaluation: Evaluation
-    order: OrderKind
+    command: CommandKind
     ended: Status | None
     capabilities: Capabilities
     rest_reason: str
@@ -109,10 +109,10 @@ def check_consistency(
     facts: TeamFacts, alive: Mapping[str, Incarnation], capabilities: Capabilities
 ) -> ConsistentRequests:
     """T_A, *Check Consistency*: evaluate T_G and keep the requests that can be served together."""
-    mission, order, ended = facts.mission, facts.order(), facts.result(alive)
+    mission, command, ended = facts.mission, facts.command(), facts.result(alive)
     evaluation = mission.evaluator.evaluate(facts)
-    if reason := _nothing_to_do(order, ended):
-        return ConsistentRequests(evaluation, order, ended, capabilities, reason)
+    if reason := _nothing_to_do(command, ended):
+        return ConsistentRequests(evaluation, command, ended, capabilities, reason)
     requests, team = evaluation.requests, capabilities.team
     demands = demands_of(facts, requests, capabilities)
     bids = bids_for(facts, demands, team) if mission.has_bids else Bids(demands)
@@ -135,7 +135,7 @@ def check_consistency(
         obstacles,
     )
     return ConsistentRequests(
-        evaluation, order, ended, capabilities, "", bids, ahead, obstacles, offered, kept, pinned
+        evaluation, command, ended, capabilities, "", bids, ahead, obstacles, offered, kept, pinned
     )
 
 
@@ -147,11 +147,11 @@ def assign_agents(
 ) -> Plan:
     """T_A, *Assign Agents*: robots at work go on, the others are put on the requests kept."""
     mission, evaluation, capabilities = facts.mission, found.evaluation, found.capabilities
-    team, order, reason = capabilities.team, found.order, found.rest_reason
+    team, command, reason = capabilities.team, found.command, found.rest_reason
     outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
     if reason:
         idle = dict.fromkeys(team, reason) | outside
-        return Plan(evaluation, order, {}, idle, (), ended=found.ended)
+        return Plan(evaluation, command, {}, idle, (), ended=found.ended)
 
     bids, offered, kept, pinned = found.bids, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
@@ -192,7 +192,7 @@ def assign_agents(
         idle |= _what_is_next(found.ahead, idle)
     return Plan(
         evaluation,
-        order,
+        command,
         _with_leaders(facts, assignments, team, found.ahead),
         idle | outside,
         tuple(waiting.values()),
@@ -213,10 +213,10 @@ def _why_outside(facts: TeamFacts, robot: str, incarnation: Incarnation) -> str:
     return "leaving" if is_described else "what it can do is not known yet"
 
 
-def _nothing_to_do(order: OrderKind, ended: Status | None) -> str:
+def _nothing_to_do(command: CommandKind, ended: Status | None) -> str:
     """Why no robot is to work, whatever T_G asks for; empty if they are."""
-    if order is not OrderKind.RESUME:
-        return f"the operator's order is {order}"
+    if command is not CommandKind.RESUME:
+        return f"the operator's command is {command}"
     return "" if ended is None else "the mission has ended"
 
 

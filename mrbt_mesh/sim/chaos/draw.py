@@ -17,7 +17,7 @@ from functools import partial
 from itertools import permutations
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
@@ -398,9 +398,7 @@ class _Chaos:
 
     def _pause(self) -> None:
         one, other = self._robot(), self._robot()
-        pause, resume = (
-            faults.Command(r, ORDER, w) for r, w in ((one, "pause"), (other, "resume"))
-        )
+        pause, resume = (faults.Command(r, TEAM, w) for r, w in ((one, "pause"), (other, "resume")))
         self._during(pause, resume)
 
     def _replay(self) -> None:

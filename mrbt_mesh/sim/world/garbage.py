@@ -67,7 +67,7 @@ class Forger:
         """Entries in due form with names and values that mean nothing, or of another author."""
         author = self._random.choice([*robots, "stranger"])
         failure = "latched_failure/a:b:c"
-        names = ("claim", "member", "order", "outcome/x/y", failure, "condition/none", "x")
+        names = ("claim", "member", "command", "outcome/x/y", failure, "condition/none", "x")
         rows = [[self._random.choice(names), self._value(2) or "?"] for _ in range(3)]
         body = [[author, 1 << 40, "forged", 1, rows, None]]
         return encode(replace(self._header, sender=source), kind, body)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import ORDER, command_body
+from mrbt_mesh.core.agent.commands import TEAM, command_body
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     Input,
@@ -18,7 +18,7 @@ from mrbt_mesh.core.agent.inputs import (
     TokenChanged,
 )
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import OrderKind
+from mrbt_mesh.core.facts.records import CommandKind
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.garbage import Forger
@@ -194,9 +194,9 @@ class Injector:
         self.healed_us = bus.clock.now_us
 
     def _resume(self) -> None:
-        """End a pause, again and again: a robot may come with an older order."""
+        """End a pause, again and again: a robot may come with an older command."""
         clock = self._bus.clock
         for process in self._robots.living():
-            if process.agent and process.agent.view.facts.order() is OrderKind.PAUSE:
-                process.deliver(self._input(faults.Command(process.robot, ORDER, "resume")))
+            if process.agent and process.agent.view.facts.command() is CommandKind.PAUSE:
+                process.deliver(self._input(faults.Command(process.robot, TEAM, "resume")))
         clock.at(clock.now_us + self._setup.timing.detection_us, self._resume)

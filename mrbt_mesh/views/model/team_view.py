@@ -51,8 +51,8 @@ KNOWN_ACTIVATIONS = 100
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
-    `team`: order, rounds, whether it has started and how it ended. `headline`: how it is, the worst
-    first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
+    `team`: command, rounds, whether it has started and how it ended. `headline`: how it is, the
+    worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
     `task/NAME`: a global task. `node/N`: `[status, robots, note, activations]` of a node of T_G
     that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot
     reports.
@@ -116,7 +116,7 @@ class TeamState:
         return {
             "ended": record.result.name.lower() if record.result is not None else None,
             "ended_s": record.seconds(record.ended_us),
-            "order": str(self.observer.facts.order()),
+            "command": str(self.observer.facts.command()),
             "started": record.started_us is not None,
             "rounds": record.rounds.all.total,
         }

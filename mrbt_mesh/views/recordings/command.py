@@ -209,7 +209,7 @@ def verify(
 @json_option
 def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     """Report on runs: results, who worked and waited when, faults and takeovers, what operators
-    ordered, and what `mrbt recording verify` finds.
+    commanded, and what `mrbt recording verify` finds.
 
     It writes one HTML page that needs nothing else, and that any browser prints; several runs are
     compared. With --json it prints the figures instead.
@@ -252,7 +252,7 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
 @click.option(
     "--without-recorded-faults",
     is_flag=True,
-    help="What failed after --at, died or joined, and operators' orders, do not happen again.",
+    help="What failed after --at, died or joined, and operators' commands, do not happen again.",
 )
 @program_option
 @seed_option
@@ -270,7 +270,7 @@ def what_if(
 ) -> None:
     """Continue a recorded run from a moment in the simulator, with faults that did not happen.
 
-    Recorded faults and orders after --at happen again, and recorded work takes as long: with
+    Recorded faults and commands after --at happen again, and recorded work takes as long: with
     nothing changed, the run goes on as it did. Faults without @SECONDS happen at --at. All times
     count from the begin of the recording.
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.agent.commands import ORDER
+from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
 from mrbt_mesh.core.facts.records import (
     Bid,
@@ -14,9 +14,9 @@ from mrbt_mesh.core.facts.records import (
     ConditionValue,
     Member,
     NoClaim,
-    Order,
     Outcome,
     Phase,
+    TeamCommand,
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.team_facts import changed_performances
@@ -135,7 +135,7 @@ class RecordedCourse:
         return {robot: at_us - since_us for since_us, robot in self._ways if since_us <= at_us}
 
     def faults_from(self, at_us: int) -> list[tuple[int, Fault]]:
-        """The faults after a time, and what operators ordered."""
+        """The faults after a time, and what operators commanded."""
         found = [each for each in self._faults if each[0] > at_us]
         for death in self._deaths:
             if death.at_us > at_us:
@@ -179,8 +179,8 @@ class RecordedCourse:
             case Bid(performance):
                 _, activation, local_task = entry.parts
                 self.bids.setdefault((robot, activation, local_task), performance)
-            case Order(kind):
-                self._faults.append((at_us, faults.Command(robot, ORDER, str(kind))))
+            case TeamCommand(kind):
+                self._faults.append((at_us, faults.Command(robot, TEAM, str(kind))))
             case Member() as member:
                 self._described(robot, entry.version.incarnation.nonce, member, at_us)
 

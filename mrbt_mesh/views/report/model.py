@@ -172,12 +172,12 @@ class Expectation:
 
 
 @dataclass(frozen=True)
-class ReportedOrder:
-    """What an operator ordered, `by` which command or view; `at_s` None: the clock is unknown."""
+class ReportedCommand:
+    """What an operator commanded, `by` which command or view; `at_s` None: the clock is unknown."""
 
     at_s: float | None
     by: str
-    order: str
+    command: str
 
 
 @dataclass(frozen=True)
@@ -220,7 +220,7 @@ class RunReport:
     """One run. `plans` and `differences` are None where nobody recorded what robots reported; so
     are `work`, `waits` where only a summary is left, and `robots` then say only type and state.
 
-    `identity`, `proof` and `orders` are those of a recorded run, `scheduled` of one that travels.
+    `identity`, `proof` and `commands` are those of a recorded run, `scheduled` of one that travels.
 
     `verdict`: a drill's. `notes`: what the figures do not have, and why.
     """
@@ -242,7 +242,7 @@ class RunReport:
     failures: tuple[ReportedFailure, ...] = ()
     identity: RunIdentity | None = None
     proof: Proof | None = None
-    orders: tuple[ReportedOrder, ...] = ()
+    commands: tuple[ReportedCommand, ...] = ()
     scheduled: tuple[ScheduledTask, ...] = ()
 
     @property

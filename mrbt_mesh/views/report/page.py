@@ -91,7 +91,7 @@ def _run(run: RunReport) -> str:
         _section("What the drill expected", _expectations(run)),
         _section("Who did what when", _chart(run)),
         _section("Faults", _faults(run) or _none("No robot died or lost a capability.")),
-        _section("What operators ordered", _orders(run)),
+        _section("What operators commanded", _commands(run)),
         _section("Failures", _failures(run)),
         _pair(_section("Robots", _robots(run)), _section("Global tasks", _tasks(run))),
         _section("Scheduled and done", _scheduled(run)),
@@ -131,12 +131,12 @@ def _clock(run: RunReport, at_s: float | None) -> str:
     return f"{time:%H:%M:%S}.{time.microsecond // 1000:03d}"
 
 
-def _orders(run: RunReport) -> str:
+def _commands(run: RunReport) -> str:
     if run.proof is None:
         return ""
-    rows = ((_seconds(o.at_s), _clock(run, o.at_s), o.by, o.order) for o in run.orders)
-    table = _table(("at", "clock (UTC)", "by", "order"), rows)
-    return table or _none("No command and no view ordered anything in this run directory.")
+    rows = ((_seconds(c.at_s), _clock(run, c.at_s), c.by, c.command) for c in run.commands)
+    table = _table(("at", "clock (UTC)", "by", "command"), rows)
+    return table or _none("No command and no view commanded anything in this run directory.")
 
 
 def _proof(run: RunReport) -> str:

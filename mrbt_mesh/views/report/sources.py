@@ -12,12 +12,12 @@ from typing import Any, TypeAlias
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import open_recording
-from mrbt_mesh.runtime.run_dir import ORDERS_FILE, SUMMARY_FILE
+from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.report.model import (
     CampaignReport,
     Proof,
-    ReportedOrder,
+    ReportedCommand,
     RunReport,
     RunsReport,
 )
@@ -67,8 +67,8 @@ def _run_dir(path: Path, verify: Verify) -> RunReport:
         if file is not None:
             found = report_recording(open_recording(file), title)
             began_unix_s = found.identity.began_unix_s if found.identity is not None else None
-            orders = tuple(_orders(path / ORDERS_FILE, began_unix_s))
-            return replace(found, proof=_proof(verify(path)), orders=orders)
+            commands = tuple(_commands(path / COMMANDS_FILE, began_unix_s))
+            return replace(found, proof=_proof(verify(path)), commands=commands)
         if data is not None:
             return report_summary(data, title)
     raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
@@ -79,14 +79,14 @@ def _proof(found: Verification) -> Proof:
     return Proof(found.files, found.team_key, dict(found.counts), findings, gaps)
 
 
-def _orders(path: Path, began_unix_s: float | None) -> Iterator[ReportedOrder]:
-    """The orders of a run; a line that was cut off is left out."""
+def _commands(path: Path, began_unix_s: float | None) -> Iterator[ReportedCommand]:
+    """The commands of a run; a line that was cut off is left out."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     for line in lines:
         with contextlib.suppress(ValueError):
             data = json.loads(line)
             at_s = None if began_unix_s is None else float(data["unix_s"]) - began_unix_s
-            yield ReportedOrder(at_s, str(data["by"]), str(data["order"]))
+            yield ReportedCommand(at_s, str(data["by"]), str(data["command"]))
 
 
 def _recording_of(run_dir: Path) -> Path | None:

@@ -1,4 +1,4 @@
-"""The screen: panes, keys, orders to the team, and the playback of a recording."""
+"""The screen: panes, keys, commands to the team, and the playback of a recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Footer, Input, Static
 
 from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
-from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.recording.reader import RecordingError
 from mrbt_mesh.views.model.team_view import Shown
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
@@ -34,7 +34,7 @@ from mrbt_mesh.views.terminal.team import ShownTeam
 
 # How often the screen is brought up to date.
 LOOK_S = 0.1
-ORDER_KEYS = {"k": "kill", "f": "freeze", "t": "thaw", "p": "pause", "r": "resume", "a": "abort"}
+COMMAND_KEYS = {"k": "kill", "f": "freeze", "t": "thaw", "p": "pause", "r": "resume", "a": "abort"}
 KEYS = {
     "Tab, Shift+Tab": "next pane, previous pane",
     "Up, Down, PgUp, End": "move; the pane below explains the selected row",
@@ -53,7 +53,7 @@ KEYS = {
 class TeamTop(App[None]):
     """Shows a running team; `clock_us` is the observer's clock, `notes` are lines at the top.
 
-    With `control`, keys give the orders that it offers.
+    With `control`, keys give the commands that it offers.
     """
 
     CSS_PATH = "top.tcss"
@@ -71,7 +71,7 @@ class TeamTop(App[None]):
         Binding("l", "follow", "Follow", show=False),
         Binding("w", "whole", "Whole run", show=False),
         Binding("m", "alone", "Maximise", show=False),
-        *(Binding(key, f"order('{act}')", act) for key, act in ORDER_KEYS.items()),
+        *(Binding(key, f"command('{act}')", act) for key, act in COMMAND_KEYS.items()),
     ]
     MORE_KEYS: ClassVar[dict[str, str]] = {}
 
@@ -86,9 +86,9 @@ class TeamTop(App[None]):
         self._clock_us = clock_us
         self._control = control
         offers = {} if control is None else control.offers()
-        # Of a robot, and of the team: order -> what it will do.
-        self._robot_orders: dict[str, str] = offers.get("robot", {})
-        self._team_orders: dict[str, str] = offers.get("team", {})
+        # Of a robot, and of the team: command -> what it will do.
+        self._robot_commands: dict[str, str] = offers.get("robot", {})
+        self._team_commands: dict[str, str] = offers.get("team", {})
         self._notes = notes
         self.shown = ShownTeam(view)
         self.shown.update(clock_us())
@@ -199,7 +199,7 @@ class TeamTop(App[None]):
 
     def action_help(self) -> None:
         """Keys and signs."""
-        self.push_screen(Help(KEYS | self.MORE_KEYS | self._orders()))
+        self.push_screen(Help(KEYS | self.MORE_KEYS | self._commands()))
 
     def action_search(self) -> None:
         """Ask for words."""
@@ -256,37 +256,37 @@ class TeamTop(App[None]):
             pane = self._timeline if focused is self._timeline.lanes else focused
             self.screen.maximize(pane, container=False)
 
-    # -- orders -------------------------------------------------------------------------------
+    # -- commands -------------------------------------------------------------------------------
 
-    def _orders(self) -> dict[str, str]:
-        """Key -> order, for those that may be given."""
-        offered = {**self._robot_orders, **self._team_orders}
-        return {key: act for key, act in ORDER_KEYS.items() if act in offered}
+    def _commands(self) -> dict[str, str]:
+        """Key -> command, for those that may be given."""
+        offered = {**self._robot_commands, **self._team_commands}
+        return {key: act for key, act in COMMAND_KEYS.items() if act in offered}
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Keys of orders are there only if such an order may be given."""
-        return action != "order" or parameters[0] in self._orders().values()
+        """Keys of commands are there only if such a command may be given."""
+        return action != "command" or parameters[0] in self._commands().values()
 
-    def action_order(self, act: str) -> None:
+    def action_command(self, act: str) -> None:
         """Ask once, then have it carried out."""
-        order, meaning = {"act": act}, self._team_orders.get(act, "")
-        if act in self._robot_orders:
+        command, meaning = {"act": act}, self._team_commands.get(act, "")
+        if act in self._robot_commands:
             robot = self._robots.selected
             if robot is None:
                 return
-            order, meaning = {"act": act, "robot": robot}, self._robot_orders[act]
+            command, meaning = {"act": act, "robot": robot}, self._robot_commands[act]
 
         def answered(is_yes: bool | None) -> None:
             if is_yes:
-                self.run_worker(self._carry_out(order))
+                self.run_worker(self._carry_out(command))
 
-        self.push_screen(OrderQuestion(f"{' '.join(order.values())}?", meaning), answered)
+        self.push_screen(CommandQuestion(f"{' '.join(command.values())}?", meaning), answered)
 
-    async def _carry_out(self, order: dict[str, str]) -> None:
+    async def _carry_out(self, command: dict[str, str]) -> None:
         assert self._control is not None
         try:
-            self.notify(await self._control.carry_out(order))
-        except OrderError as error:
+            self.notify(await self._control.carry_out(command))
+        except CommandError as error:
             self.notify(str(error), severity="error")
 
 
@@ -381,7 +381,7 @@ class Help(ModalScreen[None]):
         for key, meaning in self._keys.items():
             text.append(f"{key:<22}", "bold")
             text.append(f"{meaning}\n")
-        if not ORDER_KEYS.keys() & self._keys:
+        if not COMMAND_KEYS.keys() & self._keys:
             text.append("To kill, freeze, pause and so on: mrbt watch --top --control\n", "dim")
         text.append("\nnodes   ", "bold")
         for status, (sign, style) in MARKS.items():
@@ -395,7 +395,7 @@ class Help(ModalScreen[None]):
             yield Static(text.append(LEGEND))
 
 
-class OrderQuestion(ModalScreen[bool]):
+class CommandQuestion(ModalScreen[bool]):
     """Asks once: `y` is yes, every other key is no."""
 
     def __init__(self, title: str, text: str) -> None:

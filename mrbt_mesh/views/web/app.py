@@ -1,4 +1,4 @@
-"""The page's routes: its files, what happens as a stream, explanations, metrics, and orders."""
+"""The page's routes: its files, what happens as a stream, explanations, metrics, and commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from starlette.staticfiles import StaticFiles
 
 from mrbt_mesh import plugins
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.drills.control import Control, OrderError
+from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.views.model.mission_view import mission_view
@@ -27,10 +27,10 @@ from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.report.exports import EXPORTS, exported, file_name
 from mrbt_mesh.views.web.feed import Feed
-from mrbt_mesh.views.web.protection import Protection, policy, why_no_order
+from mrbt_mesh.views.web.protection import Protection, policy, why_no_command
 
 STATIC = Path(__file__).with_name("static")
-MAX_ORDER_BYTES = 4_096
+MAX_COMMAND_BYTES = 4_096
 Endpoint: TypeAlias = Callable[[Request], Awaitable[Response]]
 
 # Not every system knows them, and a browser runs no module of another type.
@@ -82,7 +82,7 @@ class Page:
             Route("/why/task/{name:path}", self._about(why_task)),
             Route("/trees/{name}", self._about(own_trees)),
             Route("/drills", self._drills),
-            Route("/orders", self._order, methods=["POST"]),
+            Route("/commands", self._command, methods=["POST"]),
             Route("/export/{name}", self._export),
             Route("/metrics", self._metrics),
             Route("/playback", self._playback, methods=["POST"]),
@@ -154,13 +154,13 @@ class Page:
             raise HTTPException(501, str(error)) from error
         return Response(text, headers={"content-type": content_type})
 
-    # -- orders ---------------------------------------------------------------------------
+    # -- commands ---------------------------------------------------------------------------
 
     def _controlled(self, request: Request) -> Control:
-        """What carries out orders, for a request that may give them."""
+        """What carries out commands, for a request that may give them."""
         if self._control is None:
             raise HTTPException(403, "this page only watches: start it with --control")
-        refusal = why_no_order(request.headers, self._hosts, self._token)
+        refusal = why_no_command(request.headers, self._hosts, self._token)
         if refusal is not None:
             raise HTTPException(403, refusal)
         return self._control
@@ -168,15 +168,15 @@ class Page:
     async def _drills(self, request: Request) -> Response:
         try:
             return JSONResponse(await self._controlled(request).drills())
-        except OrderError as error:
+        except CommandError as error:
             raise HTTPException(409, str(error)) from error
 
-    async def _order(self, request: Request) -> Response:
+    async def _command(self, request: Request) -> Response:
         control = self._controlled(request)
         body = await _body(request)
         try:
             text = await control.carry_out(json.loads(body))
-        except (OrderError, ValueError, RecursionError) as error:
+        except (CommandError, ValueError, RecursionError) as error:
             return JSONResponse({"done": False, "text": str(error)}, status_code=400)
         return JSONResponse({"done": True, "text": text})
 
@@ -184,7 +184,7 @@ class Page:
         """A viewer of a recording controls the playback; any page of this server may."""
         if self._projector is None:
             raise HTTPException(404, "this page shows a team that runs, no recording")
-        refusal = why_no_order(request.headers, self._hosts)
+        refusal = why_no_command(request.headers, self._hosts)
         if refusal is not None:
             raise HTTPException(403, refusal)
         body = await _body(request)
@@ -199,6 +199,6 @@ async def _body(request: Request) -> bytes:
     body = b""
     async for chunk in request.stream():
         body += chunk
-        if len(body) > MAX_ORDER_BYTES:
-            raise HTTPException(413, "the order is too long")
+        if len(body) > MAX_COMMAND_BYTES:
+            raise HTTPException(413, "the command is too long")
     return body

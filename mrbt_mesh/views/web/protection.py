@@ -2,7 +2,7 @@
 
 - Host: names other than those under which the page is served are refused, so a name that an
   attacker has resolve to this machine (DNS rebinding) leads nowhere.
-- Orders: they carry a token in a header of its own, which a form cannot send and another page's
+- Commands: they carry a token in a header of its own, which a form cannot send and another page's
   script may not; and the browser's own word on where they come from must be this page.
 - Content-Security-Policy: nothing but the page's own files is loaded or run.
 """
@@ -45,7 +45,7 @@ def hosts(names: Iterable[str], port: int) -> frozenset[str]:
     return frozenset(f"{name}:{port}" for name in found)
 
 
-def why_no_order(
+def why_no_command(
     headers: Headers, own_hosts: frozenset[str], token: str | None = None
 ) -> str | None:
     """Why a request may not steer what the page shows, or None if it may.
@@ -53,16 +53,16 @@ def why_no_order(
     `token`: what it must carry; None: it needs none, since it steers no team.
     """
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
-        return "orders are taken from this page alone"
+        return "commands are taken from this page alone"
     origin = headers.get("origin")
     if origin is not None and origin not in {f"http://{host}" for host in own_hosts}:
-        return "orders are taken from this page alone"
+        return "commands are taken from this page alone"
     if token is not None and not hmac.compare_digest(
         headers.get(TOKEN_HEADER, "").encode(), token.encode()
     ):
         return "the token is missing or wrong: open the address that was printed"
     if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-        return "an order is application/json"
+        return "a command is application/json"
     return None
 
 

@@ -33,7 +33,7 @@ class WebViewer:
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
-        """Serve the page; its address has the token for orders."""
+        """Serve the page; its address has the token for commands."""
         from mrbt_mesh.drills.control import Control
         from mrbt_mesh.runtime.fencing import boottime_us
         from mrbt_mesh.views.model.team_view import TeamView

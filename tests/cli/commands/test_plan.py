@@ -221,7 +221,7 @@ def test_the_facts_of_the_documentation_can_be_planned_for(tmp_path: Path) -> No
         ("running: {Z9: remove_screws}", "no robot 'Z9'"),
         ("running: {A1: remove_screws}", "A1 can do nothing that remove_screws needs"),
         ("dome: []", "unknown key 'dome'; did you mean 'done'?"),
-        ("order: stop", "resume or pause or abort is expected"),
+        ("command: stop", "resume or pause or abort is expected"),
         ("outcomes: [1]", "outcomes[1]: a mapping (key: value) is expected"),
         ("lost: [A1]", "a mapping (key: value) is expected, found a list"),
         ("- a", "a mapping is expected, found a list"),

@@ -66,7 +66,7 @@ def any_input(draw: st.DrawFn, mine: Header) -> inputs.Input:
     entry = ["B", 1, "n2", 9, [["claim", ["r1:1:weld::0", "weld", "weld", 3, 5, ""]]]]
     report, relays = [1, "n2", 9, 1, b"p" * 8], [["A", 1, "n1", 9, b"p" * 8]]
     beat = [*report, b"f" * 8, [1, 2, 1, 1], 1, 0, [], relays]
-    body: Any = draw(plain | mutations([entry]) | mutations(beat) | mutations(["order", "pause"]))
+    body: Any = draw(plain | mutations([entry]) | mutations(beat) | mutations(["team", "pause"]))
     data = draw(st.binary(max_size=60) | st.just(encode(mine, kind, body)))
     sources = st.sampled_from(("A", "B", "Z"))
     return draw(
@@ -271,7 +271,7 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     agent = Agent(before.view.mission, config, now_us)
     for value in (knows_its_past, not knows_its_past):
         agent.handle(inputs.ConditionSet("sound", value), now_us)
-    assert inside.carry_out(agent, ["order", "pause"], now_us)[0] is False
+    assert inside.carry_out(agent, ["team", "pause"], now_us)[0] is False
     assert all(entry.version.incarnation.counter for entry in agent.view.facts.map.of_author("A"))
     agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)
     assert not agent.view.is_joining

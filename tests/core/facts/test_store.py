@@ -33,7 +33,7 @@ claims = st.none() | st.builds(
 )
 VALUES: dict[str, st.SearchStrategy[Any]] = {
     "claim": claims,
-    "order": st.builds(
+    "command": st.builds(
         lambda k, s: [k, s], st.sampled_from(("pause", "resume", "abort")), st.integers(0, 2)
     ),
     f"outcome/{SCOPE}/a": st.builds(
@@ -149,9 +149,13 @@ def test_a_latch_stays(kind: str) -> None:
     assert joined(entry(True, f"{kind}/{SCOPE}", 1), entry(True, f"{kind}/{SCOPE}", 2)) is True
 
 
-def test_abort_absorbs_every_later_order() -> None:
-    assert joined(entry(["abort", 1], "order", 1), entry(["resume", 9], "order", 9))[0] == "abort"
-    assert joined(entry(["pause", 1], "order", 1), entry(["resume", 2], "order", 2))[0] == "resume"
+def test_abort_absorbs_every_later_command() -> None:
+    assert (
+        joined(entry(["abort", 1], "command", 1), entry(["resume", 9], "command", 9))[0] == "abort"
+    )
+    assert (
+        joined(entry(["pause", 1], "command", 1), entry(["resume", 2], "command", 2))[0] == "resume"
+    )
 
 
 def test_authors_do_not_overwrite_one_another() -> None:
@@ -170,7 +174,7 @@ def test_the_digest_does_not_depend_on_the_order_of_arrival(batch: list[Entry], 
 
 
 @given(batches, batches)
-@example([entry(["pause", 1], "order")], [entry(["pause", 1], "order", author="B1")])
+@example([entry(["pause", 1], "command")], [entry(["pause", 1], "command", author="B1")])
 @example([entry(True, f"latched_failure/{SCOPE}")], [entry(True, f"expired/{SCOPE}")])
 @example([entry(1, f"attempt/{SCOPE}", 1)], [entry(1, f"attempt/{SCOPE}", 2)])
 def test_digests_are_equal_exactly_where_the_maps_are(

@@ -1,4 +1,4 @@
-"""How a team reads its facts: task statuses, conditions, orders, what is kept and accepted."""
+"""How a team reads its facts: task statuses, conditions, commands, what is kept and accepted."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from mrbt_mesh.core.facts.records import (
     MEMBER,
     TRAVEL_TIMES,
     Claim,
+    CommandKind,
     NoClaim,
-    OrderKind,
     Phase,
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry, parse_entry
@@ -220,11 +220,11 @@ def test_a_value_that_disagrees_with_its_revision_is_not_accepted() -> None:
     assert "revision 2 disagree" in reason
 
 
-# -- the operator's orders --------------------------------------------------------------------
+# -- the operator's commands ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("orders", "standing"),
+    ("commands", "standing"),
     [
         ([], "resume"),
         ([("pause", 1, "A")], "pause"),
@@ -236,12 +236,12 @@ def test_a_value_that_disagrees_with_its_revision_is_not_accepted() -> None:
     ],
 )
 def test_the_latest_order_stands_and_abort_absorbs(
-    orders: list[tuple[str, int, str]], standing: str
+    commands: list[tuple[str, int, str]], standing: str
 ) -> None:
     world = open_door()
-    for kind, stamp, author in orders:
-        world.order(kind, stamp, author)
-    assert world.facts.order() is OrderKind(standing)
+    for kind, stamp, author in commands:
+        world.command(kind, stamp, author)
+    assert world.facts.command() is CommandKind(standing)
 
 
 # -- where robots are -------------------------------------------------------------------------

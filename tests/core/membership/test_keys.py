@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.records import ConditionValue, Order, OrderKind
+from mrbt_mesh.core.facts.records import CommandKind, ConditionValue, TeamCommand
 from mrbt_mesh.core.facts.store import Entry, Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC
@@ -41,7 +41,7 @@ def replica(name: str, keys: MemberKeys | None = None, run: str = build.RUN) -> 
 def said(stamp: int = 1) -> list[Fact]:
     """A batch of two facts."""
     return [
-        ("order", Order(OrderKind.PAUSE, stamp)),
+        ("command", TeamCommand(CommandKind.PAUSE, stamp)),
         ("condition/open", ConditionValue(True, stamp, stamp)),
     ]
 
@@ -71,7 +71,7 @@ def test_facts_are_passed_on_and_believed() -> None:
 
 def test_what_stands_of_an_old_batch_is_believed_when_the_rest_is_gone() -> None:
     a, b, c = replica("A"), replica("B"), replica("C")
-    for values in (said(1), [("order", Order(OrderKind.RESUME, 2))]):
+    for values in (said(1), [("command", TeamCommand(CommandKind.RESUME, 2))]):
         b.receive("A", a.write(values, 0)[0], 0)
     c.receive_state(answer(b, c), 0)
     assert facts(c) == facts(a)
@@ -101,7 +101,7 @@ def take_proof_away(groups: list[Any]) -> None:
 
 
 def add_an_entry(groups: list[Any]) -> None:
-    groups[0][4][:] = [["order", ["abort", 9]]]
+    groups[0][4][:] = [["command", ["abort", 9]]]
 
 
 def change_hashes(groups: list[Any]) -> None:
@@ -121,7 +121,7 @@ def empty_proof(groups: list[Any]) -> None:
 )
 def test_whoever_passes_facts_on_cannot_change_them(change: Any) -> None:
     a, b, c = replica("A"), replica("B"), replica("C")
-    b.receive("A", a.write([("order", Order(OrderKind.PAUSE, 1))], 0)[0], 0)
+    b.receive("A", a.write([("command", TeamCommand(CommandKind.PAUSE, 1))], 0)[0], 0)
     found = c.receive_state(answer(b, c, change), 0)
     assert (found.changed, found.refused, found.reason) == ([], 1, NOT_AUTHENTIC)
     assert facts(c) == {}
@@ -130,25 +130,25 @@ def test_whoever_passes_facts_on_cannot_change_them(change: Any) -> None:
 def test_an_entry_in_anothers_name_signed_with_a_key_of_ones_own_is_refused() -> None:
     """A robot with a valid key writes an order of C."""
     forger = replica("C", keys=KEYS["A"])
-    data, _ = forger.write([("order", Order(OrderKind.ABORT, 9))], 0)
+    data, _ = forger.write([("command", TeamCommand(CommandKind.ABORT, 9))], 0)
     found = replica("B").receive("C", data, 0)
     assert (found.changed, found.reason) == ([], NOT_AUTHENTIC)
 
 
 @pytest.mark.parametrize("name", ["op", "eye"])
 def test_who_is_no_robot_writes_nothing(name: str) -> None:
-    data, _ = replica(name).write([("order", Order(OrderKind.ABORT, 9))], 0)
+    data, _ = replica(name).write([("command", TeamCommand(CommandKind.ABORT, 9))], 0)
     assert replica("B").receive(name, data, 0).reason == NOT_AUTHENTIC
 
 
 def test_batches_of_another_run_are_refused() -> None:
     """Their entries, put into messages of this run."""
     other, c = replica("A", run="other"), replica("C")
-    _, entries = other.write([("order", Order(OrderKind.ABORT, 9))], 0)
+    _, entries = other.write([("command", TeamCommand(CommandKind.ABORT, 9))], 0)
     proof = entries[0].proof
     assert proof is not None
     version = entries[0].version
-    rows = [["order", ["abort", 9]]]
+    rows = [["command", ["abort", 9]]]
     shown = [proof.hashes, proof.signature]
     group = ["A", *version.incarnation, version.sequence, rows, shown]
     data = encode(

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.facts.records import NO_CLAIM, ConditionValue, Order, OrderKind, Outcome
+from mrbt_mesh.core.facts.records import (
+    NO_CLAIM,
+    CommandKind,
+    ConditionValue,
+    Outcome,
+    TeamCommand,
+)
 from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, WireError
 from tests.support.build import RUN
@@ -24,7 +30,7 @@ def test_a_new_incarnation_is_above_its_own_the_facts_and_what_was_heard() -> No
 def test_all_entries_of_a_batch_share_a_version_and_the_next_batch_has_a_greater_one() -> None:
     mine = replica("A")
     mine.next_incarnation(0)
-    mine.write([("claim", NO_CLAIM), ("order", Order(OrderKind.PAUSE, 1))], 0)
+    mine.write([("claim", NO_CLAIM), ("command", TeamCommand(CommandKind.PAUSE, 1))], 0)
     first = {entry.version for entry in mine.facts.map}
     assert first == {Version(Incarnation(1, "n"), 1)}
     mine.write([("claim", NO_CLAIM)], 0)
@@ -43,9 +49,9 @@ def test_the_greatest_stamp_seen_is_known() -> None:
 def test_an_answer_holds_what_the_asker_lacks_whoever_wrote_it() -> None:
     asked, asking, dead = replica("A"), replica("B"), replica("C")
     asked.write([("claim", NO_CLAIM)], 0)
-    asked.receive("C", dead.write([("order", Order(OrderKind.PAUSE, 1))], 0)[0], 0)
+    asked.receive("C", dead.write([("command", TeamCommand(CommandKind.PAUSE, 1))], 0)[0], 0)
     received = asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0)
-    assert [(e.author, e.name) for e in received.changed] == [("A", "claim"), ("C", "order")]
+    assert [(e.author, e.name) for e in received.changed] == [("A", "claim"), ("C", "command")]
     assert asking.facts.map.digest() == asked.facts.map.digest()
     assert asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0).changed == []
 
@@ -56,7 +62,10 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
     for number in range(12):
         activation = f"{RUN}:{action_node.index}:a::{number}"
         outcome = (f"outcome/{activation}/a", Outcome(True, {"log": "x" * 200_000}))
-        asked.write([outcome, ("claim", NO_CLAIM), ("order", Order(OrderKind.PAUSE, number))], 0)
+        asked.write(
+            [outcome, ("claim", NO_CLAIM), ("command", TeamCommand(CommandKind.PAUSE, number))],
+            0,
+        )
     pages = asked.answer_pull(asking.write_pull())
     assert len(pages) > 2
     assert max(map(len, pages)) < MAX_MESSAGE_BYTES // 2

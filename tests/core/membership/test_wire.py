@@ -88,7 +88,7 @@ GOOD_VALUES: list[tuple[str, Any]] = [
     ("claim", "dock"),
     ("claim", [SCOPE, "a", "drill", 1, 3, ""]),
     ("claim", [SCOPE, "a", "drill", 4, 3, "", "dock"]),
-    ("order", ["pause", 4]),
+    ("command", ["pause", 4]),
     (f"outcome/{SCOPE}/drill", [True, {"depth": [1.5, None]}]),
     ("condition/open(2)", [True, 1, 0]),
     (f"attempt/{SCOPE}", 3),
@@ -282,7 +282,7 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         ("claim", ""),
         ("claim", [SCOPE, "a", "drill", 1, 1]),
         ("claim", [SCOPE, "a", "drill", 1, -1, ""]),
-        ("order", ["start over", 1]),
+        ("command", ["start over", 1]),
         (f"outcome/{SCOPE}/drill", [1, None]),
         (f"outcome/{SCOPE}/drill", [True]),
         ("condition/c", [True, 0, 0]),
@@ -301,10 +301,10 @@ def test_what_is_not_exactly_its_kind_is_refused(name: str, value: Any) -> None:
 
 
 def test_one_malformed_entry_does_not_cost_the_others() -> None:
-    table = pack_entries([entry("order", ["pause", 1]), entry("claim", None)])
-    table[0][4].insert(1, ["order", ["nonsense", 1]])
+    table = pack_entries([entry("command", ["pause", 1]), entry("claim", None)])
+    table[0][4].insert(1, ["command", ["nonsense", 1]])
     good, malformed = parse_entries(table)
-    assert ([e.name for e in good], malformed) == (["order", "claim"], 1)
+    assert ([e.name for e in good], malformed) == (["command", "claim"], 1)
 
 
 # -- limits and incompatible teams ------------------------------------------------------------

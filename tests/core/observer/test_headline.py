@@ -72,7 +72,7 @@ def test_all_are_dead() -> None:
     ("what", "says"), [("pause", "paused: `mrbt resume` goes on"), ("abort", "failure")]
 )
 def test_orders(what: str, says: str) -> None:
-    _, observer = watched(WELD, f"tell A order {what}", "pass 300")
+    _, observer = watched(WELD, f"tell A team {what}", "pass 300")
     assert says in said(observer)[0]
 
 

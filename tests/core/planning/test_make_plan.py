@@ -163,25 +163,25 @@ def test_every_robot_has_a_line_or_a_reason_and_never_both() -> None:
     assert not set(plan.assignments) & set(plan.idle)
 
 
-# -- the operator's orders --------------------------------------------------------------------
+# -- the operator's commands ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", ["pause", "abort"])
-def test_an_order_takes_everybodys_task_away(order: str) -> None:
+@pytest.mark.parametrize("command", ["pause", "abort"])
+def test_a_command_takes_everybodys_task_away(command: str) -> None:
     world = repair()
-    world.order(order, 1, "A1")
+    world.command(command, 1, "A1")
     plan = world.plan()
     assert (plan.assignments, plan.waiting) == ({}, ())
-    assert set(plan.idle.values()) == {f"the operator's order is {order}"}
-    assert plan.result is (Status.FAILURE if order == "abort" else Status.RUNNING)
+    assert set(plan.idle.values()) == {f"the operator's command is {command}"}
+    assert plan.result is (Status.FAILURE if command == "abort" else Status.RUNNING)
 
 
 def test_resuming_gives_the_tasks_back() -> None:
     world = repair()
     before = world.plan().digest
-    world.order("pause", 1, "A1")
+    world.command("pause", 1, "A1")
     assert world.plan().digest != before
-    world.order("resume", 2, "C1")
+    world.command("resume", 2, "C1")
     assert world.plan().digest == before
 
 
@@ -292,7 +292,7 @@ def test_the_problem_is_infeasible_when_no_request_can_be_served() -> None:
     assert [each.global_task for each in world.plan().waiting] == ["cover", "part"]
     assert (world.plan().consistent, world.plan().feasible) == (False, False)
     # The operator's word is no failure: nothing is asked for.
-    world.order("pause", 1)
+    world.command("pause", 1)
     assert world.plan().feasible
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from mrbt_mesh.core.agent.effects import Forget, Persist, Publish, StartAction
 from mrbt_mesh.core.agent.inputs import JournalOpened, TimerFired
-from mrbt_mesh.core.facts.records import OUTCOME, Order, OrderKind
+from mrbt_mesh.core.facts.records import OUTCOME, CommandKind, TeamCommand
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.wire import MessageKind
 from tests.support import inside
@@ -66,15 +66,15 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
     process: Any = team.processes[0]
     version = Version(Incarnation(1, "n"), 1)
     for stamp in (3, 4):
-        entry = parse_entry("A1", "order", version, ["pause", stamp])
+        entry = parse_entry("A1", "command", version, ["pause", stamp])
         team.checkers.i9.handled(process, TICK, [Persist((entry,), at_once=True)])
     assert "for two contents" in team.checkers.violations[0]
 
 
 def pause(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
-    """The message and the entries with which a robot notes an order."""
-    order = Order(OrderKind.PAUSE, stamp)
-    return inside.context(process.agent).replica.write([("order", order)], 0)
+    """The message and the entries with which a robot notes an command."""
+    command = TeamCommand(CommandKind.PAUSE, stamp)
+    return inside.context(process.agent).replica.write([("command", command)], 0)
 
 
 def test_i9_what_a_robot_writes_stands(team: Team) -> None:
@@ -83,9 +83,9 @@ def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     _, entries = pause(process, stamp=9)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True)])
     assert team.checkers.violations == []
-    late = parse_entry("A1", "order", Version(Incarnation(0, "n"), 1), ["resume", 10])
+    late = parse_entry("A1", "command", Version(Incarnation(0, "n"), 1), ["resume", 10])
     team.checkers.i9.handled(process, TICK, [Persist((late,), at_once=True)])
-    assert "A1 writes order" in team.checkers.violations[0]
+    assert "A1 writes command" in team.checkers.violations[0]
 
 
 def test_i9_nothing_is_published_before_the_journal_has_it_to_write(team: Team) -> None:
@@ -97,7 +97,7 @@ def test_i9_nothing_is_published_before_the_journal_has_it_to_write(team: Team) 
     data, entries = pause(process, stamp=10)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [publish, Persist(entries, at_once=True)])
-    assert "A1 publishes order" in team.checkers.violations[0]
+    assert "A1 publishes command" in team.checkers.violations[0]
 
 
 def test_i9_a_finished_local_task_that_is_begun_again(team: Team) -> None:

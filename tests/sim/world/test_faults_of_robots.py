@@ -284,7 +284,7 @@ def test_healing_ends_every_fault(run: Run) -> None:
         (SECOND_US, partition(["A1"], ["A2"])),
         (SECOND_US, Disturb(LinkKnobs(loss_permille=900))),
         (SECOND_US, ClockRate("A2", 40_000)),
-        (4 * SECOND_US, Command("A2", "order", "pause")),
+        (4 * SECOND_US, Command("A2", "team", "pause")),
     ]
     timeout_us = 40 * SECOND_US
     run("vehicle_repair", 3, schedule=schedule, expect="timeout", timeout_us=timeout_us)

@@ -44,12 +44,12 @@ RUNS: dict[str, tuple[str, int, Schedule]] = {
     "exclusive": ("dispense", 1, [(3_000_000, Kill("D1"))]),
     "coalitions": ("assembly", 2, ()),
     "bids": ("couriers", 3, ()),
-    "order": (
+    "team": (
         "inspection",
         6,
         [
-            (2_000_000, Command("R1", "order", "pause")),
-            (5_000_000, Command("R1", "order", "resume")),
+            (2_000_000, Command("R1", "team", "pause")),
+            (5_000_000, Command("R1", "team", "resume")),
         ],
     ),
 }

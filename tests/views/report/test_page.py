@@ -13,9 +13,9 @@ from mrbt_mesh.views.report.gantt import LEFT, WIDTH, gantt, kinds, ticks
 from mrbt_mesh.views.report.model import (
     Disagreement,
     Proof,
+    ReportedCommand,
     ReportedFailure,
     ReportedFault,
-    ReportedOrder,
     ReportedPlan,
     ReportedWork,
     RobotUse,
@@ -126,12 +126,12 @@ def test_who_agreed_on_which_plan_when() -> None:
     assert "<h2>Agreement" not in report_html(RunsReport((RUN,)))
 
 
-def test_an_incident_has_its_date_clock_version_digest_orders_and_verification() -> None:
+def test_an_incident_has_its_date_clock_version_digest_commands_and_verification() -> None:
     identity = RunIdentity(1_795_641_208.552, "64cf970d", "5c96016d", "0.1.0")
     findings = ("run.mcap: record 3: wrong",)
     proof = Proof(("run.mcap",), "0123456789abcdef01", {"facts": 1692}, findings, ("cut",))
-    orders = (ReportedOrder(6.685, "mrbt kill", "A1 (pid 7) killed"),)
-    run = replace(RUN, identity=identity, proof=proof, orders=orders)
+    commands = (ReportedCommand(6.685, "mrbt kill", "A1 (pid 7) killed"),)
+    run = replace(RUN, identity=identity, proof=proof, commands=commands)
     text = report_html(RunsReport((run,)))
     for wanted in (
         "2026-11-25 21:13:28.552 to 21:13:48.552 UTC",

@@ -16,7 +16,7 @@ from textual.widgets import Footer
 
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import FAULTS as ROBOT_FAULTS
-from mrbt_mesh.drills.control import ORDERS, Control, OrderError
+from mrbt_mesh.drills.control import TEAM_COMMANDS, CommandError, Control
 from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
@@ -98,7 +98,7 @@ async def test_notes_and_what_happened() -> None:
         assert f"{app.shown.events[-1]['at_s']:.2f}" in last
 
 
-async def test_a_team_that_only_watches_has_no_orders() -> None:
+async def test_a_team_that_only_watches_has_no_commands() -> None:
     async with opened() as (app, pilot):
         assert "kill" not in on_screen(app)[-1]
         await pilot.press("k", "p", "a")
@@ -107,8 +107,8 @@ async def test_a_team_that_only_watches_has_no_orders() -> None:
         assert "mrbt watch --top --control" in "".join(on_screen(app))
 
 
-class GivenOrders(Control):
-    """Notes the orders; those to the team are refused."""
+class GivenCommands(Control):
+    """Notes the commands; those to the team are refused."""
 
     def __init__(self, robot: bool = True) -> None:
         self.given: list[dict[str, str]] = []
@@ -117,38 +117,38 @@ class GivenOrders(Control):
     def offers(self) -> dict[str, Any]:
         """As with processes of this machine, or without."""
         robot = {name: text for name, (_, text) in ROBOT_FAULTS.items()} if self._robot else {}
-        return {"robot": robot, "team": {name: text for name, (_, text) in ORDERS.items()}}
+        return {"robot": robot, "team": {name: text for name, (_, text) in TEAM_COMMANDS.items()}}
 
-    async def carry_out(self, order: Any) -> str:
+    async def carry_out(self, command: Any) -> str:
         """Note it."""
-        self.given.append(order)
-        if "robot" not in order:
-            raise OrderError("no robot answers")
+        self.given.append(command)
+        if "robot" not in command:
+            raise CommandError("no robot answers")
         return "done"
 
 
 @pytest.mark.parametrize(("key", "act"), [("k", "kill"), ("f", "freeze"), ("t", "thaw")])
-async def test_an_order_to_a_robot_is_asked_once_and_carried_out(key: str, act: str) -> None:
-    orders = GivenOrders()
-    async with opened(control=orders) as (app, pilot):
+async def test_a_command_to_a_robot_is_asked_once_and_carried_out(key: str, act: str) -> None:
+    commands = GivenCommands()
+    async with opened(control=commands) as (app, pilot):
         assert f"{key} {act}" in on_screen(app)[-1]
         await pilot.press("tab", "down", key)
         assert f"{act} B1?" in line_of(app, f"{act} B1")
         assert ROBOT_FAULTS[act][1][:50] in "".join(on_screen(app))
-        assert orders.given == [], "nothing is done before the answer"
+        assert commands.given == [], "nothing is done before the answer"
         await pilot.press("y")
         await app.workers.wait_for_complete()
-        assert orders.given == [{"act": act, "robot": "B1"}]
+        assert commands.given == [{"act": act, "robot": "B1"}]
         assert [told.message for told in app._notifications] == ["done"]
 
 
 @pytest.mark.parametrize(("key", "act"), [("p", "pause"), ("r", "resume"), ("a", "abort")])
-async def test_an_order_to_the_team(key: str, act: str) -> None:
-    orders = GivenOrders()
-    async with opened(control=orders) as (app, pilot):
+async def test_a_command_to_the_team(key: str, act: str) -> None:
+    commands = GivenCommands()
+    async with opened(control=commands) as (app, pilot):
         await pilot.press(key, "y")
         await app.workers.wait_for_complete()
-        assert orders.given == [{"act": act}]
+        assert commands.given == [{"act": act}]
         await pilot.pause()
         (told,) = app._notifications
         assert (told.message, told.severity) == ("no robot answers", "error")
@@ -156,16 +156,16 @@ async def test_an_order_to_the_team(key: str, act: str) -> None:
 
 @pytest.mark.parametrize("answer", ["n", "escape", "enter", "k"])
 async def test_every_other_answer_is_no(answer: str) -> None:
-    orders = GivenOrders()
-    async with opened(control=orders) as (app, pilot):
+    commands = GivenCommands()
+    async with opened(control=commands) as (app, pilot):
         await pilot.press("k", answer)
         await app.workers.wait_for_complete()
-        assert orders.given == []
+        assert commands.given == []
         assert len(app.screen_stack) == 1
 
 
 async def test_only_what_is_offered_has_a_key() -> None:
-    async with opened(control=GivenOrders(robot=False)) as (app, pilot):
+    async with opened(control=GivenCommands(robot=False)) as (app, pilot):
         assert "kill" not in on_screen(app)[-1]
         assert "p pause" in on_screen(app)[-1]
         await pilot.press("k")

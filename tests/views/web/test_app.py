@@ -1,4 +1,4 @@
-"""The routes: files, explanations, orders, and who is refused."""
+"""The routes: files, explanations, commands, and who is refused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from prometheus_client.openmetrics.parser import text_string_to_metric_families 
 from prometheus_client.parser import text_string_to_metric_families as parse_text
 from starlette.testclient import TestClient
 
-from mrbt_mesh.drills.control import OrderError
+from mrbt_mesh.drills.control import CommandError
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.app import STATIC, Page
 from mrbt_mesh.views.web.feed import Feed
@@ -28,8 +28,8 @@ HOST = "127.0.0.1:8000"
 GOOD = {"x-mrbt-token": TOKEN, "content-type": "application/json"}
 
 
-class Orders:
-    """Takes orders instead of a team."""
+class Commands:
+    """Takes commands instead of a team."""
 
     def __init__(self) -> None:
         self.taken: list[Any] = []
@@ -40,35 +40,35 @@ class Orders:
 
     async def drills(self) -> list[dict[str, Any]]:
         if self.problem:
-            raise OrderError(self.problem)
+            raise CommandError(self.problem)
         return [{"label": "one"}]
 
-    async def carry_out(self, order: Any) -> str:
-        if order == "wrong":
-            raise OrderError("no such order")
-        self.taken.append(order)
+    async def carry_out(self, command: Any) -> str:
+        if command == "wrong":
+            raise CommandError("no such command")
+        self.taken.append(command)
         return "done"
 
 
 @pytest.fixture
-def orders() -> Orders:
-    return Orders()
+def commands() -> Commands:
+    return Commands()
 
 
-def client(orders: Orders | None, run_dir: Path | None = None) -> TestClient:
+def client(commands: Commands | None, run_dir: Path | None = None) -> TestClient:
     script, observer = watched(WELD)
     feed = Feed(TeamView(observer), lambda: script.team.now_us)
     feed.update()
     own_hosts = hosts(["127.0.0.1", "localhost", "::1"], 8000)
-    page = Page(feed, own_hosts, orders, TOKEN, run_dir=run_dir)  # type: ignore[arg-type]
+    page = Page(feed, own_hosts, commands, TOKEN, run_dir=run_dir)  # type: ignore[arg-type]
     return TestClient(page.application(), base_url=f"http://{HOST}")
 
 
-def order(orders: Orders | None, body: Any = None, **headers: str) -> httpx.Response:
+def command(commands: Commands | None, body: Any = None, **headers: str) -> httpx.Response:
     sent = GOOD | {name.replace("_", "-"): value for name, value in headers.items()}
     sent = {name: value for name, value in sent.items() if value}
     content = json.dumps({"act": "pause"} if body is None else body)
-    return client(orders).post("/orders", content=content, headers=sent)
+    return client(commands).post("/commands", content=content, headers=sent)
 
 
 def test_modules_have_the_type_that_browsers_demand() -> None:
@@ -167,11 +167,11 @@ def test_other_sites_may_link_to_the_page_and_read_nothing(site: str) -> None:
     assert page.get("/events", headers=headers).status_code == 403
 
 
-def test_an_order_from_the_page(orders: Orders) -> None:
+def test_a_command_from_the_page(commands: Commands) -> None:
     headers = {"sec_fetch_site": "same-origin", "origin": f"http://{HOST}"}
-    answer = order(orders, {"act": "kill", "robot": "A"}, **headers)
+    answer = command(commands, {"act": "kill", "robot": "A"}, **headers)
     assert answer.json() == {"done": True, "text": "done"}
-    assert orders.taken == [{"act": "kill", "robot": "A"}]
+    assert commands.taken == [{"act": "kill", "robot": "A"}]
 
 
 @pytest.mark.parametrize(
@@ -189,34 +189,34 @@ def test_an_order_from_the_page(orders: Orders) -> None:
         {"content_type": "application/x-www-form-urlencoded"},
     ],
 )
-def test_orders_from_elsewhere_are_refused(orders: Orders, headers: dict[str, str]) -> None:
-    assert order(orders, **headers).status_code == 403
-    assert orders.taken == []
+def test_commands_from_elsewhere_are_refused(commands: Commands, headers: dict[str, str]) -> None:
+    assert command(commands, **headers).status_code == 403
+    assert commands.taken == []
 
 
 def test_without_control_nothing_is_taken() -> None:
-    assert order(None).status_code == 403
+    assert command(None).status_code == 403
     assert client(None).get("/drills", headers=GOOD).status_code == 403
 
 
-def test_drills_are_listed_for_those_who_may(orders: Orders) -> None:
-    page = client(orders)
+def test_drills_are_listed_for_those_who_may(commands: Commands) -> None:
+    page = client(commands)
     assert page.get("/drills", headers=GOOD).json() == [{"label": "one"}]
     assert page.get("/drills").status_code == 403
-    assert page.get("/orders", headers=GOOD).status_code == 405
+    assert page.get("/commands", headers=GOOD).status_code == 405
 
 
-def test_why_no_drills_can_be_listed(orders: Orders) -> None:
-    orders.problem = "wrong.yaml: line 1"
-    answer = client(orders).get("/drills", headers=GOOD)
+def test_why_no_drills_can_be_listed(commands: Commands) -> None:
+    commands.problem = "wrong.yaml: line 1"
+    answer = client(commands).get("/drills", headers=GOOD)
     assert (answer.status_code, answer.text) == (409, "wrong.yaml: line 1")
 
 
-def test_what_is_no_order(orders: Orders) -> None:
-    assert order(orders, "wrong").json() == {"done": False, "text": "no such order"}
-    assert client(orders).post("/orders", content="{", headers=GOOD).status_code == 400
-    assert client(orders).post("/orders", content="[" * 4_000, headers=GOOD).status_code == 400
-    assert client(orders).post("/orders", content=" " * 5_000, headers=GOOD).status_code == 413
+def test_what_is_no_command(commands: Commands) -> None:
+    assert command(commands, "wrong").json() == {"done": False, "text": "no such command"}
+    assert client(commands).post("/commands", content="{", headers=GOOD).status_code == 400
+    assert client(commands).post("/commands", content="[" * 4_000, headers=GOOD).status_code == 400
+    assert client(commands).post("/commands", content=" " * 5_000, headers=GOOD).status_code == 413
 
 
 def test_nothing_outside_of_the_folder_is_served() -> None:

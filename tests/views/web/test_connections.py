@@ -76,10 +76,10 @@ async def test_one_that_opens_many_keeps_nobody_out(words: bytes) -> None:
 async def test_half_a_request_ends_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also half a body, and half a second request; an event stream stays."""
     monkeypatch.setattr(connections, "REQUEST_TIMEOUT_S", 0.1)
-    order = b"POST /orders HTTP/1.1\r\nHost: HOST\r\nContent-Length: 9\r\n\r\n{"
+    command = b"POST /commands HTTP/1.1\r\nHost: HOST\r\nContent-Length: 9\r\n\r\n{"
     async with browser() as slow:
         follows = await slow.ask(EVENTS)
-        for words in (HALF, order, b"GET /mission HTTP/1.1\r\nHost: HOST\r\n\r\n" + HALF):
+        for words in (HALF, command, b"GET /mission HTTP/1.1\r\nHost: HOST\r\n\r\n" + HALF):
             stream = await slow.ask(words)
             with contextlib.suppress(anyio.EndOfStream, anyio.BrokenResourceError):
                 while True:

@@ -96,18 +96,18 @@ def test_other_sites_wish_in_vain(shown: ShownRecording, headers: dict[str, str]
     assert not shown.playback.is_paused
 
 
-def test_a_recording_is_told_and_takes_no_orders(shown: ShownRecording) -> None:
+def test_a_recording_is_told_and_takes_no_commands(shown: ShownRecording) -> None:
     page = client(shown)
     told = page.get("/mission").json()
     assert told["control"] is None
     assert told["recording"]["file"] == "run.mcap"
-    assert page.post("/orders", content="{}", headers=JSON).status_code == 403
+    assert page.post("/commands", content="{}", headers=JSON).status_code == 403
     assert page.get("/drills").status_code == 403
     assert page.get("/metrics").status_code == 404
 
 
 async def test_it_is_played_while_somebody_looks(shown: ShownRecording) -> None:
-    """To the end, in the order of time; what is told last is how the run went."""
+    """To the end, in the command of time; what is told last is how the run went."""
     shown.playback.set_speed(1000)
     projector = RecordingProjector(shown)
     async with anyio.create_task_group() as group:

@@ -1,4 +1,4 @@
-// Orders and drills: only where the server offers them, and with the token of the printed address.
+// Commands and drills: only where the server offers them, and with the token of the printed address.
 
 import { byId, dialog, element, placeMenu, setText } from "./text.mjs";
 
@@ -27,9 +27,9 @@ export class Control {
   // Of pause and resume, the one that has an effect now.
   update(keys, store) {
     if (!keys.has("team")) return;
-    const { order, ended } = store.get("team") ?? {};
-    byId("team-orders").hidden = !!ended || store.state === "over";
-    this._pause.replaceChildren(this._button(order === "pause" ? "resume" : "pause"));
+    const { command, ended } = store.get("team") ?? {};
+    byId("team-commands").hidden = !!ended || store.state === "over";
+    this._pause.replaceChildren(this._button(command === "pause" ? "resume" : "pause"));
   }
 
   // A button that opens a menu with what `rows` returns.
@@ -46,7 +46,7 @@ export class Control {
 
   // What can be done to a robot, each with what it will do. `robot()`: what is known of it then.
   robotMenu(name, robot) {
-    return this.menuButton(`Orders to ${name}`, "⋯", () => {
+    return this.menuButton(`Commands to ${name}`, "⋯", () => {
       const { isHere, isFrozen, capabilities, lost } = robot();
       const acts = isFrozen ? ["thaw", "kill"] : isHere ? ["kill", "freeze", "leave"] : ["join"];
       const rows = acts.flatMap((act) => this._row(act, name));
@@ -76,23 +76,23 @@ export class Control {
 
   _makeTeamOrders() {
     this._pause = element("span", {}, this._button("pause"));
-    byId("team-orders").append(this._pause, this.menuButton("Orders to the team", "Orders…", () => [...this._row("abort"),
+    byId("team-commands").append(this._pause, this.menuButton("Commands to the team", "Commands…", () => [...this._row("abort"),
       ...(this.offers.drills ? [element("button", { type: "button", onclick: () => this._openDrills() }, "Drills…"),
         element("span", { class: "hint" }, "Faults at chosen moments, from the drill files.")] : [])]));
-    byId("team-orders").hidden = false;
+    byId("team-commands").hidden = false;
     dialog("drills");
     byId("drills-search").addEventListener("input", () => this._listDrills());
   }
 
-  async _press(button, order) {
-    if (order.act === "abort" && button.textContent === WORDS.abort) {
+  async _press(button, command) {
+    if (command.act === "abort" && button.textContent === WORDS.abort) {
       button.textContent = "Really abort?";
       setTimeout(() => { button.textContent = WORDS.abort; }, 4000);
       return;
     }
     button.disabled = true;
     this._menu.hidePopover();
-    await this._send(order);
+    await this._send(command);
     button.disabled = false;
   }
 
@@ -101,9 +101,9 @@ export class Control {
     return fetch(path, { ...options, headers });
   }
 
-  async _send(order) {
+  async _send(command) {
     try {
-      const answer = await this._fetch("orders", { method: "POST", body: JSON.stringify(order) });
+      const answer = await this._fetch("commands", { method: "POST", body: JSON.stringify(command) });
       const isTold = (answer.headers.get("content-type") ?? "").startsWith("application/json");
       toast(isTold ? (await answer.json()).text : await answer.text());
     } catch {

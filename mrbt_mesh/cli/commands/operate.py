@@ -1,4 +1,4 @@
-"""Acting on a running team: signals to processes of this machine, orders to robots."""
+"""Acting on a running team: signals to processes of this machine, commands to robots."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def report(as_json: bool, team: str, robots: Iterable[str], command: str, result
         click.echo(f"{team}: {result}")
 
 
-def note_order(run_dir: RunDir, command: str, what: str, unix_s: float | None = None) -> None:
-    """Note what was ordered, for reports; warn if that fails, since the order was carried out."""
+def note_command(run_dir: RunDir, command: str, what: str, unix_s: float | None = None) -> None:
+    """Note what was commanded, for reports; warn if that fails, since it was carried out."""
     try:
-        run_dir.note_order(f"mrbt {command}", what, unix_s)
+        run_dir.note_command(f"mrbt {command}", what, unix_s)
     except InputError as error:
         click.echo(f"{WARNING} {error}", err=True)
 
@@ -68,7 +68,7 @@ def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Co
             process.send_signal(number)
         except psutil.Error as error:
             fail(f"cannot signal {robot} (pid {process.pid}): {error}", FAILURE)
-        note_order(found, name, f"{robot} (pid {process.pid}) {done}", begun_s)
+        note_command(found, name, f"{robot} (pid {process.pid}) {done}", begun_s)
         report(as_json, found.info().team, [robot], name, f"{robot} (pid {process.pid}) {done}")
 
     return send
@@ -88,7 +88,7 @@ thaw = _signal(
 )
 
 
-# -- orders -----------------------------------------------------------------------------------
+# -- commands ----------------------------------------------------------------------------------
 
 
 @click.command(cls=MrbtCommand)
@@ -102,7 +102,7 @@ def leave(robot: str, team: TeamOptions, as_json: bool) -> None:
     """
     from mrbt_mesh.core.agent.commands import LEAVE
 
-    _order(team, as_json, robot, LEAVE)
+    _command(team, as_json, robot, LEAVE)
 
 
 @click.command(cls=MrbtCommand)
@@ -135,29 +135,29 @@ def fault(
     from mrbt_mesh.core.agent.commands import FAULT, PERFORM, RESTORE
 
     if performance is None:
-        _order(team, as_json, robot, RESTORE if end else FAULT, capability)
+        _command(team, as_json, robot, RESTORE if end else FAULT, capability)
     if end:
         raise InputError("--end and --performance: give one of them")
     if capability == "all":
         raise InputError("--performance: of which capability? mrbt fault ROBOT CAPABILITY")
-    _order(team, as_json, robot, PERFORM, f"{capability}={performance}")
+    _command(team, as_json, robot, PERFORM, f"{capability}={performance}")
 
 
-def _team_order(name: str, text: str) -> click.Command:
-    """A command that gives an order to the whole team."""
+def _team_command(name: str, text: str) -> click.Command:
+    """A command that gives a command to the whole team."""
 
     @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name}")
     @team_options
     @json_option
     def give(team: TeamOptions, as_json: bool) -> None:
-        _order(team, as_json, None, "order", name)
+        _command(team, as_json, None, "team", name)
 
     return give
 
 
-pause = _team_order("pause", "Stop all work of a team until `mrbt resume`.")
-resume = _team_order("resume", "Resume the work of a paused team.")
-abort = _team_order("abort", "End the mission as failed. It cannot be undone.")
+pause = _team_command("pause", "Stop all work of a team until `mrbt resume`.")
+resume = _team_command("resume", "Resume the work of a paused team.")
+abort = _team_command("abort", "End the mission as failed. It cannot be undone.")
 
 
 @click.command(cls=MrbtCommand)
@@ -177,10 +177,10 @@ def decide(global_task: str, decision: str, team: TeamOptions, as_json: bool) ->
     """
     from mrbt_mesh.core.agent.commands import DECIDE
 
-    _order(team, as_json, None, DECIDE, f"{global_task} {decision}")
+    _command(team, as_json, None, DECIDE, f"{global_task} {decision}")
 
 
-def _order(
+def _command(
     team: TeamOptions, as_json: bool, robot: str | None, command: str, argument: str = ""
 ) -> NoReturn:
     """Give a command to a robot (None: any live one), print its answer, and end the process."""
@@ -203,7 +203,7 @@ def _order(
         robots = living if robot is None else [robot]
         word = click.get_current_context().info_name or ""
         if address.run_dir is not None:
-            note_order(address.run_dir, word, text)
+            note_command(address.run_dir, word, text)
         report(as_json, name, robots, word, text)
         return SUCCESS
 
@@ -297,6 +297,6 @@ def join(
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != SUCCESS:
         fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
-    note_order(found, "join", f"{robot} joined")
+    note_command(found, "join", f"{robot} joined")
     report(as_json, team.info.team, [robot], "join", f"{robot} joined")
     end_process(SUCCESS)
