@@ -22,8 +22,7 @@ SECTIONS = {
     },
     "Prepare and try out": {
         "new validate plan": "Write a mission, check it, plan for given facts",
-        "sim": "Run it in virtual time: run, chaos, estimate",
-        "drill": "Run real processes with faults, and judge them",
+        "sim drill": "Virtual time: run, chaos, estimate; real processes",
     },
 }
 # The modules of commands that share one; others have one of their own name.

@@ -48,6 +48,16 @@ class TeamOptions:
         network: NetworkOptions = _environment.invoke(_environment.make_context("mrbt", []))
         return on_network(load_mission(self.mission), network)
 
+    def find_running(self) -> TeamAddress:
+        """As `find`; raises InputError for a team of this machine that does not run any more."""
+        from mrbt_mesh.runtime.known_runs import is_running
+
+        address = self.find()
+        if address.run_dir is not None and not is_running(address.run_dir):
+            name = address.transport.team
+            raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
+        return address
+
     def run_directory(self) -> RunDir | None:
         """The run directory that the options name; None for a team on the network.
 

@@ -11,7 +11,7 @@ import getpass
 import json
 import os
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -20,10 +20,10 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOBS, SUBMIT
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOBS, SUBMIT
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
-from mrbt_mesh.errors import InputError, lone
+from mrbt_mesh.errors import InputError, lone, nearest
 from mrbt_mesh.runtime.known_runs import find_run, is_running
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -39,14 +39,22 @@ MOST_ASKED = 50
 
 
 class JobRefusedError(InputError):
-    """A team has refused a job, or a change of one; the text says why."""
+    """A team has refused a job, or a change of one; the text says why.
+
+    `cause`: `invalid`, `unknown` (no job has this id), `conflict` (another job has it), or `full`.
+    """
+
+    def __init__(self, text: str, cause: str = INVALID) -> None:
+        super().__init__(text)
+        self.cause = cause
 
 
 @dataclass(frozen=True)
 class JobHandle:
-    """A job that was submitted."""
+    """A job that was submitted. `state`: open, held, or how it has ended already."""
 
     id: str
+    state: str
     _client: TeamClient
 
     async def done(self) -> JobRow:
@@ -54,10 +62,11 @@ class JobHandle:
         return await self._client.wait_for_end(self.id)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Awaited:
     """A job that is to be in the journals of `wanted` robots; `keepers` have it."""
 
+    job_id: str
     wanted: int
     keepers: set[str] = field(default_factory=set)
     is_kept: anyio.Event = field(default_factory=anyio.Event)
@@ -73,28 +82,52 @@ class TeamClient:
     """Use `connect` or `client_of` to make one."""
 
     def __init__(self, watcher: Watcher) -> None:
-        self._watcher = watcher
+        self.watcher = watcher
         self._news = anyio.Event()
-        self._awaited: dict[str, _Awaited] = {}
+        self._awaited: list[_Awaited] = []
+        self._is_awaiting = anyio.Event()
 
-    async def follow(self) -> None:
-        """Keep what is known of the team up to date, until cancelled."""
-        heartbeat_s = self._watcher.timing.heartbeat_us / SECOND_US
+    async def follow(self, update: Callable[[], None] = lambda: None) -> None:
+        """Keep what is known of the team up to date, and call `update` after changes."""
+        heartbeat_s = self.watcher.timing.heartbeat_us / SECOND_US
         while True:
-            await self._watcher.wait_for_change(heartbeat_s)
-            self._news.set()
-            self._news = anyio.Event()
+            await self.watcher.wait_for_change(heartbeat_s)
+            self.update()
+            update()
+
+    def update(self) -> None:
+        """Look again at what the watcher knows, after a change; `follow` calls this."""
+        self._news.set()
+        self._news = anyio.Event()
 
     @property
     def jobs(self) -> list[JobRow]:
         """All jobs that are known: open ones in their order, then those that have ended."""
-        observer = self._watcher.observer
+        observer = self.watcher.observer
         return job_rows(observer.facts, observer.plan, observer.membership.members())
 
     @property
     def robots(self) -> list[str]:
         """The robots of the team that are alive, sorted; the first one is asked first."""
-        return sorted(self._watcher.observer.membership.members())
+        return sorted(self.watcher.observer.membership.members())
+
+    def arguments_of(self, kind: str, values: Mapping[str, Any]) -> list[str]:
+        """The arguments of a job in order, of texts and whole numbers by the parameters' names.
+
+        Raises JobRefusedError for names that do not fit the type, and for other values.
+        """
+        types = self.watcher.observer.mission.jobs
+        if kind not in types:
+            raise JobRefusedError(f"no job type {kind!r:.80}" + nearest(kind, types))
+        names = [each.name for each in types[kind].parameters]
+        if sorted(values) != sorted(names):
+            given = ", ".join(sorted(values)) or "none"
+            wanted = ", ".join(names) or "none"
+            raise JobRefusedError(f"{kind} takes the arguments {wanted}; given: {given:.200}")
+        for name in names:
+            if isinstance(values[name], bool) or not isinstance(values[name], str | int):
+                raise JobRefusedError(f"{name} is a text or a whole number")
+        return [str(values[name]) for name in names]
 
     async def submit(
         self,
@@ -105,29 +138,30 @@ class TeamClient:
         delay_s: float = 0,
         deadline_s: float | None = None,
         safe: int | None = None,
+        operator: str = "",
     ) -> JobHandle:
         """Hand in a job; returns once `safe` robots (None: a majority) have it in their journals.
 
         Then it survives the death of all but one of them, and of the team. To submit the same
         `job_id` again does nothing. It begins after `delay_s` at the earliest, and expires after
-        `deadline_s` (None: as its type says; 0: never). Raises JobRefusedError, TimeoutError if too
-        few robots answer.
+        `deadline_s` (None: as its type says; 0: never). `operator`: who submits it; empty: the user
+        who runs this program. Raises JobRefusedError, TimeoutError if too few robots answer.
         """
-        count = len(self._watcher.observer.mission.robots)
+        count = len(self.watcher.observer.mission.robots)
         if safe is not None and not 1 <= safe <= count:
             raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
         name = job_id or _new_id()
         given: dict[str, Any] = {"id": name, "type": kind, "arguments": list(arguments)}
-        given["operator"] = _operator()
+        given["operator"] = operator or user_name()
         if priority is not None:
             given["priority"] = priority
         if delay_s:
             given["delay_us"] = round(delay_s * SECOND_US)
         if deadline_s is not None:
             given["deadline_us"] = round(deadline_s * SECOND_US)
-        await self._ask_any(SUBMIT, given)
+        answer = await self._ask_any(SUBMIT, given)
         await self._await_kept(name, safe)
-        return JobHandle(name, self)
+        return JobHandle(name, answer["state"], self)
 
     async def change(self, job_id: str, change: str, priority: int | None = None) -> dict[str, Any]:
         """`cancel`, `hold`, `release`, or give another `priority`; the state of the job then.
@@ -145,7 +179,7 @@ class TeamClient:
         """Wait until a job has ended; how it has."""
         while True:
             news = self._news
-            facts = self._watcher.observer.facts
+            facts = self.watcher.observer.facts
             if facts.jobs is not None and facts.jobs.has_ended(job_id):
                 return next(row for row in self.jobs if row.id == job_id)
             await news.wait()
@@ -154,7 +188,7 @@ class TeamClient:
 
     async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
         """The first answer of any robot; one that does not answer, or still joins, is left out."""
-        mission = self._watcher.observer.mission
+        mission = self.watcher.observer.mission
         if not mission.jobs:
             raise JobRefusedError(
                 f"mission {mission.name} has no types of jobs (jobs: in its file)"
@@ -165,7 +199,7 @@ class TeamClient:
                 for robot in self.robots:
                     answer, problem = await self._ask(robot, command, given)
                     if answer is not None and "refused" in answer:
-                        raise JobRefusedError(answer["refused"])
+                        raise JobRefusedError(answer["refused"], answer["cause"])
                     if answer is not None:
                         return answer
                 await anyio.sleep(ASK_AGAIN_S)
@@ -173,15 +207,17 @@ class TeamClient:
 
     async def _await_kept(self, name: str, safe: int | None) -> None:
         """Wait until enough robots have the job, or its end, in their journals."""
-        mission = self._watcher.observer.mission
+        mission = self.watcher.observer.mission
         wanted = len(mission.robots) // 2 + 1 if safe is None else safe
-        awaited = self._awaited[name] = _Awaited(wanted)
+        awaited = _Awaited(name, wanted)
+        self._awaited.append(awaited)
+        self._is_awaiting.set()
         try:
             with anyio.move_on_after(KEEP_TIMEOUT_S):
                 await awaited.is_kept.wait()
                 return
         finally:
-            del self._awaited[name]
+            self._awaited.remove(awaited)
         keepers = ", ".join(sorted(awaited.keepers)) or "nobody"
         raise TimeoutError(
             f"{name} is in the journals of {len(awaited.keepers)} robots ({keepers}), and {wanted} "
@@ -194,15 +230,19 @@ class TeamClient:
 
         async def ask(robot: str, names: list[str]) -> None:
             answer, _ = await self._ask(robot, KEPT_JOBS, {"ids": names})
-            for name in (answer or {}).get("kept", ()):
-                if name in self._awaited:
-                    self._awaited[name].add(robot)
+            kept = (answer or {}).get("kept", ())
+            for each in self._awaited:
+                if each.job_id in kept:
+                    each.add(robot)
             asked.discard(robot)
 
         async with anyio.create_task_group() as group:
             while True:
-                for robot in self.robots if self._awaited else ():
-                    names = [n for n, each in self._awaited.items() if robot not in each.keepers]
+                if not self._awaited:
+                    self._is_awaiting = anyio.Event()
+                    await self._is_awaiting.wait()
+                for robot in self.robots:
+                    names = [a.job_id for a in self._awaited if robot not in a.keepers]
                     if names and robot not in asked:
                         asked.add(robot)
                         group.start_soon(ask, robot, names[:MOST_ASKED])
@@ -213,12 +253,12 @@ class TeamClient:
     ) -> tuple[dict[str, Any] | None, str]:
         """The robot's answer, or None and why there is none."""
         with anyio.move_on_after(ANSWER_S):
-            good, text = await self._watcher.command(robot, command, json.dumps(given))
+            good, text = await self.watcher.command(robot, command, json.dumps(given))
             return (json.loads(text), "") if good else (None, text)
         return None, f"{robot} does not answer"
 
 
-def _operator() -> str:
+def user_name() -> str:
     """Who runs this program: its user's name, or number if it has none, as in some containers."""
     try:
         return getpass.getuser()

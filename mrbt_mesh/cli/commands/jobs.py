@@ -143,7 +143,7 @@ def job(name: str, change: str, number: int | None, team: TeamOptions, as_json: 
 
 
 def _line(row: JobRow) -> str:
-    inside = ",".join(row.arguments)
+    inside = ",".join(row.arguments.values())
     what = f"{row.type}({inside})" if inside else row.type
     who = f" {', '.join(row.robots)}" if row.robots else ""
     why = f" ({row.why})" if row.why else ""
@@ -155,13 +155,9 @@ def _with_client(team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]])
     """Attach to a team that takes jobs, act, and end the process with the status of `act`."""
     import anyio
 
-    from mrbt_mesh.runtime.known_runs import is_running
     from mrbt_mesh.runtime.team_client import client_of
 
-    address = team.find()
-    name = address.transport.team
-    if address.run_dir is not None and not is_running(address.run_dir):
-        raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
+    address = team.find_running()
 
     async def attach() -> int:
         async with client_of(address) as client:

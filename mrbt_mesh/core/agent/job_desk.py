@@ -24,14 +24,23 @@ MAX_JOB_US = 366 * 86_400 * 1_000_000
 _CHANGES = ("cancel", "hold", "release", "priority")
 
 
+# What is wrong with a command that is refused.
+INVALID, UNKNOWN, CONFLICT, FULL = "invalid", "unknown", "conflict", "full"
+
+
 class _RefusedError(ValueError):
     """Why a command about a job is refused, in words for the operator."""
+
+    def __init__(self, text: str, cause: str = INVALID) -> None:
+        super().__init__(text)
+        self.cause = cause
 
 
 class JobDesk:
     """Takes operators' commands about jobs, at one robot. All are JSON in and JSON out.
 
-    A command that no robot would carry out is answered by `{"refused": why}`.
+    A command that no robot would carry out is answered by `{"refused": why, "cause": ...}`, with
+    one of the causes above.
     """
 
     def __init__(self, context: Context, jobs: Jobs) -> None:
@@ -44,7 +53,7 @@ class JobDesk:
         try:
             return json.dumps(self._commands[command](_read(argument), now_us))
         except _RefusedError as refusal:
-            return json.dumps({"refused": str(refusal)})
+            return json.dumps({"refused": str(refusal), "cause": refusal.cause})
 
     def _submit(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
         """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"delay_us"` and
@@ -62,7 +71,8 @@ class JobDesk:
         job = known.job if known is not None else None
         if job is not None and (job.type, job.arguments) != (kind, arguments):
             other = OpenJob(name, job.type, job.arguments).label
-            raise _RefusedError(f"there is another job of this id, {other}; choose another id")
+            text = f"there is another job of this id, {other}; choose another id"
+            raise _RefusedError(text, CONFLICT)
         if known is not None and (job is not None or known.end is not None):
             return _state(known)
         if self._jobs.is_archived(name):
@@ -70,7 +80,7 @@ class JobDesk:
         if problem := types[kind].problem(arguments):
             raise _RefusedError(problem)
         if self._jobs.count_open() >= MAX_OPEN:
-            raise _RefusedError(f"{MAX_OPEN} jobs are open; cancel some, or wait")
+            raise _RefusedError(f"{MAX_OPEN} jobs are open; cancel some, or wait", FULL)
         job = Job(
             kind,
             arguments,
@@ -89,7 +99,7 @@ class JobDesk:
         name, change = _text(given, "id"), _text(given, "change")
         known = self._jobs.known.get(name)
         if known is None or (known.job is None and known.end is None):
-            raise _RefusedError(f"no job {name!r:.80} is known here")
+            raise _RefusedError(f"no job {name!r:.80} is known here", UNKNOWN)
         if change not in _CHANGES:
             raise _RefusedError(f"no change {change!r:.80}; there is {', '.join(_CHANGES)}")
         job, before, stamp = known.job, known.change, self._context.facts.max_stamp + 1

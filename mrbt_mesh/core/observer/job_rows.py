@@ -9,6 +9,7 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.planning.plan import Plan
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
@@ -18,12 +19,13 @@ HELD, WAITING, RUNNING = "held", "waiting", "running"
 class JobRow:
     """One job. `state`: held, waiting, running, succeeded, failed, cancelled or expired.
 
-    `why`: what it waits for, or why it has failed. `robots`: those that work on it, or have.
+    `arguments`: parameter -> value. `why`: what it waits for, or why it has failed. `robots`: those
+    that work on it, or have.
     """
 
     id: str
     type: str
-    arguments: tuple[str, ...]
+    arguments: dict[str, str]
     state: str
     why: str
     priority: int
@@ -42,23 +44,24 @@ def job_rows(facts: TeamFacts, plan: Plan | None, alive: Collection[str]) -> lis
             working.setdefault(parse_activation(claim.activation).job, []).append(robot)
     reasons = _reasons(plan)
     in_tree = {job.id for job in facts.jobs.in_tree()}
-    rows, ended = [], []
+    types, rows, ended = facts.mission.jobs, [], []
     for known in facts.jobs:
         if known.end is not None:
-            ended.append((-known.end.stamp, _ended(known)))
+            ended.append((-known.end.stamp, _ended(known, types)))
         elif known.job is not None:
-            row = _open(known, working.get(known.id, []), reasons, known.id in in_tree)
+            arguments = types[known.job.type].values_of(known.job.arguments)
+            row = _open(known, arguments, working.get(known.id, []), reasons, known.id in in_tree)
             rows.append(((-known.priority, known.job.stamp, known.id), row))
     return [row for _, row in sorted(rows)] + [row for _, row in sorted(ended, key=lambda e: e[0])]
 
 
-def _ended(known: KnownJob) -> JobRow:
+def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
     end = known.end
     assert end is not None
     return JobRow(
         known.id,
         end.type,
-        end.arguments,
+        types[end.type].values_of(end.arguments),
         str(end.state),
         end.reason,
         known.priority,
@@ -68,7 +71,11 @@ def _ended(known: KnownJob) -> JobRow:
 
 
 def _open(
-    known: KnownJob, robots: list[str], reasons: Mapping[str, str], is_in_tree: bool
+    known: KnownJob,
+    arguments: dict[str, str],
+    robots: list[str],
+    reasons: Mapping[str, str],
+    is_in_tree: bool,
 ) -> JobRow:
     job = known.job
     assert job is not None
@@ -82,9 +89,7 @@ def _open(
     elif not is_in_tree:
         why = "behind others"
     shown = tuple(robots)
-    return JobRow(
-        known.id, job.type, job.arguments, state, why, known.priority, shown, job.operator
-    )
+    return JobRow(known.id, job.type, arguments, state, why, known.priority, shown, job.operator)
 
 
 def _reasons(plan: Plan | None) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Any, Protocol
 
 from mrbt_mesh.core.bt.tree import Status
@@ -11,6 +12,7 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
+from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
@@ -53,9 +55,9 @@ class TeamState:
 
     `team`: command, rounds, whether it has started and how it ended. `headline`: how it is, the
     worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
-    `task/NAME`: a global task. `node/N`: `[status, robots, note, activations]` of a node of T_G
-    that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot
-    reports.
+    `task/NAME`: a global task. `job/ID`: a job, as `JobRow`. `node/N`: `[status, robots, note,
+    activations]` of a node of T_G that was ever ticked. `place/NAME`: a place of the map.
+    `position/ID`: the position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -68,6 +70,7 @@ class TeamState:
         self._activations: dict[int, tuple[int, dict[str, None]]] = {}
         self._counted: Plan | None = None
         self._places = told_places(observer.mission)
+        self._jobs: dict[str, JobRow] = {}
         # What tasks and nodes follow from; a new plan follows from a change of the others.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
 
@@ -104,12 +107,24 @@ class TeamState:
         """Update tasks, nodes and places, which change only with the facts."""
         observer, working = self.observer, self._working()
         self._tasks(working)
+        if observer.facts.jobs is not None:
+            self._put_jobs()
         if observer.plan is not None:
             self._nodes(observer.plan, working)
         has_succeeded = observer.record.task_log.has_succeeded
         states = place_states(self._places, observer.facts, has_succeeded)
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
+
+    def _put_jobs(self) -> None:
+        observer, before = self.observer, self._jobs
+        rows = job_rows(observer.facts, observer.plan, observer.membership.members())
+        self._jobs = {row.id: row for row in rows}
+        for name, row in self._jobs.items():
+            if before.get(name) != row:
+                self.changes.put(f"job/{name}", asdict(row))
+        for name in before.keys() - self._jobs.keys():
+            self.changes.put(f"job/{name}", None)
 
     def _team(self) -> dict[str, Any]:
         record = self.observer.record

@@ -104,6 +104,6 @@ def bound(options: ViewerOptions) -> socket.socket:
         opened.close()
         why = getattr(error, "strerror", None) or error
         raise PageError(
-            f"the page cannot be served at {options.host} port {options.port or 0}: {why}"
+            f"nothing can be served at {options.host} port {options.port or 0}: {why}"
         ) from None
     return opened

@@ -1,0 +1,44 @@
+"""The types of jobs that a mission has, for forms and for programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.mission import Mission
+
+
+@dataclass(frozen=True)
+class ParameterView:
+    """A parameter: one of `choices`, or if there are none a whole number from `min` to `max`."""
+
+    name: str
+    choices: tuple[str, ...]
+    min: int | None
+    max: int | None
+
+
+@dataclass(frozen=True)
+class JobTypeView:
+    """A type of jobs, with what a job has unless it is submitted with something else.
+
+    `deadline_s`: after how long it expires; None: never.
+    """
+
+    name: str
+    parameters: tuple[ParameterView, ...]
+    priority: int
+    deadline_s: float | None
+
+
+def job_types(mission: Mission) -> list[JobTypeView]:
+    """All types, by name."""
+    found = []
+    for name, kind in sorted(mission.jobs.items()):
+        parameters = tuple(
+            ParameterView(p.name, p.choices, *((None, None) if p.choices else (p.low, p.high)))
+            for p in kind.parameters
+        )
+        deadline_s = kind.deadline_us / SECOND_US if kind.deadline_us else None
+        found.append(JobTypeView(name, parameters, kind.priority, deadline_s))
+    return found

@@ -1,0 +1,100 @@
+"""Who may do what: a file of tokens, or protection against other pages on the same machine."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, model_validator
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+
+from mrbt_mesh.formats.file_model import FileModel, Name, one_of, read_model
+from mrbt_mesh.formats.yaml_source import read_mapping
+from mrbt_mesh.runtime.team_client import user_name
+from mrbt_mesh.views.web.protection import why_no_command
+
+Role: TypeAlias = Literal["viewer", "operator"]
+# (request, the role that it needs) -> the operator's name; raises HTTPException 401 or 403.
+Access: TypeAlias = Callable[[Request, Role], str]
+
+_DIGEST = re.compile("[0-9a-f]{64}")
+_Digest: TypeAlias = Annotated[
+    str,
+    one_of(
+        "64 hexadecimal digits in lower case are expected",
+        lambda value: isinstance(value, str) and _DIGEST.fullmatch(value) is not None,
+    ),
+]
+
+
+class _Token(FileModel):
+    role: Role
+    token: str | None = Field(default=None, min_length=16)
+    sha256: _Digest | None = None
+
+    @model_validator(mode="after")
+    def _has_one(self) -> _Token:
+        if (self.token is None) is (self.sha256 is None):
+            raise ValueError("give either token or sha256")
+        return self
+
+    def digest(self) -> str:
+        return self.sha256 or hashlib.sha256((self.token or "").encode()).hexdigest()
+
+
+class _TokensFile(FileModel):
+    tokens: dict[Name, _Token] = Field(min_length=1)
+
+
+def token_access(path: Path) -> Access:
+    """Access by the bearer tokens of a file; raises FileError.
+
+    tokens:
+      anna: {role: operator, token: at-least-16-characters}
+      wallboard: {role: viewer, sha256: 64 hexadecimal digits}
+    """
+    data, report = read_mapping(path, "tokens: ... is expected")
+    model = read_model(_TokensFile, data, report)
+    report.raise_if_any()
+    known = {name: (token.role, token.digest()) for name, token in model.tokens.items()}
+
+    def access(request: Request, role: Role) -> str:
+        scheme, _, given = request.headers.get("authorization", "").partition(" ")
+        digest = hashlib.sha256(given.strip().encode()).hexdigest()
+        matches = [name for name, (_, each) in known.items() if hmac.compare_digest(each, digest)]
+        if scheme.lower() != "bearer" or not matches:
+            text = "send a token of this server: the header `Authorization: Bearer TOKEN`"
+            raise HTTPException(401, text, {"www-authenticate": "Bearer"})
+        name = matches[0]
+        if role == "operator" and known[name][0] != role:
+            raise HTTPException(403, f"{name} is a viewer; this takes a token of an operator")
+        return name
+
+    return access
+
+
+def local_access(own_hosts: frozenset[str]) -> Access:
+    """Access for all programs of this machine, but for no page of another site."""
+
+    def access(request: Request, role: Role) -> str:
+        if role == "operator":
+            refusal = why_no_command(request.headers, own_hosts)
+            if refusal is not None:
+                raise HTTPException(403, refusal)
+        return user_name()
+
+    return access
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches what is served at an address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
