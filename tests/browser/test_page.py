@@ -70,6 +70,7 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     assert page.inner_text("#map-key").split("\n") == ["not known yet", "good", "bad"]
     page.wait_for_selector('.card .task:has-text("free: ")')
     assert page.is_hidden("#why")
+    assert page.is_hidden("#jobs"), "the mission has no types of jobs"
     replacement = killed(team, page, robot)
     assert replacement != robot
     # What the robots did themselves says the same.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission
 from mrbt_mesh.formats.mission_map import map_view
+from mrbt_mesh.views.model.job_types import job_types
 
 
 def mission_view(mission: Mission) -> dict[str, Any]:
@@ -29,6 +31,7 @@ def mission_view(mission: Mission) -> dict[str, Any]:
             name: _task(task) | {"nodes": leaves.get(name, [])}
             for name, task in mission.global_tasks.items()
         },
+        "job_types": [asdict(each) for each in job_types(mission)],
         "map": map_view(mission),
     }
 

@@ -55,9 +55,9 @@ class TeamState:
 
     `team`: command, rounds, whether it has started and how it ended. `headline`: how it is, the
     worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
-    `task/NAME`: a global task. `job/ID`: a job, as `JobRow`. `node/N`: `[status, robots, note,
-    activations]` of a node of T_G that was ever ticked. `place/NAME`: a place of the map.
-    `position/ID`: the position that a robot reports.
+    `task/NAME`: a global task. `job/ID`: a job, as `JobRow`, and `since_s`: since when it has been
+    in its state. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever
+    ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -70,7 +70,8 @@ class TeamState:
         self._activations: dict[int, tuple[int, dict[str, None]]] = {}
         self._counted: Plan | None = None
         self._places = told_places(observer.mission)
-        self._jobs: dict[str, JobRow] = {}
+        # Each with the time in s since when it has been in its state; None: not known.
+        self._jobs: dict[str, tuple[JobRow, float | None]] = {}
         # What tasks and nodes follow from; a new plan follows from a change of the others.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
 
@@ -87,7 +88,7 @@ class TeamState:
         causes = (observer.facts.changes, observer.membership.member_changes, id(observer.plan))
         if causes != self._causes:
             self._causes = causes
-            self._what_follows_from_facts()
+            self._what_follows_from_facts(now_us)
 
     def count_activations(self) -> None:
         """Count the plan's activations; for callers that skip `update` after some plans."""
@@ -103,12 +104,12 @@ class TeamState:
                     if len(known) > KNOWN_ACTIVATIONS:
                         del known[next(iter(known))]
 
-    def _what_follows_from_facts(self) -> None:
+    def _what_follows_from_facts(self, now_us: int) -> None:
         """Update tasks, nodes and places, which change only with the facts."""
         observer, working = self.observer, self._working()
         self._tasks(working)
         if observer.facts.jobs is not None:
-            self._put_jobs()
+            self._put_jobs(now_us)
         if observer.plan is not None:
             self._nodes(observer.plan, working)
         has_succeeded = observer.record.task_log.has_succeeded
@@ -116,13 +117,17 @@ class TeamState:
         for name, state in states.items():
             self.changes.put(f"place/{name}", state)
 
-    def _put_jobs(self) -> None:
-        observer, before = self.observer, self._jobs
-        rows = job_rows(observer.facts, observer.plan, observer.membership.members())
-        self._jobs = {row.id: row for row in rows}
-        for name, row in self._jobs.items():
-            if before.get(name) != row:
-                self.changes.put(f"job/{name}", asdict(row))
+    def _put_jobs(self, now_us: int) -> None:
+        observer, record, before = self.observer, self.observer.record, self._jobs
+        now_s = None if record.is_catching_up else record.seconds(now_us)
+        self._jobs = {}
+        for row in job_rows(observer.facts, observer.plan, observer.membership.members()):
+            known, since_s = before.get(row.id, (None, None))
+            if known is None or known.state != row.state:
+                since_s = now_s
+            self._jobs[row.id] = row, since_s
+            if known != row:
+                self.changes.put(f"job/{row.id}", asdict(row) | {"since_s": since_s})
         for name in before.keys() - self._jobs.keys():
             self.changes.put(f"job/{name}", None)
 

@@ -92,6 +92,21 @@ def local_access(own_hosts: frozenset[str]) -> Access:
     return access
 
 
+def page_access(own_hosts: frozenset[str], token: str | None) -> Access:
+    """Access for the live page: its `token` makes an operator; None: it only watches."""
+
+    def access(request: Request, role: Role) -> str:
+        if role == "operator":
+            if token is None:
+                raise HTTPException(403, "this page only watches: start it with --control")
+            refusal = why_no_command(request.headers, own_hosts, token)
+            if refusal is not None:
+                raise HTTPException(403, refusal)
+        return user_name()
+
+    return access
+
+
 def is_loopback(host: str) -> bool:
     """Whether only this machine reaches what is served at an address."""
     try:

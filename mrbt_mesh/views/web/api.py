@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Annotated, Any
 
+import anyio.abc
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -19,6 +20,7 @@ from starlette.routing import Route
 from mrbt_mesh.cli.commands.operate import nobody
 from mrbt_mesh.cli.commands.status import status_data
 from mrbt_mesh.runtime.team_client import TeamClient
+from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.views.model.job_types import job_types
 from mrbt_mesh.views.web.access import Access, Role
 from mrbt_mesh.views.web.feed import Feed
@@ -63,6 +65,15 @@ class Acknowledgement(_Body):
 
     id: str
     state: str
+
+
+def client_of_page(watcher: Watcher, group: anyio.abc.TaskGroup) -> TeamClient | None:
+    """The client of a team that takes jobs, None of another; it works as long as the group."""
+    if not watcher.observer.mission.jobs:
+        return None
+    client = TeamClient(watcher)
+    group.start_soon(client.ask_for_kept)
+    return client
 
 
 class Api:

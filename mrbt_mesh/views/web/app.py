@@ -22,10 +22,13 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.report.exports import EXPORTS, exported, file_name
+from mrbt_mesh.views.web.access import page_access
+from mrbt_mesh.views.web.api import Api, limited_body
 from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.protection import Protection, policy, why_no_command
 
@@ -50,7 +53,8 @@ class Projector(Protocol):
 class Page:
     """What the routes answer with. `control` is None where nothing may be steered, `projector`
     where a team is shown that runs, `run_dir` where that is not on this machine. `above`: the path
-    from here to the list of the machine's runs, if there is one.
+    from here to the list of the machine's runs, if there is one. `client`: of a team that takes
+    jobs, whose API is below `/v1`.
     """
 
     def __init__(
@@ -62,11 +66,13 @@ class Page:
         projector: Projector | None = None,
         run_dir: Path | None = None,
         above: str | None = None,
+        client: TeamClient | None = None,
     ) -> None:
         self._feed = feed
         self._hosts = own_hosts
         self._control = control
-        self._token = token
+        self._access = page_access(own_hosts, token if control is not None else None)
+        self._client = client
         self._projector = projector
         self._run_dir = run_dir
         self._above = above
@@ -88,6 +94,8 @@ class Page:
             Route("/playback", self._playback, methods=["POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
+        if self._client is not None:
+            routes.append(Mount("/v1", Api(self._client, self._feed, self._access).application()))
         protection = Middleware(
             Protection, own_hosts=self._hosts, content_policy=policy(self._html)
         )
@@ -158,11 +166,8 @@ class Page:
 
     def _controlled(self, request: Request) -> Control:
         """What carries out commands, for a request that may give them."""
-        if self._control is None:
-            raise HTTPException(403, "this page only watches: start it with --control")
-        refusal = why_no_command(request.headers, self._hosts, self._token)
-        if refusal is not None:
-            raise HTTPException(403, refusal)
+        self._access(request, "operator")
+        assert self._control is not None
         return self._control
 
     async def _drills(self, request: Request) -> Response:
@@ -173,7 +178,7 @@ class Page:
 
     async def _command(self, request: Request) -> Response:
         control = self._controlled(request)
-        body = await _body(request)
+        body = await limited_body(request, MAX_COMMAND_BYTES)
         try:
             text = await control.carry_out(json.loads(body))
         except (CommandError, ValueError, RecursionError) as error:
@@ -187,18 +192,9 @@ class Page:
         refusal = why_no_command(request.headers, self._hosts)
         if refusal is not None:
             raise HTTPException(403, refusal)
-        body = await _body(request)
+        body = await limited_body(request, MAX_COMMAND_BYTES)
         try:
             self._projector.carry_out(json.loads(body))
         except (ValueError, RecursionError) as error:
             raise HTTPException(400, str(error)) from error
         return Response(status_code=204)
-
-
-async def _body(request: Request) -> bytes:
-    body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > MAX_COMMAND_BYTES:
-            raise HTTPException(413, "the command is too long")
-    return body

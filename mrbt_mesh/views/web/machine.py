@@ -34,6 +34,7 @@ from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import Team, address_of
 from mrbt_mesh.runtime.watcher import watching
 from mrbt_mesh.views.model.team_view import TeamView
+from mrbt_mesh.views.web.api import client_of_page
 from mrbt_mesh.views.web.app import STATIC, Page
 from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.protection import Protection, new_token, policy
@@ -195,8 +196,15 @@ class MachineRuns:
             group.start_soon(team.note_exits, watcher)
             feed = watched.feed = Feed(TeamView(watcher.observer), boottime_us)
             control = Control(watcher, team, group) if self.token else None
+            client = client_of_page(watcher, group)
             page = Page(
-                feed, self._hosts, control, self.token, run_dir=run_dir.path, above="../../"
+                feed,
+                self._hosts,
+                control,
+                self.token,
+                run_dir=run_dir.path,
+                above="../../",
+                client=client,
             )
             watched.page = page.application()
             try:

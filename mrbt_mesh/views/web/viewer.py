@@ -37,6 +37,7 @@ class WebViewer:
         from mrbt_mesh.drills.control import Control
         from mrbt_mesh.runtime.fencing import boottime_us
         from mrbt_mesh.views.model.team_view import TeamView
+        from mrbt_mesh.views.web.api import client_of_page
         from mrbt_mesh.views.web.app import Page
         from mrbt_mesh.views.web.feed import Feed
         from mrbt_mesh.views.web.protection import new_token
@@ -47,8 +48,11 @@ class WebViewer:
             control = Control(watcher, team, group) if options.has_control else None
             run_dir = team.run_dir.path if team is not None else None
 
+            client = client_of_page(watcher, group)
+
             def page_for(own: frozenset[str]) -> ASGIApp:
-                return Page(feed, own, control, token, run_dir=run_dir).application()
+                page = Page(feed, own, control, token, run_dir=run_dir, client=client)
+                return page.application()
 
             async with served(options, feed.close, page_for) as page:
                 address = f"{page}#{token}" if control is not None else page

@@ -101,6 +101,18 @@ export class Control {
     return fetch(path, { ...options, headers });
   }
 
+  // Asks for something about jobs; why it is refused, or "".
+  async ask(path, body = {}) {
+    try {
+      const answer = await this._fetch(`v1/jobs${path}`, { method: "POST", body: JSON.stringify(body) });
+      return answer.ok ? "" : (await answer.json()).detail;
+    } catch {
+      return "The server does not answer.";
+    }
+  }
+
+  closeMenu() { this._menu.hidePopover(); }
+
   async _send(command) {
     try {
       const answer = await this._fetch("commands", { method: "POST", body: JSON.stringify(command) });

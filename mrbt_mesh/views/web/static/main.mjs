@@ -2,6 +2,7 @@
 
 import { Alerts } from "./alerts.mjs";
 import { Control, copy, takeToken } from "./control.mjs";
+import { JobsView } from "./jobs.mjs";
 import { MapView } from "./map.mjs";
 import { PlaybackView } from "./playback.mjs";
 import { RobotsView } from "./robots.mjs";
@@ -101,7 +102,8 @@ async function begin() {
   const tree = new TreeView(store, told.tree, select);
   const timeline = new TimelineView(store, select, told.recording, (time) => playback?.go(time));
   const map = new MapView(store, told.map, select);
-  for (const view of [robots, tree, timeline, why, map, ...(playback ? [playback] : []), ...(control ? [control] : [])]) store.onChange((keys) => view.update(keys, store));
+  const jobs = told.job_types.length ? [new JobsView(store, told.job_types, control)] : [];
+  for (const view of [robots, tree, timeline, why, map, ...jobs, ...(playback ? [playback] : []), ...(control ? [control] : [])]) store.onChange((keys) => view.update(keys, store));
   const alerts = new Alerts(told.name);
   offerCommands(told.commands);
   if (control) setText(byId("no-faults"), TRY_IT);
@@ -116,7 +118,7 @@ async function begin() {
     else if (next && result) offerNext(next.team, `${told.above}run/${next.run}/`);
   };
   store.onChange(follow);
-  search([robots, tree, timeline]);
+  search([robots, ...jobs, tree, timeline]);
   linkMoments(timeline, playback);
   offerFiles();
   byId("signs-body").replaceChildren(...allSigns());
