@@ -43,9 +43,11 @@ from mrbt_mesh.core.agent.inputs import (
     RecordingSigned,
     ScheduleFound,
     TimerFired,
+    WallClockRead,
     together,
 )
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import MICRO, Mission
@@ -142,6 +144,10 @@ class Driver:
         self._is_ready = False
         # When the agent had its last input, and when those of others were taken in last.
         self._last_us = self._drained_us = 0
+        # What the wall clock shows more than `boottime_us`, as the agent knows it; in missions with
+        # jobs.
+        self._reads_wall_clock = bool(setup.mission.jobs)
+        self._wall_clock_offset_us: int | None = None
         # Set once it hears its team.
         self.begun = asyncio.Event()
 
@@ -259,6 +265,8 @@ class Driver:
     def _step(self, event: Input, now_us: int) -> None:
         if self._stop is not None or not self._is_ready:
             return
+        if self._reads_wall_clock:
+            self._read_wall_clock(now_us)
         self._last_us = now_us
         if self._meter is not None:
             self._meter.take(event)
@@ -276,6 +284,13 @@ class Driver:
             self._step(RecordingSigned(head), now_us)
         self._inbox.are_beats_quiet = self._agent.view.is_calm
         self.on_step()
+
+    def _read_wall_clock(self, now_us: int) -> None:
+        """Give the agent the wall clock, once and again after it was set."""
+        offset_us, before_us = time.time_ns() // 1_000 - boottime_us(), self._wall_clock_offset_us
+        if before_us is None or abs(offset_us - before_us) >= READ_AGAIN_US:
+            self._wall_clock_offset_us = offset_us
+            self._step(WallClockRead(offset_us), now_us)
 
     def _from_thread(self, call: Callable[..., None], *arguments: Any) -> None:
         """Have the event loop call this; for other threads."""

@@ -14,16 +14,18 @@ import secrets
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import anyio
 
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOBS, SUBMIT
+from mrbt_mesh.core.agent.wall_clock import earlier_median
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
 from mrbt_mesh.errors import InputError, lone, nearest
+from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run, is_running
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.team_address import TeamAddress
@@ -135,17 +137,18 @@ class TeamClient:
         *arguments: str,
         job_id: str = "",
         priority: int | None = None,
-        delay_s: float = 0,
-        deadline_s: float | None = None,
+        not_before: datetime | timedelta | None = None,
+        deadline: datetime | timedelta | None = None,
         safe: int | None = None,
         operator: str = "",
     ) -> JobHandle:
         """Hand in a job; returns once `safe` robots (None: a majority) have it in their journals.
 
         Then it survives the death of all but one of them, and of the team. To submit the same
-        `job_id` again does nothing. It begins after `delay_s` at the earliest, and expires after
-        `deadline_s` (None: as its type says; 0: never). `operator`: who submits it; empty: the user
-        who runs this program. Raises JobRefusedError, TimeoutError if too few robots answer.
+        `job_id` again does nothing. It begins at `not_before` at the earliest, and expires at its
+        `deadline` (None: as its type says): times, or how long from now by the team's clocks.
+        `operator`: who submits it; empty: the user who runs this program. Raises JobRefusedError,
+        TimeoutError if too few robots answer.
         """
         count = len(self.watcher.observer.mission.robots)
         if safe is not None and not 1 <= safe <= count:
@@ -155,10 +158,10 @@ class TeamClient:
         given["operator"] = operator or user_name()
         if priority is not None:
             given["priority"] = priority
-        if delay_s:
-            given["delay_us"] = round(delay_s * SECOND_US)
-        if deadline_s is not None:
-            given["deadline_us"] = round(deadline_s * SECOND_US)
+        if not_before is not None:
+            given["not_before_us"] = await self._unix_us(not_before)
+        if deadline is not None:
+            given["deadline_us"] = await self._unix_us(deadline)
         answer = await self._ask_any(SUBMIT, given)
         await self._await_kept(name, safe)
         return JobHandle(name, answer["state"], self)
@@ -183,6 +186,19 @@ class TeamClient:
             if facts.jobs is not None and facts.jobs.has_ended(job_id):
                 return next(row for row in self.jobs if row.id == job_id)
             await news.wait()
+
+    async def _unix_us(self, when: datetime | timedelta) -> int:
+        """A time, or how long from now, as a Unix time in microseconds."""
+        if isinstance(when, datetime):
+            return round(when.timestamp() * SECOND_US)
+        with anyio.move_on_after(SUBMIT_TIMEOUT_S):
+            while True:
+                offsets_us = self.watcher.observer.membership.clock_offsets_us()
+                if offsets_us:
+                    now_us = boottime_us() + earlier_median(offsets_us)
+                    return now_us + when // timedelta(microseconds=1)
+                await anyio.sleep(ASK_AGAIN_S)
+        raise TimeoutError("no robot of the team is heard")
 
     # -- asking robots ------------------------------------------------------------------------
 

@@ -76,6 +76,8 @@ def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> N
     cancelled = team.mrbt("submit", "inspect", "shelf_3", "--id", "dropped", "--priority", "3")
     assert cancelled.strip() == "dropped"
     assert team.mrbt("job", "dropped", "cancel").strip() == "dropped: cancelled"
+    times = ("--not-before", "+2", "--deadline", "+3")
+    assert team.mrbt("submit", "inspect", "shelf_4", "--id", "late", *times).strip() == "late"
     team.wait_for_event("look", args=["shelf_2"])
     team.kill_all()
     team.end()
@@ -83,10 +85,10 @@ def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> N
     team.up(DELIVERIES, "--continue", speed=20)
     team.wait_for_line("round 1 begins")
 
-    async def wait() -> str:
+    async def wait() -> list[str]:
         async with connect(team.run_dir) as client:
-            return (await client.wait_for_end("kept")).state
+            return [(await client.wait_for_end(name)).state for name in ("kept", "late")]
 
-    assert anyio.run(wait) == "succeeded"
+    assert anyio.run(wait) == ["succeeded", "expired"]
     states = {row["id"]: row["state"] for row in json.loads(team.mrbt("jobs", "--json"))}
-    assert states == {"kept": "succeeded", "dropped": "cancelled"}
+    assert states == {"kept": "succeeded", "dropped": "cancelled", "late": "expired"}

@@ -82,7 +82,7 @@ def walk(team: Team, anna: Described, board: Described, nobody: Described) -> No
     assert (deliver["name"], deliver["priority"], deliver["deadline_s"]) == ("deliver", 5, 600)
     assert deliver["parameters"][2] == {"name": "boxes", "choices": [], "min": 1, "max": 4}
     job = {"type": "deliver", "arguments": {"shelf": "shelf_1", "dock": "dock_1", "boxes": 2}}
-    held = {"id": "one", "type": "inspect", "arguments": {"where": "shelf_2"}, "delay_s": 3600}
+    held = {"id": "one", "type": "inspect", "arguments": {"where": "shelf_2"}, "not_before": "PT1H"}
     assert board.ask("POST", "v1/jobs", job)[0] == 403
     assert anna.ask("POST", "v1/jobs", held) == (201, {"id": "one", "state": "open"})
     assert anna.ask("POST", "v1/jobs", held) == (201, {"id": "one", "state": "open"})
@@ -96,6 +96,8 @@ def walk(team: Team, anna: Described, board: Described, nobody: Described) -> No
         (job | {"arguments": job["arguments"] | {"boxes": 9}}, "a whole number from 1 to 4"),  # type: ignore[operator]
         (job | {"priority": "high"}, "priority: Input should be a valid integer"),
         (job | {"safe": 9}, "the mission has 6 robots"),
+        (job | {"deadline": "2020-05-04T14:30:00Z"}, "its deadline has passed, by the team's"),
+        (job | {"deadline": "2020-05-04T14:30:00"}, "deadline"),
         (job | {"colour": "red"}, "colour: Extra inputs are not permitted"),
         ([], "the body: "),
     ):
@@ -103,7 +105,7 @@ def walk(team: Team, anna: Described, board: Described, nobody: Described) -> No
         assert code == 422, problem
         assert text in problem["detail"]
     code, row = board.ask("GET", "v1/jobs/one")
-    assert (row["operator"], row["why"], row["state"]) == ("anna", "it is not due yet", "waiting")
+    assert (row["operator"], row["why"][:11], row["state"]) == ("anna", "not before ", "waiting")
     assert anna.ask("POST", "v1/jobs/one/hold", {}) == (200, {"id": "one", "state": "held"})
     assert anna.ask("POST", "v1/jobs/one/priority", {"priority": 3})[0] == 200
     assert anna.ask("POST", "v1/jobs/one/priority", {})[0] == 422

@@ -39,6 +39,7 @@ CAUGHT = {
     "the_dead_count_as_assigned": ("I6", (259,)),
     "ended_jobs_are_forgotten": ("I10", (7, 6)),
     "ended_jobs_go_on": ("I10", (6, 7)),
+    "wrong_clocks_are_believed": ("I10", (12, 26)),
     "schedules_by_arrival": ("I1", (198, 210)),
     "schedules_against_the_tree": ("I6", (86, 39)),
 }

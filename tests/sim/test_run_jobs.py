@@ -14,9 +14,11 @@ from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
+from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 
 S = 1_000_000
+AT_US = LAUNCH_UNIX_US
 MISSION = mission_from_yaml(
     """
 mission: deliveries
@@ -174,10 +176,10 @@ def test_the_whole_team_starts_again_and_goes_on_with_its_jobs(seed: int) -> Non
     }
 
 
-def test_a_job_waits_for_its_delay_and_expires_at_its_deadline() -> None:
+def test_a_job_waits_for_its_time_and_expires_at_its_deadline() -> None:
     given = {"type": "deliver", "operator": "me"}
-    later = {**given, "id": "later", "arguments": ["1", "dock_1"], "delay_us": 20 * S}
-    never = {**given, "id": "never", "arguments": ["2", "dock_1"], "deadline_us": 3 * S}
+    later = {**given, "id": "later", "arguments": ["1", "dock_1"], "not_before_us": AT_US + 23 * S}
+    never = {**given, "id": "never", "arguments": ["2", "dock_1"], "deadline_us": AT_US + 6 * S}
     result, ends = run(
         (3.0, Command("A1", SUBMIT, json.dumps(later))),
         (3.0, Command("A1", SUBMIT, json.dumps(never))),

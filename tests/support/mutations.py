@@ -19,6 +19,7 @@ from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guard, Guards
@@ -97,6 +98,14 @@ add("ended_jobs_are_forgotten", (jobs, "_is_end", always(False)))
 add("ended_jobs_go_on", (Jobs, "has_ended", always(False)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
+
+
+@mutation(WallClock, "compare")
+def wrong_clocks_are_believed(original: Any, clock: WallClock, now_us: int) -> bool:
+    """A robot goes by its own clock, however far it is from the others'."""
+    changed = bool(original(clock, now_us))
+    clock.is_believed = True
+    return changed
 
 
 @mutation(store, "join")

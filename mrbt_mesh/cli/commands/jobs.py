@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import asdict
+from datetime import datetime, time, timedelta
 from typing import TYPE_CHECKING, NoReturn
 
 import click
@@ -19,7 +21,26 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_client import TeamClient
 
 FOLLOW_S = 0.5
+# Of times from now: a year.
+MAX_SECONDS = 366 * 86_400
 ENDED = ("succeeded", "failed", "cancelled", "expired")
+
+
+def job_time(
+    _: click.Context, option: click.Parameter, text: str | None
+) -> datetime | timedelta | None:
+    """A time of the local time zone or another one, or seconds from now."""
+    if text is None:
+        return None
+    with contextlib.suppress(ValueError):
+        if text.startswith("+") and 0 <= (seconds := float(text)) <= MAX_SECONDS:
+            return timedelta(seconds=seconds)
+    with contextlib.suppress(ValueError, OverflowError):
+        return datetime.fromisoformat(text).astimezone()
+    with contextlib.suppress(ValueError):
+        return datetime.combine(datetime.now().date(), time.fromisoformat(text)).astimezone()
+    expected = "+600 (seconds from now), 14:30 (today), 2026-05-04T14:30 or 2026-05-04T14:30+02:00"
+    raise click.BadParameter(f"{text!r} is no time: {expected}", param=option)
 
 
 @click.command(cls=MrbtCommand)
@@ -27,13 +48,17 @@ ENDED = ("succeeded", "failed", "cancelled", "expired")
 @click.argument("arguments", metavar="[ARGUMENT]...", nargs=-1, help="Its arguments, in order.")
 @click.option("--id", "name", metavar="ID", help="Its id; the same id again is the same job.")
 @click.option("--priority", type=int, metavar="N", help="Larger goes first.")
-@click.option("--in", "delay_s", type=click.FloatRange(0), metavar="S", help="Not before.")
+@click.option(
+    "--not-before",
+    metavar="TIME",
+    callback=job_time,
+    help="It does not begin before this time (ISO 8601) or +SECONDS from now.",
+)
 @click.option(
     "--deadline",
-    "deadline_s",
-    type=click.FloatRange(0),
-    metavar="S",
-    help="It expires after this time (default: as its type says; 0: never).",
+    metavar="TIME",
+    callback=job_time,
+    help="When it expires, likewise (default: as its type says).",
 )
 @click.option(
     "--safe",
@@ -49,8 +74,8 @@ def submit(
     arguments: Sequence[str],
     name: str | None,
     priority: int | None,
-    delay_s: float | None,
-    deadline_s: float | None,
+    not_before: datetime | timedelta | None,
+    deadline: datetime | timedelta | None,
     safe: int | None,
     wait: bool,
     team: TeamOptions,
@@ -58,7 +83,9 @@ def submit(
 ) -> None:
     """Hand a job to a running team.
 
+    \b
     Example: mrbt submit deliver shelf_2 dock_1 --priority 5 --wait
+             mrbt submit inspect shelf_5 --not-before 14:30 --deadline +7200
     """
 
     async def act(client: TeamClient) -> int:
@@ -67,8 +94,8 @@ def submit(
             *arguments,
             job_id=name or "",
             priority=priority,
-            delay_s=delay_s or 0,
-            deadline_s=deadline_s,
+            not_before=not_before,
+            deadline=deadline,
             safe=safe,
         )
         if not wait:

@@ -37,6 +37,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.description import PROGRAM
+from mrbt_mesh.core.facts.records import CLOCK
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES
@@ -79,7 +80,10 @@ class Agent:
         self._commands = Commands(context, planner, reports, health)
         inbound = Inbound(context, planner, self._leased, duplicates, schedule, self._commands)
         jobs = context.facts.jobs
-        self._job_clock = JobClock(context.facts, jobs) if jobs is not None else None
+        self._wall_clock = clock = context.wall_clock
+        self._job_clock: JobClock | None = None
+        if jobs is not None and clock is not None:
+            self._job_clock = JobClock(context.facts, jobs, clock)
         self._deferred = DeferredInputs()
         self.view = AgentView(context, planner, executor)
         work = context.work
@@ -110,6 +114,8 @@ class Agent:
             inputs.JournalOpened: health.journal_opened,
             inputs.TimerFired: lambda *_: None,
         }
+        if clock is not None:
+            self._handlers[inputs.WallClockRead] = lambda e, now: clock.read(e.offset_us, now)
         if scheduler is not None:
             self._handlers[inputs.ScheduleFound] = lambda e, now: scheduler.found(
                 e, planner.plan, now
@@ -176,6 +182,10 @@ class Agent:
 
     def _follow_up(self, events: Sequence[Input], now_us: int) -> None:
         """These have been taken in: do what follows from them."""
+        clock = self._wall_clock
+        if clock is not None and self._planner.awaited is None and clock.compare(now_us):
+            self._health.problem_found(inputs.ProblemFound(CLOCK, clock.problem), now_us)
+            self._seen = None
         if self._planner.awaited is not None:
             self._detect_failures(now_us)
             self._ask_who_is_due(now_us)

@@ -11,6 +11,7 @@ from typing import Any
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Stop
 from mrbt_mesh.core.agent.sealing import Sealing
+from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
@@ -38,7 +39,8 @@ class Context:
 
     `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
     `refused` counts refusals by source and reason; beyond `MAX_REASONS` different ones new
-    ones are counted together. `sealing` is None in a team without keys.
+    ones are counted together. `sealing` is None in a team without keys, `wall_clock` in a mission
+    without jobs.
     `position` is the last one that the program has reported, `recorded` how far the robot's
     recording is signed.
     """
@@ -56,6 +58,9 @@ class Context:
         self.replica.restore(config.restored)
         self.durability = Durability(config.journal_problem, bool(config.journal_problem))
         self.membership = Membership(self.me, config.timing, mission.robots)
+        self.wall_clock: WallClock | None = None
+        if mission.jobs:
+            self.wall_clock = WallClock(self.membership, config.timing.heartbeat_us)
         self.joining: Joining | None = Joining(
             config.timing, config.expected - {self.me}, now_us, gather_us=config.gather_us
         )

@@ -22,6 +22,7 @@ _ALWAYS = (
     inputs.PositionReported,
     inputs.ProgressReported,
     inputs.TreeTicked,
+    inputs.WallClockRead,
     inputs.PlanMade,
     inputs.JournalSynced,
 )

@@ -123,6 +123,7 @@ class Heartbeats:
             context.position,
             context.work.tree_statuses,
             context.recorded,
+            clock.unix_us(now_us) if (clock := context.wall_clock) is not None else None,
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)
         context.emit(Publish(MessageKind.HEARTBEAT, data, to))

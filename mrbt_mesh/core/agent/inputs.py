@@ -211,6 +211,16 @@ class TravelTimesMade:
 
 
 @dataclass(frozen=True, slots=True)
+class WallClockRead:
+    """The robot's wall clock shows `offset_us` more than the clock of the inputs' times.
+
+    Comes first, and again when that has changed; only missions with jobs need it.
+    """
+
+    offset_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class LeaveRequested:
     """Leave on purpose: hand the work over and stop."""
 
@@ -293,6 +303,7 @@ Input: TypeAlias = (
     | BidsMade
     | TravelTimesMade
     | ProblemFound
+    | WallClockRead
     | LeaveRequested
     | TimerFired
     | PlanMade

@@ -18,7 +18,7 @@ from mrbt_mesh.core.planning.job_ends import job_end, robots_of
 
 SUBMIT, CHANGE_JOB, KEPT_JOBS = JOB_COMMANDS = "submit", "change_job", "kept_jobs"
 MAX_OPEN = 20_000
-# Of delays and deadlines: a year.
+# Times are not further ahead than this: a year.
 MAX_JOB_US = 366 * 86_400 * 1_000_000
 
 _CHANGES = ("cancel", "hold", "release", "priority")
@@ -56,8 +56,8 @@ class JobDesk:
             return json.dumps({"refused": str(refusal), "cause": refusal.cause})
 
     def _submit(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
-        """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"delay_us"` and
-        `"deadline_us"` unless they are as usual: the job's state.
+        """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"not_before_us"` and
+        `"deadline_us"` (Unix times, 0: none) unless they are as usual: the job's state.
 
         The same id with the same type and arguments again is the same job.
         """
@@ -81,18 +81,39 @@ class JobDesk:
             raise _RefusedError(problem)
         if self._jobs.count_open() >= MAX_OPEN:
             raise _RefusedError(f"{MAX_OPEN} jobs are open; cancel some, or wait", FULL)
+        not_before_us, deadline_us = self._times(given, types[kind].deadline_us, now_us)
         job = Job(
             kind,
             arguments,
             _priority(given.get("priority", types[kind].priority)),
-            _time(given, "delay_us", 0),
-            _time(given, "deadline_us", types[kind].deadline_us or 0),
+            not_before_us,
+            deadline_us,
             operator[:MAX_TEXT],
             self._context.facts.max_stamp + 1,
         )
         self._write(name, (f"{records.JOB}/{name}", job), now_us)
         self._context.log("info", "job_submitted", job=name, type=kind, operator=job.operator)
         return _state(self._jobs.known[name])
+
+    def _times(
+        self, given: Mapping[str, Any], usual_us: int | None, now_us: int
+    ) -> tuple[int, int]:
+        """From when on it may begin, and when it expires: after `usual_us`, unless it says when."""
+        clock = self._context.wall_clock
+        team_us = clock.team_us(now_us) if clock is not None else None
+        if team_us is None:
+            raise _RefusedError(f"{self._context.me} has not read its clock yet: ask again")
+        not_before_us = _time(given, "not_before_us", 0, team_us)
+        usual_deadline_us = 0 if usual_us is None else max(team_us, not_before_us) + usual_us
+        deadline_us = _time(given, "deadline_us", usual_deadline_us, team_us)
+        if deadline_us and deadline_us <= max(team_us, not_before_us):
+            past = (
+                "has passed, by the team's clocks"
+                if deadline_us <= team_us
+                else ("is before the time at which it may begin")
+            )
+            raise _RefusedError(f"its deadline {past}; give a later one")
+        return not_before_us, deadline_us
 
     def _change(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
         """`{"id", "change"}`, and `"priority"` if that is what is changed: the job's state."""
@@ -164,10 +185,12 @@ def _texts(given: Mapping[str, Any], name: str) -> list[str]:
     return values
 
 
-def _time(given: Mapping[str, Any], name: str, usual_us: int) -> int:
+def _time(given: Mapping[str, Any], name: str, usual_us: int, now_us: int) -> int:
     value = given.get(name, usual_us)
-    if type(value) is not int or not 0 <= value <= MAX_JOB_US:
-        raise _RefusedError(f"{name} is a whole number of microseconds, at most {MAX_JOB_US}")
+    if type(value) is not int or not 0 <= value <= now_us + MAX_JOB_US:
+        raise _RefusedError(
+            f"{name} is a Unix time in whole microseconds, at most a year from now; 0: none"
+        )
     return value
 
 

@@ -78,7 +78,7 @@ class KnownJob:
     def is_due(self) -> bool:
         """Whether it may begin, as far as time is concerned."""
         job = self.job
-        return bool(self.due) or (job is not None and not job.delay_us)
+        return bool(self.due) or (job is not None and not job.not_before_us)
 
     @property
     def change(self) -> JobChange:

@@ -35,7 +35,7 @@ MAX_SUBJECT = 100
 MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
 # The subject of problems with the journal; all other subjects are parts of the robot's program.
-JOURNAL = "journal"
+JOURNAL, CLOCK = "journal", "clock"
 
 
 class Plain(NamedTuple):
@@ -460,8 +460,8 @@ class Bid(Record):
 
 @dataclass(frozen=True, slots=True)
 class RobotProblem(Record):
-    """The newest problem with the author's journal, or with one part of its program: its bid, a
-    function, the loop. Empty: it is solved.
+    """The newest problem with the author's journal or clock, or with one part of its program: its
+    bid, a function, the loop. Empty: it is solved.
     """
 
     text: _Reason
@@ -469,7 +469,7 @@ class RobotProblem(Record):
 
 def problem_text(subject: str, text: str) -> str:
     """A problem in words."""
-    return text if subject == JOURNAL else f"program problem, {subject}: {text}"
+    return text if subject in (JOURNAL, CLOCK) else f"program problem, {subject}: {text}"
 
 
 def as_subject(text: str) -> str:
@@ -494,14 +494,14 @@ _JobState: TypeAlias = Annotated[JobState, Plain(lambda value: JobState(read_tex
 class Job(Record):
     """A job as it was submitted; the first one under its id counts.
 
-    `delay_us`: how long it waits before it may begin; `deadline_us`: after how long it expires; 0:
-    never. `operator`: who submitted it. `stamp` is a Lamport stamp.
+    It begins at `not_before_us` at the earliest and expires at `deadline_us`: Unix times in
+    microseconds, 0: none. `operator`: who submitted it. `stamp` is a Lamport stamp.
     """
 
     type: str
     arguments: _Texts
     priority: _Priority
-    delay_us: int
+    not_before_us: int
     deadline_us: int
     operator: str
     stamp: int
@@ -586,7 +586,7 @@ BID, CLOSED = "bid", "closed"
 PROBLEM = "problem"
 # A job, what operators have changed of it, and how it has ended.
 JOB, JOB_CHANGE, JOB_END = "job", "job_change", "job_end"
-# The delay of a job is over.
+# The time has come before which a job must not begin.
 JOB_DUE = "job_due"
 # Of jobs that have ended before those of which the ends are kept.
 JOB_ARCHIVE = "job_archive"

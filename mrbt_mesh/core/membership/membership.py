@@ -137,6 +137,8 @@ class Membership:
     def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
         """Only the robot itself takes back a lost token: a relay may be older than the loss."""
         peer.heartbeat, peer.position = heartbeat, heartbeat.position
+        if heartbeat.unix_us is not None:
+            peer.clock_offset_us = heartbeat.unix_us - peer.last_heard_us
         if peer.is_token_lost or peer.token_lost_by:
             peer.is_token_lost = False
             self._token_lost.discard(robot)
@@ -338,6 +340,18 @@ class Membership:
             for peer in self.around.judged.values()
             if peer.report.has_joined
         )
+
+    def clock_offsets_us(self) -> list[int]:
+        """By how much the wall clocks of healthy robots are ahead of this robot's monotonic clock,
+        as far as they were heard. Each is too small by the time that its heartbeat took.
+        """
+        offsets_us = (p.clock_offset_us for p in self.peers.values() if p.state.is_healthy)
+        return [each_us for each_us in offsets_us if each_us is not None]
+
+    def forget_clocks(self) -> None:
+        """Another clock of this robot was set: what others' clocks show has to be heard anew."""
+        for peer in self.peers.values():
+            peer.clock_offset_us = None
 
     # -- where others hold other robots for alive ---------------------------------------------
 

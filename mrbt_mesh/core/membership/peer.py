@@ -75,6 +75,7 @@ class Peer:
     `report`: its newest self-report, from its own heartbeat or relayed; it arrived at
     `last_heard_us`. After `probe_after_us` of silence the robot is suspected and probed, after
     `silence_limit_us` it is dead. `heartbeat`, `position`: the last that it sent itself.
+    `clock_offset_us`: what its wall clock showed then, minus `last_heard_us`, or None.
     `is_judged`: this robot judges its silence. `token_lost_by`: robots that lost its liveliness
     token, as this one did if `is_token_lost`. `declared_dead_by`: those that declared it dead.
     """
@@ -87,6 +88,7 @@ class Peer:
     probe_after_us: int
     heartbeat: Heartbeat | None = None
     position: Position | None = None
+    clock_offset_us: int | None = None
     is_judged: bool = False
     is_probed: bool = False
     is_token_lost: bool = False

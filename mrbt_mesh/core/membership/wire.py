@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 12
+SCHEMA = 13
 MAX_MESSAGE_BYTES = 4 << 20
 # Items of one list, and of all lists of a message together: an empty list takes a byte in a
 # message, and 64 in memory.
@@ -149,7 +149,8 @@ class Heartbeat:
     and the id of the coalition for which the sender needs leases. `members_digest` is over the
     robots that the sender counts on. `position`: as the robot reports it; `tree_statuses`: of
     the nodes, in preorder, of the tree that carries out its local task, if there is one;
-    `recorded`: so far it has signed its recording, None if it does not.
+    `recorded`: so far it has signed its recording, None if it does not. `unix_us`: what the
+    sender's wall clock shows, in missions with jobs; without, it takes no byte.
     """
 
     report: SelfReport
@@ -165,6 +166,7 @@ class Heartbeat:
     position: Position | None = None
     tree_statuses: bytes = b""
     recorded: RecordingHead | None = None
+    unix_us: int | None = None
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -297,6 +299,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         None if where is None else [where.x, where.y, where.heading],
         heartbeat.tree_statuses,
         None if head is None else [head.number, head.check],
+        *(() if heartbeat.unix_us is None else (heartbeat.unix_us,)),
     ]
 
 
@@ -321,10 +324,10 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) != 17:
+    if not isinstance(body, list) or len(body) not in (17, 18):
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where, tree, head = tables
+    suspicions, relays, request, grants, where, tree, head, *clock = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -353,6 +356,7 @@ def parse_heartbeat(
         _position(where),
         _tree_statuses(tree),
         _recording_head(head),
+        _count(clock[0]) if clock else None,
     )
 
 

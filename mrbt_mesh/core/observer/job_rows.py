@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
@@ -21,6 +22,7 @@ class JobRow:
 
     `arguments`: parameter -> value. `why`: what it waits for, or why it has failed. `robots`: those
     that work on it, or have.
+    `not_before_us`, `deadline_us`: Unix times, 0 if there is none or it has ended.
     """
 
     id: str
@@ -31,6 +33,8 @@ class JobRow:
     priority: int
     robots: tuple[str, ...]
     operator: str
+    not_before_us: int = 0
+    deadline_us: int = 0
 
 
 def job_rows(facts: TeamFacts, plan: Plan | None, alive: Collection[str]) -> list[JobRow]:
@@ -85,11 +89,22 @@ def _open(
     elif known.change.is_held:
         state = HELD
     elif not known.is_due:
-        why = "it is not due yet"
+        why = f"not before {datetime.fromtimestamp(job.not_before_us // 1_000_000, UTC):%F %T} UTC"
     elif not is_in_tree:
         why = "behind others"
     shown = tuple(robots)
-    return JobRow(known.id, job.type, arguments, state, why, known.priority, shown, job.operator)
+    return JobRow(
+        known.id,
+        job.type,
+        arguments,
+        state,
+        why,
+        known.priority,
+        shown,
+        job.operator,
+        job.not_before_us,
+        job.deadline_us,
+    )
 
 
 def _reasons(plan: Plan | None) -> dict[str, str]:

@@ -24,6 +24,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.network import Link, LinkKnobs
 from mrbt_mesh.sim.world.scenario import Scenario, Step
+from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 
 MS = 1_000
 SECOND_US = 1_000_000
@@ -157,6 +158,7 @@ class _Chaos:
         self._spoil_disks()
         if self.job_types:
             self._submit_jobs()
+            self._set_wall_clocks()
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
         heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
@@ -191,9 +193,19 @@ class _Chaos:
                 if pick.random() < 0.75:  # else until the healing
                     self.steps.append((end_us, faults.Disk(robot)))
 
+    def _set_wall_clocks(self) -> None:
+        """Drawn apart: the wall clock of one robot is wrong, jumps and drifts."""
+        pick = random.Random(f"{self.seed}/wall clocks")
+        robot = pick.choice(self.robots)
+        for _ in range(pick.choice([0, 1, 2, 4])):
+            at_us = pick.choice([0, pick.randrange(self.knobs.chaos_us)])
+            ahead_us = pick.choice([-1, 1]) * round(MS * 10 ** pick.uniform(1, 8))
+            drift_ppm = pick.choice([0, pick.randint(-500, 500)])
+            self.steps.append((at_us, faults.SetWallClock(robot, ahead_us, drift_ppm)))
+
     def _submit_jobs(self) -> None:
         """Drawn apart: jobs, some of them submitted twice, and changes of them."""
-        pick = random.Random(f"{self.seed}/jobs")
+        pick, launch_us = random.Random(f"{self.seed}/jobs"), LAUNCH_UNIX_US
         for number in range(pick.randint(3, 25)):
             at_us = pick.randrange(self.knobs.chaos_us)
             name, kind = f"j{number}", pick.choice(self.job_types)
@@ -205,9 +217,10 @@ class _Chaos:
                 "operator": "chaos",
             }
             if pick.random() < 0.2:
-                given["delay_us"] = pick.randrange(3 * SECOND_US)
+                given["not_before_us"] = launch_us + at_us + pick.randrange(3 * SECOND_US)
             if pick.random() < 0.2:
-                given["deadline_us"] = pick.randrange(1, 5 * SECOND_US)
+                deadline_us = launch_us + at_us + pick.randrange(10 * SECOND_US)
+                given["deadline_us"] = max(given.get("not_before_us", 0) + 1, deadline_us)
             text = json.dumps(given)
             for _ in range(pick.choice([1, 1, 2])):
                 self.steps.append((at_us, faults.Command(pick.choice(self.robots), SUBMIT, text)))

@@ -1,13 +1,14 @@
-"""I10: no acknowledged job is lost, and none that has ended is begun again."""
+"""I10: no acknowledged job is lost, none that has ended is begun again, and none expires early."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from mrbt_mesh.core.agent.effects import Effect, StartAction
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US, TOLERANCE_US
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import JOB, JOB_END
+from mrbt_mesh.core.facts.records import JOB, JOB_END, Job, JobState
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.journal import Changes
 from mrbt_mesh.sim.world.process import SimProcess
@@ -16,6 +17,9 @@ from mrbt_mesh.sim.world.process import SimProcess
 class KeptJobs:
     """A job is acknowledged once a majority of the journals holds it. It counts as lost if all that
     are there know nothing of it, though a robot is there whose journal has held it ever since.
+
+    The wall clock of one robot may be wrong: it must not make jobs due or expired too early, unless
+    it hears no other robot.
     """
 
     def __init__(self, run: RunFindings) -> None:
@@ -25,10 +29,15 @@ class KeptJobs:
         self._holders: dict[str, set[str]] = {}
         self._acknowledged: set[str] = set()
         self._ended: dict[SimProcess, set[str]] = {}
+        # By job: its deadline and the time before which it must not begin, by submission.
+        self._times: dict[str, list[Job]] = {}
+        self._due: dict[SimProcess, set[str]] = {}
 
     def synced(self, process: SimProcess, changes: Changes) -> None:
         """A process has put this on its disk."""
         for entry in changes.values():
+            if entry is not None and isinstance(entry.record, Job):
+                self._times.setdefault(entry.parts[1], []).append(entry.record)
             if entry is not None and entry.parts[0] in (JOB, JOB_END):
                 holders = self._holders.setdefault(entry.parts[1], set())
                 holders.add(process.robot)
@@ -53,6 +62,14 @@ class KeptJobs:
                     text = f"{agent.robot} starts {effect.activation}, a job that has ended"
                     self._run.violation("I10", text)
         before = self._ended.setdefault(process, set())
+        due = self._due.setdefault(process, set())
+        for known in jobs:
+            end, name = known.ends.get(agent.robot), known.id
+            if end is not None and end.state is JobState.EXPIRED and name not in before:
+                self._not_too_early(agent, name, "expired", lambda job: job.deadline_us)
+            if agent.robot in known.due and name not in due:
+                due.add(name)
+                self._not_too_early(agent, name, "due", lambda job: job.not_before_us)
         for name in sorted(before):
             if not jobs.has_ended(name):
                 self._run.violation(
@@ -60,6 +77,19 @@ class KeptJobs:
                 )
         before.clear()
         before.update(known.id for known in jobs if known.ends)
+
+    def _not_too_early(
+        self, agent: AgentView, name: str, what: str, time_of: Callable[[Job], int]
+    ) -> None:
+        world = self._run.world
+        now_us = world.setup.launch_unix_us + world.clock.now_us
+        times_us = [time_of(job) for job in self._times.get(name, ()) if time_of(job)]
+        if not times_us or len(agent.alive()) < 2:
+            return
+        self._run.checks["I10"] += 1
+        if now_us + TOLERANCE_US + READ_AGAIN_US < min(times_us):
+            early_s = (min(times_us) - now_us) / 1e6
+            self._run.violation("I10", f"{agent.robot}: the job {name} is {what} {early_s} s early")
 
     def sample(self) -> None:
         run, world = self._run, self._run.world

@@ -79,15 +79,20 @@ class VirtualClock:
 
 
 class LocalClock:
-    """The two clocks of one robot's computer, as Linux has them, in microseconds.
+    """The clocks of one robot's computer, as Linux has them, in microseconds.
 
     `monotonic_us` times its waits and does not run while the computer is suspended;
     `boottime_us`, which agents go by, does not. Both may run fast or slow by `rate_ppm`, and the
     boot-time clock may jump ahead (a virtual machine that is resumed). It never goes back.
+
+    `unix_us`, the wall clock, shows `launch_unix_us` at the begin of the simulation, and may be
+    ahead of the true time or behind it, run fast or slow, and be set.
     """
 
-    def __init__(self, clock: VirtualClock) -> None:
+    def __init__(self, clock: VirtualClock, launch_unix_us: int = 0) -> None:
         self._clock = clock
+        self._launch_unix_us = launch_unix_us
+        self._wall_set_us = self._wall_ahead_us = self._wall_drift_ppm = 0
         self._rate_ppm = 0
         self._since_us = 0
         self._monotonic_us = 0
@@ -122,6 +127,17 @@ class LocalClock:
         """Run this much faster (or slower, below 0) than the simulation's time from now on."""
         self._settle()
         self._rate_ppm = rate_ppm
+
+    @property
+    def unix_us(self) -> int:
+        now_us = self._clock.now_us
+        drift_us = (now_us - self._wall_set_us) * self._wall_drift_ppm // MICRO
+        return self._launch_unix_us + now_us + self._wall_ahead_us + drift_us
+
+    def set_wall_clock(self, ahead_us: int, drift_ppm: int) -> None:
+        """Set the wall clock: so much ahead of the true time now, and drifting from it."""
+        self._wall_set_us, self._wall_ahead_us = self._clock.now_us, ahead_us
+        self._wall_drift_ppm = drift_ppm
 
     def jump(self, ahead_us: int) -> None:
         """Let the boot-time clock jump ahead."""

@@ -149,6 +149,16 @@ class ClockJump(RobotFault):
 
 
 @dataclass(frozen=True, slots=True)
+class SetWallClock(RobotFault):
+    """The robot's wall clock is `ahead_us` ahead of the true time (behind it below 0) from now on,
+    and runs faster by `drift_ppm` parts in a million.
+    """
+
+    ahead_us: int
+    drift_ppm: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Disturb(Fault):
     """Links behave otherwise from now on: loss, delay, doubling; None: all links."""
 

@@ -83,6 +83,9 @@ class Injector:
             faults.Disk: lambda f: robots.change_disk(f.robot, f.sync_us, f.fails, f.is_locked),
             faults.ClockRate: lambda f: robots.local_clock(f.robot).set_rate(f.rate_ppm),
             faults.ClockJump: lambda f: robots.local_clock(f.robot).jump(f.ahead_us),
+            faults.SetWallClock: lambda f: robots.local_clock(f.robot).set_wall_clock(
+                f.ahead_us, f.drift_ppm
+            ),
             faults.Block: lambda f: network.block(f.links),
             faults.Unblock: lambda f: network.unblock(f.links),
             faults.Disturb: lambda f: network.disturb(f.link, f.links),
@@ -181,6 +184,7 @@ class Injector:
         for robot, process in sorted(processes.items()):
             self._robots.change_disk(robot, 0, False, False)
             process.local.set_rate(0)
+            process.local.set_wall_clock(0, 0)
             process.local.resume()
             if not process.is_over:
                 process.pace.slow(0)

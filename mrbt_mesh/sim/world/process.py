@@ -40,7 +40,9 @@ from mrbt_mesh.core.agent.inputs import (
     RecordingSigned,
     ScheduleFound,
     TimerFired,
+    WallClockRead,
 )
+from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.context import TaskContext
@@ -170,6 +172,8 @@ class SimProcess:
         self._ran_us = 0
         self._timer_us: int | None = None
         self._recorder: RobotRecorder | None = None
+        # What the robot's wall clock shows more than its boot-time clock, as the agent knows it.
+        self._wall_clock_offset_us: int | None = None
         # The action that goes as it went in a recording.
         self._repeated: int | None = None
 
@@ -282,6 +286,8 @@ class SimProcess:
         gap_us, self._ran_us = now_us - self._ran_us, now_us
         if gap_us > world.setup.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TIMER_FIRED)  # as runtime.fencing does
+        if world.setup.mission.jobs:
+            self._read_wall_clock(now_us)
         inspection = world.inspection
         inspection.handling(self, event)
         effects = agent.handle(event, now_us)
@@ -297,6 +303,13 @@ class SimProcess:
             self._handle(RecordingSigned(head))
         if not self.pace.is_over:
             self._set_timer(agent, now_us)
+
+    def _read_wall_clock(self, now_us: int) -> None:
+        """As runtime.driver does."""
+        offset_us, before_us = self.local.unix_us - now_us, self._wall_clock_offset_us
+        if before_us is None or abs(offset_us - before_us) >= READ_AGAIN_US:
+            self._wall_clock_offset_us = offset_us
+            self._handle(WallClockRead(offset_us))
 
     def _carry_out(self, effect: Effect) -> None:
         world = self._world

@@ -63,7 +63,9 @@ class Robots:
 
     def local_clock(self, robot: str) -> LocalClock:
         """The clock of this robot's computer."""
-        return self._clocks.setdefault(robot, LocalClock(self._bus.clock))
+        return self._clocks.setdefault(
+            robot, LocalClock(self._bus.clock, self._setup.launch_unix_us)
+        )
 
     # -- starting -----------------------------------------------------------------------------
 

@@ -23,6 +23,8 @@ from mrbt_mesh.sim.world.faults import Fault
 from mrbt_mesh.sim.world.network import NetworkKnobs
 
 EVERYBODY = ""
+# The Unix time at the launch of a team, in microseconds: in September 2001.
+LAUNCH_UNIX_US = 1_000_000_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,7 @@ class Beginning:
 
     `works`: how a robot's runs of a local task of an activation went, in order, and `bids` what it
     bid; where it is given the same again, it goes the same way. Else the program decides.
-    `ways_us`: for how long robots have been on their way.
+    `ways_us`: for how long robots have been on their way. `unix_us`: the Unix time.
     """
 
     run: str
@@ -128,6 +130,7 @@ class Beginning:
     works: Mapping[Place, Sequence[RecordedWork]]
     bids: Mapping[Place, int | None]
     ways_us: Mapping[str, int] = field(default_factory=dict)
+    unix_us: int = LAUNCH_UNIX_US
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,11 @@ class Setup:
     def run(self) -> str:
         """The id of the run."""
         return self.begin.run if self.begin is not None else f"sim{self.seed}"
+
+    @property
+    def launch_unix_us(self) -> int:
+        """The Unix time at the begin."""
+        return self.begin.unix_us if self.begin is not None else LAUNCH_UNIX_US
 
     @property
     def header(self) -> Header:

@@ -17,7 +17,7 @@ from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.run import SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import Fault, Restart
-from mrbt_mesh.sim.world.setup import Beginning
+from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US, Beginning
 from mrbt_mesh.views.replay.recorded_course import RecordedCourse
 
 ASSUMED = (
@@ -99,6 +99,7 @@ def what_if(
             course.works_from(at_us),
             course.bids,
             course.ways_at(at_us),
+            (recording.metadata.epoch_ns // 1_000 or LAUNCH_UNIX_US) + at_us,
         ),
     )
     claims = {robot: state.facts.valid_claim(robot) for robot in lives}

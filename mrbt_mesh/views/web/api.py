@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict
+from datetime import timedelta
 from typing import Annotated, Any
 
 import anyio.abc
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -41,9 +42,11 @@ class Submission(_Body):
     arguments: dict[str, str | int] = {}
     id: str = Field(default="", description="Chosen by the client; empty: by the server.")
     priority: int | None = Field(default=None, description="Larger goes first.")
-    delay_s: Annotated[float, Field(ge=0)] = Field(default=0, description="Not before.")
-    deadline_s: Annotated[float, Field(ge=0)] | None = Field(
-        default=None, description="It expires after this time; 0: never."
+    not_before: AwareDatetime | timedelta | None = Field(
+        default=None, description="When it may begin: a time, or how long from now (PT10M)."
+    )
+    deadline: AwareDatetime | timedelta | None = Field(
+        default=None, description="When it expires, likewise; null: as its type says."
     )
     safe: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="Answer once this many journals hold it; null: a majority."

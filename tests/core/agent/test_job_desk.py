@@ -15,6 +15,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.paths import mission_file
 
 MISSION = load_mission(mission_file("deliveries"))
+S = 1_000_000
 JOB = {"id": "a", "type": "inspect", "arguments": ["shelf_1"], "operator": "me"}
 
 
@@ -23,6 +24,8 @@ def desk() -> tuple[JobDesk, Context]:
     context = Context(MISSION, config, 0)
     context.replica.next_incarnation(0)
     assert context.facts.jobs is not None
+    assert context.wall_clock is not None
+    context.wall_clock.read(1_000 * S, 0)
     return JobDesk(context, context.facts.jobs), context
 
 
@@ -55,7 +58,10 @@ def test_a_job_is_kept_once_the_disk_has_it_and_the_same_id_is_the_same_job() ->
         ({"arguments": ["moon"]}, "where is one of dock_1,"),
         ({"id": "a b"}, "'a b' is no id: 1 to 64 letters"),
         ({"priority": "high"}, "a priority is a whole number"),
-        ({"deadline_us": -1}, "deadline_us is a whole number of microseconds"),
+        ({"deadline_us": -1}, "deadline_us is a Unix time in whole microseconds"),
+        ({"not_before_us": 400 * 86_400 * S}, "not_before_us is a Unix time in whole"),
+        ({"deadline_us": 999 * S}, "its deadline has passed, by the team's clocks"),
+        ({"deadline_us": 1_001 * S, "not_before_us": 1_002 * S}, "is before the time at which"),
         ({"operator": None}, "operator is missing, or is not one line of printable text"),
         ({"operator": "\ud800"}, "operator is missing, or is not one line"),
         ({"id": "taken"}, "another job of this id, taken: inspect(shelf_2); choose another id"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import msgpack
@@ -68,6 +69,7 @@ beats = st.builds(
     st.lists(st.integers(0, 3), max_size=20).map(bytes),
     st.none()
     | st.builds(RecordingHead, st.integers(0, 2**40), st.binary(min_size=16, max_size=16)),
+    st.none() | st.integers(0, 2**52),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
     (
@@ -112,6 +114,14 @@ def message(body: bytes, kind: str = "fact") -> bytes:
     """A message with a correct header around a packed body."""
     head = [wire.SCHEMA, kind, SOMEONE.mission, SOMEONE.mission_name, SOMEONE.run, SOMEONE.sender]
     return b"\x97" + b"".join(map(msgpack.packb, head)) + body
+
+
+def test_a_clock_takes_no_byte_where_there_are_no_jobs() -> None:
+    report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 1)
+    beat = Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {})
+    packed = pack_heartbeat(beat)
+    assert len(packed) == 17
+    assert pack_heartbeat(replace(beat, unix_us=5)) == [*packed, 5]
 
 
 # -- round trips ------------------------------------------------------------------------------
