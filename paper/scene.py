@@ -127,7 +127,7 @@ def _parts(account: Account, at_us: int) -> dict[str, Part]:
     broken: dict[str, bool] = {}
     for since_us, name, value in account.record.conditions:
         if since_us <= at_us:
-            broken[name] = value
+            broken[name] = bool(value)
     parts = {}
     for number in map(str, account.mission.parameters["parts"]):
         if not _done(account, f"diagnose_part({number})", at_us):

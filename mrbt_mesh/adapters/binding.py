@@ -157,8 +157,8 @@ class BoundFile(FileModel):
                 report.add(("local_tasks", name, "parameters"), text)
         for place, condition in self.condition_places():
             name = type_name(condition)
-            if name not in mission.conditions:
-                hint = nearest(name, mission.conditions)
+            if name not in mission.truths:
+                hint = nearest(name, mission.truths)
                 report.add(place, f"mission {mission.name} has no condition {name!r}{hint}")
         known = getattr(self, self.ROBOTS)
         for robot in sorted(set(robots) - set(known)) if known else ():

@@ -12,6 +12,7 @@ from mrbt_mesh.btcpp.files.expand import constant_value
 from mrbt_mesh.btcpp.files.export import explicit
 from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.conditions import ConditionType
+from mrbt_mesh.core.mission.names import declared_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.errors import FileError, Problem, TaskFailedError, nearest
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
@@ -63,8 +64,12 @@ class BtcppTrees:
             await _carry_out(made, report)
         finally:
             for entry, condition in tree.outputs:
+                value = made.blackboard.get(entry)
+                if conditions[declared_name(condition)].values is not None:
+                    task.set_value(condition, value)
+                    continue
                 try:
-                    task.set_condition(condition, as_truth(made.blackboard.get(entry)))
+                    task.set_condition(condition, as_truth(value))
                 except ValueTypeError:
                     continue  # an entry without a truth changes nothing
 
@@ -136,7 +141,8 @@ def _with_conditions(leaves: Leaves, conditions: Mapping[str, ConditionType]) ->
 
     Their ports are the condition's arguments, by name or, where names differ, in their order.
     """
-    return leaves.with_conditions({name: _reader(each) for name, each in conditions.items()})
+    truths = {name: each for name, each in conditions.items() if each.values is None}
+    return leaves.with_conditions({name: _reader(each) for name, each in truths.items()})
 
 
 def _reader(condition: ConditionType) -> Callable[..., bool]:

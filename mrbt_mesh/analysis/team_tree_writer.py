@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 from mrbt_mesh.analysis.team_tree import KINDS, REACTIVE
@@ -11,8 +12,11 @@ from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.loadable import loadable
 from mrbt_mesh.core.bt.tree import LEAVES as CORE_LEAVES
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
+from mrbt_mesh.core.mission.blackboard import EntryComparison, comparison_of
 from mrbt_mesh.core.mission.names import type_name
 
+_SIGN = re.compile(r"[^A-Za-z0-9_]+")
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 # The core's kinds as BehaviorTree.CPP calls them.
 _OF_KIND = {kind: node for node, kind in reversed(KINDS.items())} | {
     (Kind.PARALLEL, Memory.NONE): "Parallel",
@@ -26,7 +30,8 @@ def team_tree_document(spec: NodeSpec, file: str) -> Document:
     Sequences and Fallbacks without memory become reactive ones; BehaviorTree.CPP has no such
     Parallel, so those are marked `_reactive`. Tasks become actions with their arguments as ports
     `arg_1`, `arg_2`, ...; a team's bounds and robots have no place. A Jobs node is shown as a
-    Parallel of its types.
+    Parallel of its types, a comparison of a blackboard entry as a ScriptCondition, and an argument
+    that is read from the blackboard as a pointer to it.
     """
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "MainTree"})
     writer = _CoreWriter()
@@ -74,13 +79,17 @@ class _CoreWriter:
         return self.trees[spec].get("ID")
 
     def leaf(self, spec: NodeSpec) -> Element:
+        comparison = comparison_of(spec.subject) if spec.kind is Kind.CONDITION else None
+        if comparison is not None:
+            return Element("ScriptCondition", {"code": _script(comparison), "name": spec.subject})
         name = type_name(spec.subject)
         arguments = spec.subject[len(name) + 1 : -1].split(",") if "(" in spec.subject else []
         kind = "Condition" if spec.kind is Kind.CONDITION else "Action"
         before = self.leaves.get(name)
         self.leaves[name] = (spec.kind, max(len(arguments), before[1] if before else 0))
         attributes = {"ID": name, "name": spec.name or spec.subject}
-        attributes |= {f"arg_{number + 1}": text for number, text in enumerate(arguments)}
+        pointers = [f"{{{text[1:]}}}" if text.startswith("$") else text for text in arguments]
+        attributes |= {f"arg_{number + 1}": text for number, text in enumerate(pointers)}
         return Element(kind, attributes)
 
     def models(self) -> Element:
@@ -94,6 +103,13 @@ class _CoreWriter:
             ]
             models.content.append(model)
         return models
+
+
+def _script(comparison: EntryComparison) -> str:
+    """A comparison as BehaviorTree.CPP's scripts have it: texts in quotes, names without signs."""
+    is_number = _NUMBER.fullmatch(comparison.literal) is not None
+    literal = comparison.literal if is_number else f"'{comparison.literal}'"
+    return f"{_SIGN.sub('_', comparison.entry)} {comparison.operator} {literal}"
 
 
 def _limits(spec: NodeSpec) -> dict[str, str]:

@@ -87,7 +87,7 @@ AnyTask: TypeAlias = Annotated[
 Capability: TypeAlias = Annotated[
     GroundText, _known("local task", lambda m: {"all", *_local_tasks(m)})
 ]
-Condition: TypeAlias = Annotated[GroundText, _known("condition", lambda m: m.conditions)]
+Condition: TypeAlias = Annotated[GroundText, _known("condition", lambda m: m.truths)]
 Seconds: TypeAlias = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Permille: TypeAlias = Annotated[int, Field(ge=1, le=1_000)]
 Count: TypeAlias = Annotated[int, Field(ge=0, le=MAX_ROBOTS)]

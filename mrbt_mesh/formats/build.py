@@ -25,8 +25,9 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
     SameRobotAs,
 )
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import entries_in, type_name
 from mrbt_mesh.errors import nearest
+from mrbt_mesh.formats.blackboard import BlackboardEntries
 from mrbt_mesh.formats.constraints import build_constraints
 from mrbt_mesh.formats.expand import (
     Calls,
@@ -93,7 +94,9 @@ class _Builder:
         self.model = model
         self.report = report
         self.local_parameters = {n: t.parameters for n, t in model.local_tasks.items()}
-        self.globals = frozenset(model.parameters)
+        self.blackboard = BlackboardEntries(model, report)
+        self.parameters = {**self.blackboard.elsewhere, **model.parameters}
+        self.globals = frozenset(self.parameters)
         self.tasks = 0
         self.local_trees = LocalTrees(model, report)
         self.travel = TravelBuilder(model, report)
@@ -114,13 +117,14 @@ class _Builder:
         }
         self.check_global_tasks()
         self.check_effects()
-        conditions = condition_types(model, self.report)
+        conditions = condition_types(model, self.report) | self.blackboard.types
         local_conditions = local_condition_types(model, self.report)
         template, subtrees, job_trees = self.templates()
         # Problems so far would be found again for every value.
         self.report.raise_if_any()
         at_most = min(MAX_AT_MOST, 2 * len(model.robots))
-        expander = Expander(subtrees, model.parameters, self.report, job_trees, at_most)
+        parameters = {**self.blackboard.arguments, **model.parameters}
+        expander = Expander(subtrees, parameters, self.report, job_trees, at_most, self.blackboard)
         tree = self.tree(expander, template)
         if tree is not None:
             self.jobs.check_nodes(tree, job_trees)
@@ -168,6 +172,7 @@ class _Builder:
         sections: dict[str, Mapping[str, Any]] = {
             "local_tasks": self.model.local_tasks,
             "conditions": self.model.conditions,
+            "blackboard": self.model.blackboard,
             "local_conditions": self.model.local_conditions,
             "global_tasks": self.model.global_tasks,
             "subtrees": self.model.subtrees,
@@ -292,17 +297,18 @@ class _Builder:
             {name: entry.parameters for name, entry in model.conditions.items()},
             {name: entry.parameters for name, entry in model.subtrees.items()},
             jobs=model.jobs,
+            comparisons=self.blackboard,
         )
         trees = {n: (entry.tree, ("subtrees", n, "tree")) for n, entry in model.subtrees.items()}
         template = read_template(model.tree, ("tree",), report)
         check_template(template, declared, self.globals, report)
-        subtrees = check_templates(trees, declared, model.parameters, report)
+        subtrees = check_templates(trees, declared, self.parameters, report)
         return template, subtrees, self.jobs.templates(replace(declared, jobs=None))
 
     def tree(self, expander: Expander, template: Template) -> Tree | None:
         """The ground tree, or None after a problem."""
         try:
-            spec = expander.expand(template, self.model.parameters)
+            spec = expander.expand(template, expander.parameters)
             return None if spec is None else build_tree(spec)
         except TooManyNodesError:
             return None
@@ -320,7 +326,7 @@ class _Builder:
                 break
             model = self.model.global_tasks[name]
             bound = dict(zip(model.parameters, arguments, strict=True))
-            scope = {**self.model.parameters, **bound}
+            scope = {**self.parameters, **bound}
             failure, after_us = self.failure(model, path)
             blocked = self.model.blocked if model.blocked is None else model.blocked
             tasks[ground] = GlobalTask(
@@ -385,6 +391,9 @@ class _Builder:
             if isinstance(bid, BidModel):
                 within_us = micro_or_report(bid.bid_within_s, path, self.report)
             by_bid = bid != "declared"
+            if by_bid and entries_in(local):
+                message = "a bid is made before anything is read from the blackboard"
+                self.report.add(path, f"{message}; declare the performance")
             needs[local] = Need(local, need.min, most, same, by_bid, within_us)
             needed[local] = arguments
         return tuple(needs.values())
@@ -411,7 +420,7 @@ class _Builder:
                 effects = {ground_call(n, bound)[0]: value for n, value in local.effects.items()}
             except ValueError:
                 continue  # `needs` has reported it
-            found |= effects
+            found |= {name: value for name, value in effects.items() if not entries_in(name)}
         return tuple(sorted(found.items()))
 
     def same_robot(

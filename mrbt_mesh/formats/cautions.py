@@ -18,7 +18,7 @@ from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Expression, GuardWithActions
 from mrbt_mesh.core.bt.tree import Kind, Node, Status, Tree
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import declared_name, type_name
 from mrbt_mesh.formats.node_paths import child_path, root_path
 
 MAX_NAMED = 3
@@ -215,7 +215,7 @@ def _conditions_that_never_hold(mission: Mission) -> Iterator[str]:
     of_jobs = {type_name(name) for pair in pairs for name in pair if _of_job(name)}
     read = {n.subject: n for n in reversed(mission.tree.nodes) if n.kind is Kind.CONDITION}
     for name, node in sorted(read.items(), key=lambda item: item[1].index):
-        declared = mission.conditions[type_name(name)]
+        declared = mission.conditions[declared_name(name)]
         if declared.failure is None or declared.failure.task in of_jobs or _of_job(name):
             continue
         set_by_ends = (declared.after_end(*end, success=True, reason="") for end in ends)

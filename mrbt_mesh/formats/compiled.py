@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
+from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT, MAX_UNITS, is_argument
+from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.jobs import may_be_above_jobs, most_nodes, with_one_of_each
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
@@ -105,18 +107,30 @@ def _check(mission: Mission) -> None:
         for name, cost in costs.items():
             _expect(_is_integer(cost, 0, MAX_COST), f"cost of {name}: {cost!r}")
     for condition in mission.conditions.values():
-        flags = (condition.default, condition.per_robot)
+        _check_condition(condition)
         failure = condition.failure
         if failure is not None:
             names = {argument[1:] for argument in failure.arguments if argument.startswith("$")}
             fits = names == set(condition.parameters) and not condition.default
             _expect(fits, f"condition {condition.name}: failure reason")
-        _expect(all(isinstance(flag, bool) for flag in flags), f"condition {condition.name}")
     _check_global_tasks(mission)
     _check_nodes(mission.tree, "tree", mission.global_tasks.__contains__, mission.knows_condition)
     _check_local_trees(mission)
     _check_program_trees(mission)
     _check_travel(mission)
+
+
+def _check_condition(condition: ConditionType) -> None:
+    here, default, values = f"condition {condition.name}", condition.default, condition.values
+    _expect(isinstance(condition.per_robot, bool) and isinstance(condition.per_job, bool), here)
+    if values is None:
+        _expect(isinstance(default, bool) and not condition.per_job, here)
+        return
+    numbers = (values.longest, values.low, values.high, values.decimals)
+    _expect(all(_is_integer(each, -MAX_UNITS, MAX_UNITS) for each in numbers), here)
+    _expect(0 <= values.longest <= MAX_TEXT and 0 <= values.decimals <= MAX_DECIMALS, here)
+    _expect(all(map(is_argument, values.choices)) and values.low <= values.high, here)
+    _expect(default is None or values.fits(default), f"{here}: default")
 
 
 def _check_jobs(mission: Mission) -> None:
@@ -174,11 +188,12 @@ def _check_global_tasks(mission: Mission) -> None:
         ):
             _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
         for condition, value in goal.effects:
-            is_known = mission.knows_condition(condition) and isinstance(value, bool)
+            is_known = mission.knows_entry(condition) and isinstance(value, bool)
             _expect(is_known, f"{here}: effect on {condition!r}")
         for flag in ("preemptive", "simultaneous", "exclusive"):
             _expect(isinstance(getattr(goal, flag), bool), f"{here}: {flag}")
         _expect(any(need.min_robots for need in goal.needs), f"{here}: no robot is needed")
+        _expect(all(each in mission.conditions for each in goal.reads), f"{here}: blackboard")
         for need in goal.needs:
             name, arguments = split_call(need.local_task)
             declared = mission.local_tasks.get(name)
@@ -215,7 +230,7 @@ def _check_program_trees(mission: Mission) -> None:
         split_call(name)
         _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
         for _, condition in tree.outputs:
-            _expect(mission.knows_condition(condition), f"tree of {name}: output {condition!r}")
+            _expect(mission.knows_entry(condition), f"tree of {name}: output {condition!r}")
 
 
 def _check_travel(mission: Mission) -> None:

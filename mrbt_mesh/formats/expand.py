@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, MAX_DEPTH, MAX_NODES, Kind, Memory, NodeSpec
 from mrbt_mesh.core.mission.jobs import may_be_above_jobs
@@ -25,6 +25,7 @@ from mrbt_mesh.formats.tree_model import (
     JobsModel,
     NodeModel,
     ParallelModel,
+    split_comparison,
 )
 
 Scope: TypeAlias = Mapping[str, Any]
@@ -63,14 +64,31 @@ class Template:
 class Placeholder(str):
     """A text in which parameters of a job have no values yet: `{from}`, `shelf_{number}`.
 
-    `longest`: how many characters it has at most once they have.
+    `longest`: how many characters it has at most once they have. `ends`: of one parameter alone,
+    its values, of numbers the least and the largest.
     """
 
     longest: int
+    ends: tuple[str, ...]
 
-    def __new__(cls, text: str, longest: int) -> Placeholder:
+    def __new__(cls, text: str, longest: int, ends: tuple[str, ...] = ()) -> Placeholder:
         found = super().__new__(cls, text)
-        found.longest = longest
+        found.longest, found.ends = longest, ends
+        return found
+
+
+class EntryArgument(str):
+    """In place of the value of a blackboard entry, where a task reads it: `$found`.
+
+    `problem`: why no task can read it there; empty if one can. `is_of_job`: each job has its own.
+    """
+
+    problem: str
+    is_of_job: bool
+
+    def __new__(cls, name: str, problem: str = "", is_of_job: bool = False) -> EntryArgument:
+        found = super().__new__(cls, f"${name}")
+        found.problem, found.is_of_job = problem, is_of_job
         return found
 
 
@@ -90,6 +108,10 @@ def argument_text(value: Any) -> str:
         text = str(value)
     else:
         raise ValueError(f"an argument is text or a number, found {found(value)}")
+    if isinstance(value, EntryArgument):
+        if value.problem:
+            raise ValueError(value.problem)
+        return value
     if isinstance(value, Placeholder):
         if value.longest > MAX_NAME:
             longest = f"{value} becomes a text of up to {value.longest} characters"
@@ -131,6 +153,8 @@ def substitute(argument: str, scope: Scope) -> Any:
 def _joined(parts: Sequence[str]) -> str:
     """One text; a placeholder if any of the parts is one."""
     text = "".join(parts)
+    if any(isinstance(part, EntryArgument) for part in parts):
+        raise ValueError(f"{text} is more than the blackboard entry, which is a whole argument")
     if not any(isinstance(part, Placeholder) for part in parts):
         return text
     lengths = (part.longest if isinstance(part, Placeholder) else len(part) for part in parts)
@@ -214,11 +238,24 @@ def _read_jobs(body: str | list[str] | JobsModel, path: SourcePath) -> Template:
     return Template(path, Kind.JOBS, limit=limit, jobs=tuple(named))
 
 
+class Comparisons(Protocol):
+    """What the conditions of a tree may say of blackboard entries."""
+
+    def checks(self, text: str, scope: frozenset[str], path: SourcePath) -> bool:
+        """Check a condition of a tree, if it is about an entry; whether it is."""
+        ...
+
+    def ground(self, text: str, scope: Scope, is_in_job: bool) -> str:
+        """A checked comparison with its values. Raises ValueError for one that cannot be."""
+        ...
+
+
 @dataclass(frozen=True)
 class Declared:
     """The parameters of everything that a tree may name, and what a leaf or SubTree names.
 
-    `jobs`: the types of jobs, None in a tree of which jobs cannot be a part.
+    `jobs`: the types of jobs, None in a tree of which jobs cannot be a part. `comparisons`:
+    of the team's blackboard, in a tree that may have them.
     """
 
     actions: Mapping[str, Sequence[str]]
@@ -226,6 +263,7 @@ class Declared:
     subtrees: Mapping[str, Sequence[str]]
     words: tuple[str, str, str] = ("global task", "condition", "subtree")
     jobs: Collection[str] | None = None
+    comparisons: Comparisons | None = None
 
     def table(self, kind: Kind) -> tuple[str, Mapping[str, Sequence[str]]]:
         """What a leaf or SubTree of this kind names, and the declared ones."""
@@ -254,7 +292,8 @@ def check_template(
     template: Template, declared: Declared, scope: frozenset[str], report: Report
 ) -> None:
     """Report unknown names, wrong numbers of arguments and unknown `$parameters`."""
-    if template.text:
+    board = declared.comparisons if template.kind is Kind.CONDITION else None
+    if template.text and (board is None or not board.checks(template.text, scope, template.path)):
         what, table = declared.table(template.kind)
         name, _ = split_template(template.text)
         if template.kind is Kind.ACTION and name not in table and name in declared.conditions:
@@ -377,7 +416,8 @@ class Expander:
     """Puts values into checked templates. Problems go to the report.
 
     `global_calls` collects the ground global tasks that were mentioned, in tree order,
-    with their arguments and the place of the first mention. `jobs`: the types of jobs, of each of
+    with their arguments and the place of the first mention. `comparisons`: as in `Declared`.
+    `jobs`: the types of jobs, of each of
     which `at_most` are in the tree at a time unless the node says it.
     """
 
@@ -386,6 +426,7 @@ class Expander:
     report: Report
     jobs: Mapping[str, JobTree] = field(default_factory=dict)
     at_most: int = 1
+    comparisons: Comparisons | None = None
     global_calls: Calls = field(default_factory=dict)
     nodes: int = 0
     _above: list[Template] = field(default_factory=list)
@@ -418,7 +459,15 @@ class Expander:
         return found
 
     def _leaf(self, template: Template, scope: Scope) -> NodeSpec:
+        if self.comparisons is not None and split_comparison(template.text) is not None:
+            subject = self.comparisons.ground(template.text, scope, self._job is not None)
+            return NodeSpec(template.kind, subject=subject)
         subject, values = ground_call(template.text, scope)
+        read = next((value for value in values if isinstance(value, EntryArgument)), None)
+        if read is not None and template.kind is Kind.CONDITION:
+            raise ValueError(f"{read} of the blackboard cannot be the argument of a condition")
+        if read is not None and read.is_of_job and self._job is None:
+            raise ValueError(f"each job has its own {read[1:]}: only the tree of a job can read it")
         if template.kind is Kind.ACTION:
             call = (split_template(template.text)[0], tuple(values), template.path)
             of_job = [value for value in values if isinstance(value, Placeholder)]
@@ -455,7 +504,8 @@ class Expander:
                 message = f"{name} is in a Jobs node already, and its jobs can be in one only"
                 raise ValueError(f"{message}; name it once, and this node in no for_each")
             job.is_placed, self._job = True, job
-            child = self.expand(job.template, {**self.parameters, **job.placeholders}, depth + 2)
+            scope = {**self.parameters, **job.placeholders}
+            child = self.expand(job.template, scope, depth + 2)
             self._job = None
             children.append(child and NodeSpec(Kind.SUBTREE, (child,), name=name))
         ground = tuple(child for child in children if child is not None)

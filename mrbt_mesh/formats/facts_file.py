@@ -1,6 +1,7 @@
 """Facts from a file, for planning without a network: `mrbt plan --facts FILE`.
 
 conditions: {broken(2): true}
+blackboard: {found: red, battery@A1: 12.5} # values of entries
 done: [remove_screws, remove_cover]        # global tasks that have succeeded
 failed: [fix_hw(4)]                        # global tasks that have failed
 outcomes:                                  # single results of local tasks
@@ -37,10 +38,11 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, Mission, micro_performance
-from mrbt_mesh.core.mission.names import robot_condition
+from mrbt_mesh.core.mission.names import declared_name, robot_condition
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import FileModel, one_of, read_model
 from mrbt_mesh.formats.problems import Report, SourcePath
+from mrbt_mesh.formats.tree_model import Scalar
 from mrbt_mesh.formats.yaml_source import read_mapping
 
 ALIVE = Incarnation(1, "file")
@@ -68,6 +70,7 @@ class _OutcomeModel(FileModel):
 
 class _FactsModel(FileModel):
     conditions: dict[str, bool] = Field(default={})
+    blackboard: dict[str, Scalar] = Field(default={})
     done: list[str] = Field(default=[])
     failed: list[str] = Field(default=[])
     outcomes: list[_OutcomeModel] = Field(default=[])
@@ -111,6 +114,8 @@ class _Builder:
         self._lost(given.lost)
         # Before outcomes, since conditions decide which activation an outcome belongs to.
         self._conditions(given.conditions)
+        self._blackboard(given.blackboard)
+        self._note_turns()
         self._ended("done", given.done)
         self._ended("failed", given.failed)
         self._outcomes(given.outcomes)
@@ -128,11 +133,34 @@ class _Builder:
             if name in self.mission.per_robot:
                 robot = robot_condition(name, self._first)
                 self._report.add(here, f"every robot has its own: say whose, as in {robot}")
-            elif not self.mission.can_be_set(name):
-                self._report.add(here, f"no condition{nearest(name, self.mission.conditions)}")
+            elif not self.mission.can_be_set(name) or self.mission.holds_value(name):
+                self._report.add(here, f"no condition{nearest(name, self.mission.truths)}")
             elif self.facts.condition(name) != holds:
                 revision = self.facts.conditions.revision(name) + 1
                 self._write(self._first, f"{records.CONDITION}/{name}", [holds, revision, 1])
+
+    def _blackboard(self, values: Mapping[str, Any]) -> None:
+        for name, given in values.items():
+            here, mission = ("blackboard", name), self.mission
+            declared = mission.conditions.get(declared_name(name))
+            if not mission.can_be_set(name) or declared is None or declared.values is None:
+                hint = nearest(name, mission.conditions.keys() - mission.truths.keys())
+                whose = "; say whose, as in battery@A1" if name in mission.per_robot else hint
+                self._report.add(here, f"no blackboard entry{whose}")
+                continue
+            try:
+                value = declared.values.value(given)
+            except ValueError as error:
+                self._report.add(here, str(error))
+                continue
+            self._write(self._first, f"{records.CONDITION}/{name}", [value, 1, 1])
+
+    def _note_turns(self) -> None:
+        """What robots write down of guards that have turned."""
+        while turned := self.facts.turned_guards():
+            for name, revision in turned:
+                value = revision.to_value()
+                self._write(self._first, f"{records.EXPRESSION}/{name}", value)
 
     def _ended(self, section: str, tasks: list[str]) -> None:
         for index, task in enumerate(tasks):

@@ -7,22 +7,21 @@ from typing import Any
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
 from mrbt_mesh.core.mission.jobs import arguments_in, most_nodes
-from mrbt_mesh.core.mission.mission import MAX_CHOICES, JobParameter, JobType
+from mrbt_mesh.core.mission.mission import JobParameter, JobType
 from mrbt_mesh.core.mission.names import placeholder
 from mrbt_mesh.formats.expand import (
     Declared,
     JobTree,
     Placeholder,
     Template,
-    argument_text,
-    check_references,
     check_template,
     micro_or_report,
     read_template,
 )
+from mrbt_mesh.formats.listed_values import listed_values
 from mrbt_mesh.formats.mission_map import places_on_map
 from mrbt_mesh.formats.mission_model import JobTypeModel, MissionModel, RangeModel
-from mrbt_mesh.formats.problems import Report, SourcePath, found
+from mrbt_mesh.formats.problems import Report, SourcePath
 from mrbt_mesh.formats.tree_model import ALL_TYPES
 
 
@@ -44,7 +43,7 @@ class JobTypes:
         for name, known in self._types.items():
             entry, path = self._model.jobs[name], ("jobs", name, "tree")
             template = read_template(entry.tree, path, self._report)
-            scope = frozenset(self._model.parameters) | frozenset(entry.parameters)
+            scope = frozenset({*self._model.parameters, *self._model.blackboard, *entry.parameters})
             check_template(template, declared, scope, self._report)
             if entry.attempts != 1:
                 template = Template(path, Kind.RETRY, children=(template,), limit=entry.attempts)
@@ -93,32 +92,9 @@ class JobTypes:
                 message = "there are no places; declare travel, or parameters: map with places"
                 self._report.add(path, message)
             return JobParameter(name, tuple(self._places) or ("none",))
-        choices: dict[str, None] = {}
-        for value, place in self._listed(given, path):
-            try:
-                text = argument_text(value)
-            except ValueError as error:
-                self._report.add(place, str(error))
-                continue
-            if text in choices:
-                self._report.add(place, f"{text} is given twice; keep one")
-            choices[text] = None
-        return JobParameter(name, tuple(choices) or ("none",))
-
-    def _listed(self, given: Any, path: SourcePath) -> list[tuple[Any, SourcePath]]:
-        """The values of a list, or of the parameter that is one, with their places."""
-        if not isinstance(given, str):
-            return [(value, (*path, i)) for i, value in enumerate(given)]
-        values = self._model.parameters.get(given[1:])
-        check_references(given, frozenset(self._model.parameters), path, self._report)
-        if given[1:] not in self._model.parameters:
-            return []
-        if not isinstance(values, list) or not 0 < len(values) <= MAX_CHOICES:
-            message = f"a list of 1 to {MAX_CHOICES} values is expected, but {given} is"
-            shown = f"{len(values)} values" if isinstance(values, list) else found(values)
-            self._report.add(path, f"{message} {shown}")
-            return []
-        return [(value, path) for value in values]
+        return JobParameter(
+            name, listed_values(given, self._model, path, self._report) or ("none",)
+        )
 
 
 def may_request(known: JobType, ground: str) -> bool:
@@ -133,4 +109,5 @@ def may_request(known: JobType, ground: str) -> bool:
 
 
 def _placeholder(parameter: JobParameter) -> Placeholder:
-    return Placeholder(placeholder(parameter.name), len(parameter.longest()))
+    ends = parameter.choices or (str(parameter.low), str(parameter.high))
+    return Placeholder(placeholder(parameter.name), len(parameter.longest()), ends)

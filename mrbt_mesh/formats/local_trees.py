@@ -56,7 +56,11 @@ class LocalTrees:
         bodies = {name: (tree, ("local_tasks", name, "tree")) for name, tree in trees.items()}
         self._files: dict[str, tuple[str, str, str] | None] | None = None
         self._templates = check_templates(bodies, declared, model.parameters, report)
-        conditions = {name: entry.parameters for name, entry in model.conditions.items()}
+        conditions = {
+            name: entry.parameters
+            for entries in (model.conditions, model.blackboard)
+            for name, entry in entries.items()
+        }
         for name, task in model.local_tasks.items():
             scope = frozenset(model.parameters) | frozenset(task.parameters)
             for port, value in task.ports.items():

@@ -24,6 +24,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
@@ -67,6 +68,7 @@ SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 _PROGRAM = r"^[^\n]+\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"
 _SOLVER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,127}(:[A-Za-z_][A-Za-z0-9_.]{0,127})?$"
 _PLACE = f"^{ARGUMENT_PATTERN}$"
+_LIST = rf"^\${NAME_PATTERN}$"
 _PLACE_OR_LIST = rf"^(place|\${NAME_PATTERN})$"
 _AT = rf"^([A-Za-z0-9_.+-]|\${NAME_PATTERN}){{1,64}}$"
 
@@ -103,6 +105,7 @@ Place: TypeAlias = Annotated[str, Field(pattern=_PLACE)]
 PlaceText: TypeAlias = Annotated[str, Field(pattern=_AT)]
 Coordinate: TypeAlias = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
 Point: TypeAlias = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
+Number: TypeAlias = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Way: TypeAlias = Annotated[float, Field(ge=0, le=MAX_MS / 1_000)]
 
 
@@ -116,7 +119,8 @@ class LocalTaskModel(FileModel):
     """A local-task type; a robot with performance p needs work / p seconds for it.
 
     `effects`: conditions that its action sets when it succeeds; robots' programs set them, checks
-    read them here. `cost`: what it costs to make one more robot capable of it, for `mrbt analyze`.
+    read them here. `sets`: blackboard entries that it sets, likewise. `cost`: what it costs to make
+    one more robot capable of it, for `mrbt analyze`.
     `at`: the place of `travel` where it happens, or a parameter that names it; else anywhere.
     """
 
@@ -124,6 +128,7 @@ class LocalTaskModel(FileModel):
     work: Annotated[float, Field(gt=0, le=MAX_WORK)] = 1.0
     at: PlaceText | None = None
     effects: dict[CallText, bool] = {}
+    sets: list[Name] = []
     cost: Cost = 1
 
 
@@ -134,7 +139,7 @@ class LocalTaskOrTreeModel(LocalTaskModel):
     for itself; its status is the outcome, its work that of its actions
     (docs/how-to/robot-trees.md). Or `FILE.xml#TreeID`, a BehaviorTree.CPP tree, relative to the
     mission file: the robot's program has its leaves; `ports` are its entries at first, `outputs`
-    the conditions that entries set when it has ended.
+    the conditions and entries of the team's blackboard that its entries set when it has ended.
     """
 
     tree: NodeOrFile | None = None
@@ -195,6 +200,44 @@ class ConditionModel(FileModel):
     default: bool = False
     per: Per = "team"
     failure_reason: FailureReasonModel | None = None
+
+
+class EntryModel(FileModel):
+    """An entry of the team's blackboard; until it is set it has its `default`, if it has one.
+
+    It holds one of `values`; or a number from `min` to `max`, with up to so many `decimals`; or a
+    `text` of up to so many characters: letters, digits, _, ., + and -. `per: robot`: every robot
+    has its own. `per: job`: every job has its own.
+    """
+
+    parameters: Parameters = []
+    values: (
+        Annotated[
+            Annotated[str, Field(pattern=_LIST), Tag("<text>")]
+            | Annotated[list[Scalar], Field(min_length=1, max_length=MAX_CHOICES), Tag("<list>")],
+            by_type("a list, or $name of a list", {str: "<text>", list: "<list>"}),
+        ]
+        | None
+    ) = None
+    min: Number | None = None
+    max: Number | None = None
+    decimals: Annotated[int, Field(ge=0, le=MAX_DECIMALS)] = 0
+    text: Annotated[int, Field(ge=1, le=MAX_TEXT)] | None = None
+    default: Scalar | None = None
+    per: Literal["team", "robot", "job"] = "team"
+
+    @model_validator(mode="after")
+    def _one_type(self) -> EntryModel:
+        is_number = self.min is not None and self.max is not None
+        ends = (self.min, self.max) if is_number else (None, None)
+        if (self.min, self.max) != ends or (self.values, self.text, ends[0]).count(None) != 2:
+            raise PydanticCustomError(
+                "expression",
+                "an entry has values, or min and max, or text, e.g. {min: 0, max: 9}",
+            )
+        if self.decimals and not is_number:
+            raise PydanticCustomError("expression", "decimals are those of min and max")
+        return self
 
 
 class RobotTypeModel(FileModel):
@@ -433,6 +476,7 @@ class MissionModel(FileModel):
     first, even if something has to wait for them. `blocked`: for global tasks that do not say it
     themselves. `solver`: what solves the assignment problem, `constraints`: what else it has to
     respect (docs/how-to/constraints.md). `jobs`: types of jobs, which Jobs nodes name.
+    `blackboard`: what else robots tell one another (docs/how-to/conditions.md).
     `local_conditions`: what the trees of local tasks may read; each robot has its own.
     """
 
@@ -447,6 +491,7 @@ class MissionModel(FileModel):
     travel: TravelModel | None = None
     local_tasks: dict[Name, LocalTaskOrTreeModel]
     conditions: dict[Name, ConditionModel] = {}
+    blackboard: dict[Name, EntryModel] = {}
     local_conditions: dict[Name, ConditionModel] = {}
     robot_types: dict[Name, RobotTypeModel]
     robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import ConfigDict, Field, Tag, WithJsonSchema, model_validator
@@ -9,7 +10,7 @@ from pydantic_core import PydanticCustomError
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
 from mrbt_mesh.core.mission.mission import MAX_AT_MOST, MAX_JOB_TYPES
-from mrbt_mesh.core.mission.names import NAME_PATTERN
+from mrbt_mesh.core.mission.names import NAME_PATTERN, ROBOT_PATTERN
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import (
     CALL_HINT,
@@ -25,18 +26,30 @@ MAX_SECONDS = 1e9
 # Of jobs, in a Jobs node.
 ALL_TYPES = "all"
 
-_CALL = call_pattern(r"\s*[A-Za-z0-9_.+$-]{1,64}\s*")
+_ARGUMENT = r"[A-Za-z0-9_.+$-]{1,64}"
+_CALL = call_pattern(rf"\s*{_ARGUMENT}\s*")
+_OPERATOR = r"\s*([=!<>]=|[<>])\s*"
+_CONDITION = rf"{_CALL[:-1]}((@{ROBOT_PATTERN})?{_OPERATOR}{_ARGUMENT})?$"
 _REFERENCE = rf"^\${NAME_PATTERN}$"
 _TITLE = r"^[^/\n]{1,64}$"
 
 TREE_EXPLAINED = EXPLAINED | {
     _CALL: f"{CALL_HINT}, e.g. fix_hw or fix_hw($part)",
+    _CONDITION: "a condition, or a comparison of a blackboard entry with a value, is expected, e.g."
+    " broken($part) or found == red",
     _REFERENCE: "a list or the name of a parameter is expected, e.g. [1, 2] or $parts",
     _TITLE: "1 to 64 characters without / are expected",
 }
 
 CallText: TypeAlias = Annotated[str, Field(pattern=_CALL)]
+ConditionText: TypeAlias = Annotated[str, Field(pattern=_CONDITION)]
 Title: TypeAlias = Annotated[str, Field(pattern=_TITLE)]
+
+
+def split_comparison(text: str) -> tuple[str, str, str] | None:
+    """`battery@A1 < 30` -> ("battery@A1", "<", "30"); None: it is no comparison."""
+    found = re.fullmatch(rf"(.+?){_OPERATOR}(.+)", text)
+    return None if found is None else (found[1], found[2], found[3])
 
 
 def _is_integer(value: Any) -> bool:
@@ -200,7 +213,7 @@ class NodeModel(FileModel):
     parallel: ParallelBody = _kind(Kind.PARALLEL)
     if_then_else: CompositeBody = _kind(Kind.IF_THEN_ELSE)
     action: CallText = _kind(Kind.ACTION)
-    condition: CallText = _kind(Kind.CONDITION)
+    condition: ConditionText = _kind(Kind.CONDITION)
     inverter: Node = _kind(Kind.INVERTER)
     force_success: Node = _kind(Kind.FORCE_SUCCESS)
     force_failure: Node = _kind(Kind.FORCE_FAILURE)

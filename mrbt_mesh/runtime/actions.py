@@ -30,6 +30,7 @@ from mrbt_mesh.core.agent.inputs import (
     ProblemFound,
     TravelTimesMade,
 )
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, TravelTimes
@@ -41,7 +42,7 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
     Mission,
 )
-from mrbt_mesh.core.mission.names import ALL, split_call, type_name
+from mrbt_mesh.core.mission.names import ALL, split_call, type_name, with_entries
 from mrbt_mesh.core.mission.travel import MAX_MS, MAX_TIMED_PLACES
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
@@ -167,7 +168,8 @@ class ActionRunner:
         # A way has no outcome with which conditions could be set.
         ticket = None if effect.travel_to else effect.ticket
         tree = None if effect.travel_to else local_tree(self._mission, effect.local_task)
-        port = self._port(ticket)
+        job = parse_activation(effect.activation).job
+        port = self._port(ticket, job=job)
         end: Input = ActionStopped(effect.ticket)
         with scope:
             if tree is None:
@@ -190,7 +192,7 @@ class ActionRunner:
 
         async def run_leaf(local_task: str) -> LeafEnd:
             nonlocal reason
-            inner = self._port(effect.ticket, port)
+            inner = self._port(effect.ticket, port, parse_activation(effect.activation).job)
             end = await self._call(replace(effect, local_task=local_task), inner)
             port.conditions |= inner.conditions
             inner.close()
@@ -199,7 +201,7 @@ class ActionRunner:
             self._host.log(
                 level,
                 "local_tree_action_finished",
-                local_task=effect.local_task,
+                local_task=effect.called["local_task"],
                 action=local_task,
                 outcome=outcome,
                 error=end.error,
@@ -214,12 +216,12 @@ class ActionRunner:
 
     async def _call(self, effect: StartAction, port: AgentPort) -> ActionFinished:
         """Call the program's function; whatever it does wrong is a failure of this local task."""
-        name, arguments = split_call(effect.local_task)
+        name, arguments = split_call(effect.called["local_task"])
         stretch = self._stretch(effect.local_task)
         context = self._context(effect, name, arguments, port, stretch)
         place = effect.travel_to
-        function = self._function(effect.local_task, name, port)
-        what, given = f"local task {effect.local_task}", arguments
+        function = self._function(effect, name, port)
+        what, given = f"local task {effect.called['local_task']}", arguments
         if place:
             function = self._functions.travel or self._drive
             what, given = f"way to {place}", (place,)
@@ -268,11 +270,14 @@ class ActionRunner:
         finally:
             del self._calls[call]
 
-    def _function(self, ground: str, name: str, port: AgentPort) -> TaskFunction | None:
+    def _function(self, effect: StartAction, name: str, port: AgentPort) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
-        program = program_tree(self._mission, ground)
-        if program is None:
+        found = program_tree(self._mission, effect.local_task)
+        if found is None:
             return self._functions.local_task(name)
+        values = dict(effect.values)
+        ports = tuple((port, with_entries(text, values)) for port, text in found.ports)
+        program = replace(found, ports=ports)
 
         async def run(context: TaskContext, *arguments: str) -> None:
             leaves, conditions = self._functions.leaves, self._mission.conditions
@@ -382,9 +387,9 @@ class ActionRunner:
             raise ValueError("the program has no function @robot.travel_time")
         self._are_times_old.set()
 
-    def _port(self, ticket: int | None, whole: AgentPort | None = None) -> AgentPort:
+    def _port(self, ticket: int | None, whole: AgentPort | None = None, job: str = "") -> AgentPort:
         renew = self._renew_travel_times
-        return AgentPort(self._host, self._mission, ticket, self._own, renew, whole)
+        return AgentPort(self._host, self._mission, ticket, self._own, renew, whole, job)
 
     def robot_context(self) -> RobotContext:
         """A context that belongs to no task."""
@@ -437,8 +442,8 @@ class ActionRunner:
             **self._robot(port, work, needed_s),
             incarnation=str(effect.incarnation),
             activation=effect.activation,
-            global_task=effect.global_task,
-            local_task=effect.local_task,
+            global_task=effect.called["global_task"],
+            local_task=effect.called["local_task"],
             arguments=arguments,
             partners=effect.partners,
             performance=performance,

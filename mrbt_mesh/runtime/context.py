@@ -64,6 +64,22 @@ class RobotContext:
         """The value of a condition as this robot knows it now; `per: robot`, that of this robot."""
         return self._port.read_condition(name)
 
+    def set_value(
+        self, name: str, value: str | int | float | None, *, at_once: bool = False
+    ) -> None:
+        """Set an entry of the team's blackboard, e.g. `found`; None: it is not set any more.
+
+        It takes effect as in `set_condition`. An entry that is `per: robot` is set for this robot,
+        one that is `per: job` for the job that the task is of. A number is rounded to the entry's
+        decimals. Raises ValueError for an entry that is not declared, and for a value that its type
+        does not have.
+        """
+        self._port.set_value(name, value, at_once)
+
+    def read_value(self, name: str) -> str | int | float | None:
+        """The value of an entry as this robot knows it now; None: it is not set."""
+        return self._port.read_value(name)
+
     def set_local_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:
         """Set a local condition of this robot, ground, e.g. `holding(2)`.
 

@@ -50,6 +50,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.scheduling.problem import Schedule
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
@@ -483,6 +484,9 @@ class Driver:
 
     def read_condition(self, name: str) -> bool:
         return self._agent.view.facts.condition_of(self._agent.view.robot, name)
+
+    def read_value(self, name: str, job: str) -> Value | None:
+        return self._agent.view.facts.entry(self._agent.view.robot, name, job)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if self._run_dir is None:

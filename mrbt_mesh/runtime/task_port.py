@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from numbers import Real
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
@@ -20,11 +20,15 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
+from mrbt_mesh.core.mission.blackboard import Value, ValueType
 from mrbt_mesh.core.mission.conditions import truth_of
 from mrbt_mesh.core.mission.mission import Mission, micro_performance
+from mrbt_mesh.core.mission.names import declared_name
 from mrbt_mesh.runtime.user_code import outside, shown
 
 CONDITIONS_PER_OUTCOME = 1_000
+
+_Kept = TypeVar("_Kept")
 
 
 class Host(Protocol):
@@ -35,6 +39,7 @@ class Host(Protocol):
         ...
 
     def read_condition(self, name: str) -> bool: ...
+    def read_value(self, name: str, job: str) -> Value | None: ...
     def record_event(self, event: Mapping[str, Any]) -> None: ...
     def unix_time_s(self) -> float: ...
     def log(self, level: str, event: str, **fields: Any) -> None: ...
@@ -66,7 +71,8 @@ class AgentPort:
     """Behind one TaskContext; collects the conditions that go with the outcome.
 
     `renew_travel_times`: what the program calls when they have changed. `own` are the robot's local
-    conditions. `whole` is the port of the local task to whose tree this one's action belongs.
+    conditions. `whole` is the port of the local task to whose tree this one's action belongs;
+    `job`, the job that the task is of, if any. `conditions`: also other entries of the blackboard.
     """
 
     def __init__(
@@ -77,6 +83,7 @@ class AgentPort:
         own: LocalConditions,
         renew_travel_times: Callable[[], None],
         whole: AgentPort | None = None,
+        job: str = "",
     ) -> None:
         self._host = host
         self._mission = mission
@@ -84,9 +91,10 @@ class AgentPort:
         self._own = own
         self._renew_travel_times = renew_travel_times
         self._whole = whole
+        self._job = job
         self._thread = threading.get_ident()
         self._is_over = False
-        self.conditions: dict[str, bool] = {}
+        self.conditions: dict[str, Value | None] = {}
         self.local_conditions: dict[str, bool] = {}
         self._tree_statuses = b""
 
@@ -104,30 +112,69 @@ class AgentPort:
 
     def check_condition(self, name: str) -> None:
         """Raise ValueError unless this is a condition that the program may set."""
-        if not isinstance(name, str) or not self._mission.knows_condition(name):
-            declared = ", ".join(sorted(self._mission.conditions)) or "none"
+        if isinstance(name, str) and self._mission.holds_value(name):
+            raise ValueError(f"{name!r} is a blackboard entry, not a condition: use set_value")
+        if not isinstance(name, str) or not self._mission.knows_entry(name):
+            declared = ", ".join(sorted(self._mission.truths)) or "none"
             raise ValueError(f"condition {shown(name)} is not declared in the mission ({declared})")
         if self._mission.is_failure_reason(name):
             text = "is a reason of failures: fail with such a reason instead"
             raise ValueError(f"condition {name!r} {text}")
 
-    def set_conditions(self, values: Mapping[str, bool]) -> None:
-        """Set conditions of the team or the robot's own with the outcome, all or none."""
+    def set_value(self, name: str, value: Any, at_once: bool) -> None:
+        known = self.check_entry(name)
+        found = None if value is None else self._typed(known, name, value)
+        if at_once or self._ticket is None:
+            self._submit(ConditionSet(name, found, self._job))
+        else:
+            self._keep(self.conditions, name, found)
+
+    def _typed(self, known: ValueType, name: str, value: Any) -> Value:
+        try:
+            return known.value(value, is_rounded=True)
+        except ValueError as error:
+            raise ValueError(f"{name} is not set: {error}") from None
+
+    def check_entry(self, name: str) -> ValueType:
+        """The type of a blackboard entry; raises ValueError unless the program may use it here."""
+        mission = self._mission
+        known = mission.conditions.get(declared_name(name)) if isinstance(name, str) else None
+        if known is None or known.values is None or not mission.knows_entry(name):
+            declared = ", ".join(sorted(mission.conditions.keys() - mission.truths.keys()))
+            text = f"{shown(name)} is no entry of the mission's blackboard"
+            raise ValueError(f"{text} ({declared or 'it has none'})")
+        if known.per_job and not self._job:
+            raise ValueError(f"each job has its own {name}, and this is no task of a job")
+        return known.values
+
+    def read_value(self, name: str) -> str | int | float | None:
+        known = self.check_entry(name)
+        read = self._whole.conditions if self._whole is not None else {}
+        value = self._host.read_value(name, self._job)
+        value = self.conditions.get(name, read.get(name, value))
+        return value / 10**known.decimals if known.decimals and value is not None else value
+
+    def set_conditions(self, values: Mapping[str, Any]) -> None:
+        """Set entries of the team, or the robot's own conditions, with the outcome, all or none."""
         own = {
             name: truth(value, f"local condition {name!r}")
             for name, value in values.items()
             if isinstance(name, str) and self._mission.knows_local_condition(name)
         }
-        others = [name for name in values if name not in own]
-        for name in others:
-            self.check_condition(name)
-        told = {name: truth(values[name], f"condition {name!r}") for name in others}
-        for kept, found in ((self.conditions, told), (self.local_conditions, own)):
-            for name, value in found.items():
-                self._keep(kept, name, value)
+        told: dict[str, Value | None] = {}
+        for name in values.keys() - own.keys():
+            if isinstance(name, str) and self._mission.holds_value(name):
+                told[name] = self._typed(self.check_entry(name), name, values[name])
+            else:
+                self.check_condition(name)
+                told[name] = truth(values[name], f"condition {name!r}")
+        for name, value in told.items():
+            self._keep(self.conditions, name, value)
+        for name, holds in own.items():
+            self._keep(self.local_conditions, name, holds)
 
-    def _keep(self, values: dict[str, bool], name: str, value: bool) -> None:
-        """Keep a condition until the outcome is reported."""
+    def _keep(self, values: dict[str, _Kept], name: str, value: _Kept) -> None:
+        """Keep a condition or entry until the outcome is reported."""
         if self._is_over:
             raise RuntimeError(f"{name!r} is set after the local task has ended: use at_once=True")
         values[name] = value
@@ -136,7 +183,7 @@ class AgentPort:
 
     def read_condition(self, name: str) -> bool:
         known = self._whole.read_condition if self._whole is not None else self._host.read_condition
-        return self.conditions.get(name, known(name))
+        return bool(self.conditions.get(name, known(name)))
 
     def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
         if not isinstance(name, str) or not self._mission.knows_local_condition(name):

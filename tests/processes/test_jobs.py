@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+from pathlib import Path
 from unittest import mock
 
 import anyio
@@ -92,3 +93,67 @@ def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> N
     assert anyio.run(wait) == ["succeeded", "expired"]
     states = {row["id"]: row["state"] for row in json.loads(team.mrbt("jobs", "--json"))}
     assert states == {"kept": "succeeded", "dropped": "cancelled", "late": "expired"}
+
+
+SORTING = """
+mission: sorting
+program: sort.py
+ends: never
+local_tasks: {look: {parameters: [shelf], sets: [found]}, fetch: {parameters: [what]}, weigh: {}}
+blackboard: {found: {values: [red, blue], per: job}, weight: {min: 0, max: 9}}
+robot_types: {T: {capabilities: {look: 1, fetch: 1, weigh: 1}}}
+robots: {R1: T, R2: T, R3: T}
+global_tasks:
+  look: {parameters: [shelf], needs: {look($shelf): {}}}
+  get: {parameters: [what], needs: {fetch($what): {}}}
+  weigh: {needs: {weigh: {}}, failure: paper}
+jobs:
+  sort: {parameters: {shelf: [a, b]}, tree: {Sequence: [look($shelf), get($found)]}}
+  weigh: {tree: weigh}
+tree: {Jobs: all}
+"""
+SORT = """
+from mrbt_mesh import RobotProgram, TaskContext
+
+robot = RobotProgram(record_work=True)
+
+
+@robot.local_task
+async def look(task: TaskContext, shelf: str) -> dict[str, str]:
+    return {"found": {"a": "red", "b": "blue"}[shelf]}
+
+
+@robot.local_task
+async def fetch(task: TaskContext, what: str) -> None:
+    pass
+
+
+@robot.local_task
+async def weigh(task: TaskContext) -> None:
+    task.set_value("weight", 12)
+"""
+
+
+def test_what_the_first_task_of_a_job_finds_is_the_argument_of_its_second(
+    team: Team, tmp_path: Path
+) -> None:
+    (tmp_path / "mission.yaml").write_text(SORTING, encoding="utf-8")
+    (tmp_path / "sort.py").write_text(SORT, encoding="utf-8")
+    team.up(tmp_path / "mission.yaml")
+    team.wait_until(lambda: len(team.robots()) == 3, "all are there")
+
+    async def hand_in() -> list[tuple[str, str]]:
+        async with connect(team.run_dir) as client:
+            handles = [await client.submit("sort", shelf, job_id=f"of-{shelf}") for shelf in "ab"]
+            handles.append(await client.submit("weigh", job_id="heavy"))
+            return [(end.state, end.why) for end in [await job.done() for job in handles]]
+
+    *sorted_, (state, reason) = anyio.run(hand_in)
+    assert sorted_ == [("succeeded", "")] * 2, team.logs()
+    assert state == "failed"
+    assert "weight is not set: it is a whole number from 0 to 9, not 12" in reason
+    assert "sort.py" in reason
+    fetched = {e["activation"]: e["args"] for e in team.events() if e["local_task"] == "fetch"}
+    assert sorted(fetched.values()) == [["blue"], ["red"]]
+    of_a = next(activation for activation in fetched if "of-a" in activation)
+    assert fetched[of_a] == ["red"]

@@ -40,6 +40,7 @@ CAUGHT = {
     "ended_jobs_are_forgotten": ("I10", (7, 6)),
     "ended_jobs_go_on": ("I10", (6, 7)),
     "wrong_clocks_are_believed": ("I10", (12, 26)),
+    "arguments_are_read_anew": ("I4", (30, 57)),
     "schedules_by_arrival": ("I1", (198, 210)),
     "schedules_against_the_tree": ("I6", (86, 39)),
 }

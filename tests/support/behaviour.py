@@ -6,6 +6,7 @@
         b@R2: {seconds: 9}                                 # only of this robot
         c: {fails: true, reason: no path}                  # what it says of why
         d: {sets: {"holding({0})": true}}                  # {0}: its first argument
+        e: {values: {found: red}}                          # entries of the blackboard
 
 Whatever is left out takes one second and succeeds.
 """
@@ -59,6 +60,8 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     if success:
         for name, value in how.get("sets", {}).items():
             task.set_condition(name.format(*arguments), value)
+        for name, value in how.get("values", {}).items():
+            task.set_value(name, value)
     elif "reason" in how:
         raise TaskFailedError(how["reason"])
     return success

@@ -27,7 +27,7 @@ from mrbt_mesh.core.bt.tree import Kind, Node
 from mrbt_mesh.core.facts import coalitions, jobs, store, task_status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.jobs import Jobs
-from mrbt_mesh.core.facts.records import GRANT, CommandKind, ConditionValue, Outcome
+from mrbt_mesh.core.facts.records import GRANT, Arguments, CommandKind, ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership import leases
@@ -130,10 +130,19 @@ def no_pins(original: Any, *given: Any) -> demands.Demand:
 
 
 @mutation(Reports, "_changed_conditions")
-def revision_not_bumped(original: Any, mine: Reports, conditions: Any) -> dict[str, ConditionValue]:
+def revision_not_bumped(original: Any, mine: Reports, *given: Any) -> dict[str, ConditionValue]:
     """A condition that changes keeps its revision, and the first writer wins."""
-    changed = original(mine, conditions)
+    changed = original(mine, *given)
     return {n: replace(v, revision=max(1, v.revision - 1)) for n, v in changed.items()}
+
+
+@mutation(ActivationFacts, "add")
+def arguments_are_read_anew(original: Any, mine: ActivationFacts, entry: Entry) -> None:
+    """Each robot takes the arguments of the moment at which it begins itself."""
+    if isinstance(entry.record, Arguments):
+        mine.keys[entry.author, entry.name] = None
+    else:
+        original(mine, entry)
 
 
 @mutation(Replica, "restore")

@@ -100,7 +100,9 @@ class Agent:
             inputs.TreeTicked: lambda e, _: work.tree_ticked(e.ticket, e.statuses),
             inputs.PositionReported: lambda e, _: context.note_position(e.position),
             inputs.RecordingSigned: lambda e, _: context.note_recorded(e.head),
-            inputs.ConditionSet: lambda e, now: reports.set_conditions({e.name: e.value}, now),
+            inputs.ConditionSet: lambda e, now: reports.set_conditions(
+                {e.name: e.value}, now, e.job
+            ),
             inputs.CapabilityChanged: health.change_capability,
             inputs.PerformanceChanged: lambda e, now: health.change_performance(
                 e.local_task, e.performance, PROGRAM, now

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.names import with_entries
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.scheduling.dispatch import Dispatched
 
@@ -74,6 +75,7 @@ class StartAction:
 
     `coalition` is the token of the coalition that it starts with, empty without one. `travel_to`:
     it is only the way to this place, where the local task happens; empty: the local task itself.
+    `values`: blackboard entry -> its value, of those that are arguments.
     """
 
     ticket: int
@@ -85,6 +87,14 @@ class StartAction:
     incarnation: Incarnation
     coalition: str = ""
     travel_to: str = ""
+    values: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def called(self) -> dict[str, str]:
+        """The tasks with these values as arguments, as programs and people see them."""
+        names = {"global_task": self.global_task, "local_task": self.local_task}
+        values = dict(self.values)
+        return {key: with_entries(n, values) for key, n in names.items()} if values else names
 
 
 @dataclass(frozen=True, slots=True)

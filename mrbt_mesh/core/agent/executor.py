@@ -13,7 +13,7 @@ from typing import NamedTuple
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.facts.records import Arguments, Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import GlobalTask
@@ -174,9 +174,14 @@ class Executor:
         assert value is not None
         life, partners = context.replica.incarnation, plan.partners(context.me)
         start = work.start(claim, partners, value, life, clearance.coalition, travel_to)
-        context.write([*writes, *clearance.facts, context.claim()], now_us)
+        begun: list[Fact] = []
+        if start.values and not context.facts.begun_with(start.activation):
+            values = tuple(value for _, value in start.values)
+            name = f"{records.ARGUMENTS}/{start.activation}"
+            begun.append((name, Arguments(values, claim.since)))
+        context.write([*writes, *begun, *clearance.facts, context.claim()], now_us)
         context.emit(start)
-        names = {"global_task": start.global_task, "local_task": start.local_task}
+        names = start.called
         event, place = "local_task_started", {}
         if travel_to:
             event, place = "set_out", {"place": travel_to}

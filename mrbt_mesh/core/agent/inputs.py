@@ -11,6 +11,7 @@ from mrbt_mesh.core.facts.records import TravelTimes
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope
 from mrbt_mesh.core.membership.wire import MessageKind, Position, RecordingHead
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.scheduling.problem import Schedule
 
@@ -85,13 +86,13 @@ class InputRefused:
 class ActionFinished:
     """The action under `ticket` ended by itself.
 
-    `conditions`: those that it set, written together with the outcome. `error` is for the log;
-    `reason`: why it failed, for the team, empty if unknown.
+    `conditions`: those and other entries that it set, written together with the outcome. `error` is
+    for the log; `reason`: why it failed, for the team, empty if unknown.
     """
 
     ticket: int
     success: bool
-    conditions: tuple[tuple[str, bool], ...] = ()
+    conditions: tuple[tuple[str, Value | None], ...] = ()
     error: str = ""
     reason: str = ""
 
@@ -137,10 +138,13 @@ class RecordingSigned:
 
 @dataclass(frozen=True, slots=True)
 class ConditionSet:
-    """The robot's own code has set a condition, outside any outcome."""
+    """The robot's own code has set a condition or another entry, outside any outcome, in a task of
+    this job (empty: of none). None: it is not set any more.
+    """
 
     name: str
-    value: bool
+    value: Value | None
+    job: str = ""
 
 
 @dataclass(frozen=True, slots=True)

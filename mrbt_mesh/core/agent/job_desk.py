@@ -12,8 +12,9 @@ from mrbt_mesh.core.facts.jobs import Jobs, KnownJob
 from mrbt_mesh.core.facts.records import Job, JobChange, JobState
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.values import MAX_TEXT
-from mrbt_mesh.core.mission.jobs import OpenJob, is_job_id
+from mrbt_mesh.core.mission.jobs import OpenJob
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY
+from mrbt_mesh.core.mission.names import is_job_id
 from mrbt_mesh.core.planning.job_ends import job_end, robots_of
 
 SUBMIT, CHANGE_JOB, KEPT_JOBS = JOB_COMMANDS = "submit", "change_job", "kept_jobs"

@@ -19,6 +19,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
 from mrbt_mesh.core.facts.records import LATCH, Attempt, ChildResult, MissionResult
 from mrbt_mesh.core.facts.store import Fact, Incarnation
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.job_ends import job_ends
@@ -204,17 +205,18 @@ class Planner:
     # -- the facts that follow ----------------------------------------------------------------
 
     def tick_outcome(
-        self, activation: str, status: Status, conditions: Mapping[str, bool]
+        self, activation: str, status: Status, values: Mapping[str, Value | None]
     ) -> list[Fact]:
-        """The facts that follow from the tick in which an action returns that has set conditions.
+        """The facts that follow from the tick in which an action returns that has set conditions or
+        other entries to these values.
 
         `status`: that of its activation from then on. Nodes with memory keep the results of that
         tick, and if T_G ends in it, so does the mission, unless it never does.
         """
         context = self._context
-        after = conditions
-        if context.mission.has_own_conditions:
-            after = context.facts.conditions.after(conditions)
+        after = {name: bool(value) for name, value in values.items()}
+        if context.mission.has_own_conditions or context.mission.has_blackboard:
+            after = context.facts.conditions.after(values)
         evaluator = context.facts.mission.evaluator
         evaluation = evaluator.evaluate_outcome(context.facts, activation, status, after)
         latched = self._of_tree(evaluation)

@@ -11,11 +11,14 @@ from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
 from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import CommandKind, ConditionValue, Outcome, TeamCommand
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.failure_reasons import one_line
+from mrbt_mesh.core.mission.names import split_owner
 
 
 class Reports:
@@ -35,7 +38,7 @@ class Reports:
         self._schedule = schedule
         self._health = health
         # Conditions that a new life keeps until its incarnation is above all earlier ones.
-        self._unsaid: dict[str, bool] = {}
+        self._unsaid: dict[str, Value | None] = {}
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
         """Write the outcome, its conditions, the latched results of its tick of T_G and the end of
@@ -56,8 +59,11 @@ class Reports:
         reason = "" if event.success else one_line(event.reason)
         facts: list[Fact] = [(name, Outcome(event.success, None, reason))]
         names = {"global_task": action.global_task, "local_task": action.local_task}
+        if action.values:
+            names = action.called
         ends = context.mission.conditions_after_end(**names, success=event.success, reason=reason)
-        conditions = self._changed_conditions([*event.conditions, *ends])
+        job = parse_activation(action.activation).job if context.mission.has_blackboard else ""
+        conditions = self._changed_conditions([*event.conditions, *ends], job)
         if conditions:
             version = context.replica.next_version
             status = context.facts.status_after(name, context.me, event.success, version)
@@ -96,14 +102,18 @@ class Reports:
 
     # -- conditions ---------------------------------------------------------------------------
 
-    def set_conditions(self, values: Mapping[str, bool], now_us: int) -> None:
-        """Write them; a new life keeps them until it has an incarnation above all earlier ones."""
+    def set_conditions(
+        self, values: Mapping[str, Value | None], now_us: int, job: str = ""
+    ) -> None:
+        """Write them, set in a task of this job; a new life keeps them until it has an incarnation
+        above all earlier ones.
+        """
         if self._context.is_new:
             mission = self._context.mission
-            known = {n: v for n, v in values.items() if mission.knows_condition(n)}
+            known = {n: v for n, v in values.items() if mission.knows_entry(split_owner(n)[0])}
             self._unsaid |= known
             values = {n: v for n, v in values.items() if n not in known}
-        changed = self._changed_conditions(values.items())
+        changed = self._changed_conditions(values.items(), job)
         if changed:
             self._context.write(_condition_facts(changed), now_us)
 
@@ -113,18 +123,18 @@ class Reports:
         self.set_conditions(unsaid, now_us)
 
     def _changed_conditions(
-        self, conditions: Iterable[tuple[str, bool]]
+        self, conditions: Iterable[tuple[str, Value | None]], job: str = ""
     ) -> dict[str, ConditionValue]:
         """The new values of conditions; those that have this value already are left out."""
         context, facts = self._context, self._context.facts
         changed: dict[str, ConditionValue] = {}
         stamp = facts.max_stamp + 1
         for given, value in conditions:
-            name = context.mission.condition_of(context.me, given)
+            name = context.mission.condition_of(context.me, given, job)
             revision = facts.conditions.revision(name)
             if not context.mission.can_be_set(name):
                 context.log("error", "condition_not_declared", condition=name)
-            elif facts.condition(name) != value:
+            elif facts.conditions.entry(name) != value:
                 changed[name] = ConditionValue(value, revision + 1, stamp)
             elif revision and name != given and self._last_word(name) != value:
                 # Others have written this of this robot, which no longer contradicts them.
@@ -133,13 +143,13 @@ class Reports:
                 changed.pop(name, None)
         return changed
 
-    def _last_word(self, name: str) -> bool:
+    def _last_word(self, name: str) -> Value | None:
         """The value that this robot itself has written last for a condition."""
         context = self._context
         entry = context.facts.map.get(context.me, f"{records.CONDITION}/{name}")
         if entry is not None and isinstance(entry.record, ConditionValue):
             return entry.record.value
-        return context.mission.condition_default(name)
+        return context.mission.default_of(name)
 
     def contradict(self, now_us: int) -> None:
         """Write again the robot's own conditions that others took for lost, without hearing it."""
@@ -147,10 +157,10 @@ class Reports:
         if context.is_leaving or context.me not in context.mission.robots:
             return
         changed: dict[str, ConditionValue] = {}
-        for leaf in facts.mission.per_robot.leaves:
-            name = context.mission.condition_of(context.me, leaf)
+        for read in facts.mission.per_robot.read:
+            name = context.mission.condition_of(context.me, read)
             value = self._last_word(name)
-            if facts.condition(name) != value:
+            if facts.conditions.entry(name) != value:
                 revision = facts.conditions.revision(name) + 1
                 changed[name] = ConditionValue(value, revision, facts.max_stamp + 1)
         if changed:

@@ -18,11 +18,10 @@ from mrbt_mesh.core.membership.wire import MAX_TREE_NODES
 from mrbt_mesh.core.planning.plan import RobotAssignment
 
 
-def _subject(assignment: RobotAssignment | None) -> tuple[str, str, str, int] | None:
+def _subject(assignment: RobotAssignment | None) -> tuple[object, ...] | None:
     """What distinguishes one assignment from another: a coalition that has ended is formed anew."""
-    if assignment is None:
-        return None
-    return assignment.activation, assignment.local_task, assignment.leader, assignment.round
+    x = assignment
+    return None if x is None else (x.activation, x.local_task, x.leader, x.round, x.values)
 
 
 class Work:
@@ -106,8 +105,9 @@ class Work:
         phase = Phase.TRAVELLING if travel_to else Phase.RUNNING
         self.is_between = self.is_between or bool(travel_to)
         self.claim = replace(claim, phase=phase, coalition=coalition)
+        values = self.assignment.values if self.assignment is not None else ()
         self.action = StartAction(
-            self._tickets, *names, partners, performance, incarnation, coalition, travel_to
+            self._tickets, *names, partners, performance, incarnation, coalition, travel_to, values
         )
         return self.action
 

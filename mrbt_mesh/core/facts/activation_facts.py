@@ -9,7 +9,7 @@ from typing import TypeAlias
 from mrbt_mesh.core.bt.activation import Activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import Coalitions
-from mrbt_mesh.core.facts.records import Attempt, Bid, ChildResult, CoalitionId, Outcome
+from mrbt_mesh.core.facts.records import Arguments, Attempt, Bid, ChildResult, CoalitionId, Outcome
 from mrbt_mesh.core.facts.store import Entry, Version
 
 # Local task -> robot -> success.
@@ -50,7 +50,8 @@ class ActivationFacts:
 
     `keys`: (author, name) of its entries. `coalitions`: None while none was named; then the
     outcomes are theirs, otherwise they are in `outcomes`. `child_results`: position of the child ->
-    success. `is_done`: the operator's word. `outcomes` and `bids` are replaced when they change,
+    success. `is_done`: the operator's word. `begun_with`: (stamp, author) and the values that count
+    of the entries that its task reads. `outcomes` and `bids` are replaced when they change,
     never altered.
     """
 
@@ -64,6 +65,7 @@ class ActivationFacts:
     has_latched_failure: bool = False
     has_expired: bool = False
     is_done: bool = False
+    begun_with: tuple[int, str, tuple[str, ...]] | None = None
 
     def add(self, entry: Entry) -> None:
         """Take in one of its entries."""
@@ -81,6 +83,9 @@ class ActivationFacts:
         elif isinstance(record, ChildResult):
             position = int(parts[2])
             self.child_results[position] = record.success or self.child_results.get(position, False)
+        elif isinstance(record, Arguments):
+            found = (record.stamp, entry.author, record.values)
+            self.begun_with = min(found, self.begun_with or found)
         elif kind == records.CLOSED:
             self.bids = self.bids.with_closed(parts[2])
         elif kind == records.LATCHED_FAILURE:

@@ -9,18 +9,25 @@ for an *expression*, several conditions that decide together: a robot that sees 
 writes that down, with the revisions of the conditions that it has read. Over all authors the
 greatest revision counts; of equal ones, all that was read. Only a robot that knows all that was
 read before may write the next one, so late news is not taken for a change.
+
+Another entry of the blackboard does not alternate, and two robots may give it different values with
+one revision. So each comparison with it is such an expression, and what was read of the entry is
+noted as (revision, stamp, author), which names one value.
 """
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard, GuardWithActions
-from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision
+from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision, Revision
+from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition, split_owner
+
+_NOT_SET = ConditionValue(None, 0, 0), ""
 
 
 class Conditions:
@@ -28,8 +35,9 @@ class Conditions:
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
+        self._has_values = mission.has_blackboard
         self._by_author: dict[str, dict[str, ConditionValue]] = {}
-        self._standing: dict[str, ConditionValue] = {}
+        self._standing: dict[str, tuple[ConditionValue, str]] = {}
         # Read at every tick: standing values, and defaults that were asked for.
         self._values: dict[str, bool] = {}
         self._defaults: dict[str, bool] = {}
@@ -58,51 +66,95 @@ class Conditions:
             self._touched = {n: e for n, e in self._touched.items() if n in self._expressions} | new
         for name in before.keys() - self._expressions.keys():
             self._defaults.pop(name, None)
+            self._values.pop(name, None)
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
-        """The author's value from now on. Conditions are never dropped."""
+        """The author's value from now on. Only those of ended jobs are ever dropped."""
         self._remember(name)
-        values = self._by_author.setdefault(name, {})
-        values[author] = value
-        _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
-        self._standing[name] = values[winner]
-        self._values[name] = values[winner].value
-        if self._mission.has_own_conditions:
-            condition, robot = split_owner(name)
-            if robot:
-                self._values.pop(condition, None)
+        self._by_author.setdefault(name, {})[author] = value
+        self._stand(name)
+
+    def drop(self, name: str, author: str) -> None:
+        """The author's value of an entry was dropped with its job."""
+        self._remember(name)
+        del self._by_author[name][author]
+        self._stand(name)
+
+    def _stand(self, name: str) -> None:
+        """Find the value that counts."""
+        values = self._by_author[name]
+        if values:
+            _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
+            self._standing[name] = values[winner], winner
+        else:
+            del self._by_author[name], self._standing[name]
+        for each in self._affected(name):
+            self._values.pop(each, None)
         self._touch_readers(name)
 
     def value(self, name: str) -> bool:
-        """Whether the condition holds."""
+        """Whether the condition, or comparison, holds."""
         value = self._values.get(name)
         if value is None:
-            if self._mission.has_own_conditions and name in self._mission.per_robot:
-                value = any(self.of_robot(robot, name) for robot in self._mission.robots)
-            else:
-                value = self._default(name)
-            self._values[name] = value
+            value = self._read(name, {})
+            if not self._has_values or name in self._expressions or " " not in name:
+                self._values[name] = value
         return value
+
+    def entry(self, name: str) -> Value | None:
+        """The value of a condition or another entry of the blackboard; None: it is not set."""
+        if not self._has_values:
+            return self.value(name)
+        standing = self._standing.get(name)
+        return self._mission.default_of(name) if standing is None else standing[0].value
 
     def of_robot(self, robot: str, name: str) -> bool:
         """Whether the condition holds for a robot: its own if every robot has its own."""
         return self.value(robot_condition(name, robot) if name in self._mission.per_robot else name)
 
-    def after(self, changes: Mapping[str, bool]) -> dict[str, bool]:
-        """What else these changes make of conditions: with one of a robot, that of any robot."""
-        after = dict(changes)
-        for condition, robot in map(split_owner, changes):
-            if robot:
-                names = [robot_condition(condition, each) for each in self._mission.robots]
-                after[condition] = any(changes.get(name, self.value(name)) for name in names)
-        return after
+    def after(self, changes: Mapping[str, Value | None]) -> dict[str, bool]:
+        """What these changes of entries make of conditions and comparisons."""
+        affected = {each for name in changes for each in self._affected(name)}
+        return {name: self._read(name, changes) for name in sorted(affected)}
+
+    def _read(self, name: str, changes: Mapping[str, Value | None]) -> bool:
+        """Whether a condition holds after these changes."""
+        if self._mission.has_own_conditions and name in self._mission.per_robot:
+            own = (robot_condition(name, robot) for robot in self._mission.robots)
+            return any(self._read(each, changes) for each in own)
+        comparison = comparison_of(name) if self._has_values else None
+        if comparison is not None:
+            entry = comparison.entry
+            value = changes[entry] if entry in changes else self.entry(entry)
+            return self._mission.compare(name, value)
+        if name in changes:
+            return bool(changes[name])
+        standing = self._standing.get(name)
+        return self._default(name) if standing is None else bool(standing[0].value)
+
+    def _affected(self, name: str) -> Iterator[str]:
+        """The conditions that follow from a condition or entry, itself among them."""
+        if not self._has_values or not self._mission.holds_value(name):
+            yield name
+            if "@" in name:
+                yield split_owner(name)[0]
+        for reader in self._readers.get(name, ()):
+            if not reader.id.startswith("#"):
+                yield from self._affected(reader.id)
 
     def revision(self, name: str) -> int:
         """How often the condition, or expression, has changed."""
         if name in self._noted:
             return self.noted(name).revision
         standing = self._standing.get(name)
-        return standing.revision if standing is not None else 0
+        return standing[0].revision if standing is not None else 0
+
+    def seen(self, name: str) -> Revision:
+        """What is noted of a condition or entry when it is read."""
+        if not self._has_values or not self._mission.holds_value(name):
+            return self.revision(name)
+        value, author = self._standing.get(name, _NOT_SET)
+        return value.revision, value.stamp, author
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition, or expression, has turned to `value`."""
@@ -126,7 +178,7 @@ class Conditions:
         default = self._defaults.get(name)
         if default is None:
             expression = self._expressions.get(name)
-            if expression is None:
+            if expression is None or " " in name:
                 default = self._mission.condition_default(name)
             else:
                 at_first = (0,) * len(expression.conditions)
@@ -162,22 +214,29 @@ class Conditions:
             return ExpressionRevision(0, ())
         revision = max(each.revision for each in said.values())
         rows = [each.read for each in said.values() if each.revision == revision]
-        return ExpressionRevision(revision, tuple(map(max, zip(*rows, strict=True))))
+        read: tuple[Revision, ...] = tuple(map(max, zip(*rows, strict=True)))
+        return ExpressionRevision(revision, read)
 
     def unnoted(self) -> list[tuple[str, ExpressionRevision]]:
         """The expressions whose values have changed, as far as is known here: to be noted."""
         found = []
         for name, expression in sorted(self._touched.items()):
             noted = self.noted(name)
-            read = tuple(self.revision(each) for each in expression.conditions)
-            if any(mine < theirs for mine, theirs in zip(read, noted.read, strict=False)):
+            read = tuple(map(self.seen, expression.conditions))
+            if any(map(operator.lt, read, noted.read)):
                 continue  # late news: it is looked at again when the rest has come
             was = self._default(name) ^ bool(noted.revision % 2)
-            if expression_value(self._mission, expression, read) != was:
+            if self._value_at(expression, read) != was:
                 found.append((name, ExpressionRevision(noted.revision + 1, read)))
             else:
                 del self._touched[name]
         return found
+
+    def _value_at(self, expression: Expression, read: Sequence[Revision]) -> bool:
+        """Whether an expression holds where this is what is known of its conditions now."""
+        if self._has_values and any(map(self._mission.holds_value, expression.conditions)):
+            return self.value(expression.id)
+        return expression_value(self._mission, expression, read)
 
     # -- guards with actions ------------------------------------------------------------------
 
@@ -185,7 +244,7 @@ class Conditions:
         """Before something is said of a condition or guard: how it was."""
         if not self._with_actions:
             return
-        for each in {name, split_owner(name)[0]}:
+        for each in self._affected(name):
             for value in (True, False):
                 self._counts_before.setdefault((each, value), self.turns(each, value))
             if not each.startswith("#"):
@@ -203,7 +262,7 @@ class Conditions:
             if self._values_before.keys().isdisjoint(guard.conditions):
                 continue
             noted = self.noted(guard.id)
-            read = tuple(map(self.revision, guard.conditions))
+            read: tuple[Revision, ...] = tuple(map(self.revision, guard.conditions))
             if noted.read == read or any(map(operator.lt, read, noted.read)):
                 continue  # others have seen it, or have seen more
             if self._mission.evaluator.has_turned(guard, before, facts):
@@ -213,11 +272,13 @@ class Conditions:
         return []
 
 
-def expression_value(mission: Mission, expression: Expression, revisions: Sequence[int]) -> bool:
+def expression_value(
+    mission: Mission, expression: Expression, revisions: Sequence[Revision]
+) -> bool:
     """Whether an expression holds (succeeds) when its conditions have these revisions."""
     holding = {
         name
         for name, revision in zip(expression.conditions, revisions, strict=True)
-        if mission.condition_default(name) ^ bool(revision % 2)
+        if isinstance(revision, int) and mission.condition_default(name) ^ bool(revision % 2)
     }
     return mission.evaluator.holds(expression, holding)

@@ -30,6 +30,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.jobs import OpenJob, jobs_nodes
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import owning_job
 
 # How many ends of jobs are kept at least, and of how many archives their hashes.
 KEPT_ENDS = 500
@@ -318,9 +319,9 @@ def _is_end(key: tuple[str, str]) -> bool:
 
 
 def job_of(entry: Entry) -> str:
-    """The job of a fact, or of the guard that it is of; empty: a guard of the mission's tree."""
-    name = entry.parts[1]
-    return job_in_guard(name) if entry.parts[0] == records.EXPRESSION else name
+    """The job of a fact, or of the guard or blackboard entry that it is of; empty: of none."""
+    kind, name = entry.parts[:2]
+    return name if kind in records.JOB_KINDS else job_in_guard(name)
 
 
 def hash_of(name: str) -> int:
@@ -330,5 +331,9 @@ def hash_of(name: str) -> int:
 
 
 def job_in_guard(guard: str) -> str:
-    """The job in whose tree a guard is (`#7@morning-1:2`), empty if it is in none."""
-    return guard.partition("@")[2].partition(":")[0] if guard.startswith("#") else ""
+    """The job in whose tree a guard is (`#7@morning-1:2`), or that has an entry or comparison
+    (`found@job:morning-1`); empty if it is none of these.
+    """
+    if guard.startswith("#"):
+        return guard.partition("@")[2].partition(":")[0]
+    return owning_job(guard)

@@ -22,11 +22,15 @@ from mrbt_mesh.core.facts.values import (
     shown,
     texts_by_reason,
 )
+from mrbt_mesh.core.mission.blackboard import MAX_TEXT, MAX_UNITS, Value
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_ROBOTS
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES
 
 _Item = TypeVar("_Item")
+# What was read of a condition, or of another entry: (revision, stamp, author), since several values
+# may have one revision.
+Revision: TypeAlias = int | tuple[int, int, str]
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
@@ -106,10 +110,25 @@ def _read_ways(value: Any) -> tuple[tuple[int | None, ...], ...]:
     )
 
 
-def _read_revisions(value: Any) -> tuple[int, ...]:
+def _read_revisions(value: Any) -> tuple[Revision, ...]:
     if not isinstance(value, list):
         raise ValueError(f"list of revisions expected, found {shown(value)}")
-    return tuple(map(read_integer, value))
+    return tuple(map(_read_revision, value))
+
+
+def _read_revision(value: Any) -> Revision:
+    if not isinstance(value, list | tuple):
+        return read_integer(value)
+    revision, stamp, author = read_fields(list(value), 3)
+    return read_integer(revision), read_integer(stamp), read_text(author)
+
+
+def _read_value(value: Any) -> Value | None:
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, str):
+        return read_text(value, MAX_TEXT)
+    return read_integer(value, -MAX_UNITS, MAX_UNITS)
 
 
 def _read_bid(value: Any) -> int | None:
@@ -364,9 +383,11 @@ class Outcome(Record):
 
 @dataclass(frozen=True, slots=True)
 class ConditionValue(Record):
-    """A condition as its author last saw or set it; `revision` grows by one at each change."""
+    """A condition, or another entry of the blackboard, as its author last saw or set it; None: not
+    set any more. `revision` grows by one at each change.
+    """
 
-    value: bool
+    value: Annotated[Value | None, Plain(_read_value)]
     revision: _Positive
     stamp: int
 
@@ -379,7 +400,19 @@ class ExpressionRevision(Record):
     """
 
     revision: _Positive
-    read: Annotated[tuple[int, ...], Plain(_read_revisions, list)]
+    read: Annotated[tuple[Revision, ...], Plain(_read_revisions, list)]
+
+
+@dataclass(frozen=True, slots=True)
+class Arguments(Record):
+    """The values with which an activation has begun, of the entries that its task reads, sorted by
+    name, as arguments. Of several the one with the smallest (stamp, author) counts.
+    """
+
+    values: _Texts
+    stamp: int
+
+    write_once: ClassVar[bool] = True
 
 
 class CommandKind(enum.StrEnum):
@@ -576,6 +609,8 @@ EXPRESSION = "expression"
 # GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
 # knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
 COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
+# What the blackboard had for an activation when it began.
+ARGUMENTS = "arguments"
 # A child of a node with memory has ended: scope of the node, position of the child.
 CHILD_RESULT = "passed"
 # The operator's decision that an activation in doubt was done.
@@ -608,6 +643,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     CONDITION: (ConditionValue.parse, (2,)),
     EXPRESSION: (ExpressionRevision.parse, (2,)),
     ATTEMPT: (Attempt.parse, (2,)),
+    ARGUMENTS: (Arguments.parse, (2,)),
     CHILD_RESULT: (ChildResult.parse, (3,)),
     COALITION: (Coalition.parse, (3,)),
     BID: (Bid.parse, (3,)),

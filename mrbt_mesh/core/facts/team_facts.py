@@ -38,12 +38,13 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, task_of_job, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 
 # Kinds of facts that may belong to jobs, besides those of activations.
-_OF_JOBS = records.JOB_KINDS | {records.EXPRESSION}
+OF_JOBS = records.JOB_KINDS | {records.CONDITION, records.EXPRESSION}
 # Of an activation of which nothing is known.
 _NOTHING = ActivationFacts(Activation("", -1, "", (), 0))
 
@@ -139,6 +140,12 @@ class TeamFacts:
     def condition_of(self, robot: str, name: str) -> bool:
         """Whether the condition holds for a robot: its own one, if every robot has its own."""
         return self.conditions.of_robot(robot, name)
+
+    def entry(self, robot: str, name: str, job: str = "") -> Value | None:
+        """The value of a blackboard entry as a robot's program names it in a task of this job, None
+        if it is not set.
+        """
+        return self.conditions.entry(self.declared.condition_of(robot, name, job))
 
     def turns(self, name: str, value: bool) -> int:
         """How often the condition, or expression, has turned to `value`."""
@@ -269,6 +276,24 @@ class TeamFacts:
             return None
         return Status.SUCCESS if any(standing) else Status.FAILURE
 
+    def begun_with(self, activation: str) -> bool:
+        """Whether it is a fact with which values of the blackboard this activation has begun."""
+        return self._said(activation).begun_with is not None
+
+    def values_read(self, activation: str, task: GlobalTask) -> tuple[str | None, ...]:
+        """The values, as arguments, of the entries that a task reads, sorted by name: those with
+        which the activation has begun, else those of now. None: an entry is not set.
+        """
+        begun = self._said(activation).begun_with
+        if begun is not None:
+            return begun[2]
+        job = parse_activation(activation).job
+        found = []
+        for read in task.reads:
+            value = self.entry("", read, job)
+            found.append(None if value is None else self.declared.entry_text(read, value))
+        return tuple(found)
+
     # -- activations of global tasks ----------------------------------------------------------
 
     def _said(self, activation: str) -> ActivationFacts:
@@ -380,7 +405,7 @@ class TeamFacts:
         kind = entry.parts[0]
         if kind in (records.CONDITION, records.EXPRESSION, records.ATTEMPT):
             self._has_reach_changed = True
-        if self.jobs is not None and kind in _OF_JOBS:
+        if self.jobs is not None and kind in OF_JOBS:
             self._add_to_job(entry, self.jobs)
         if kind in ACTIVATION_KINDS:
             self._add_to_activation(entry)
@@ -468,10 +493,12 @@ class TeamFacts:
         if self.jobs is not None and entry.parts[0] == records.JOB_ARCHIVE:
             self.jobs.remove_archive(entry)
             return
-        if self.jobs is not None and entry.parts[0] in _OF_JOBS:
+        if self.jobs is not None and entry.parts[0] in OF_JOBS:
             self.jobs.remove(entry)
             if entry.parts[0] == records.EXPRESSION:
                 self.conditions.forget(name, entry.author)
+            elif entry.parts[0] == records.CONDITION:
+                self.conditions.drop(name, entry.author)
             return
         said = self.activations[name]
         del said.keys[entry.author, entry.name]

@@ -12,6 +12,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.conditions import expression_value
 from mrbt_mesh.core.facts.jobs import job_in_guard
 from mrbt_mesh.core.facts.records import (
+    Arguments,
     Claim,
     Coalition,
     CoalitionId,
@@ -24,8 +25,11 @@ from mrbt_mesh.core.facts.records import (
     TravelTimes,
 )
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.core.mission.jobs import is_job_id, task_of_job, type_at
+from mrbt_mesh.core.mission.blackboard import comparison_of, is_argument
+from mrbt_mesh.core.mission.conditions import entry_reader
+from mrbt_mesh.core.mission.jobs import task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
+from mrbt_mesh.core.mission.names import is_job_id
 
 # Of the number of an archive.
 MAX_DIGITS = 16
@@ -37,6 +41,7 @@ ACTIVATION_KINDS = {
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
     records.CHILD_RESULT: CONTROLS,
     records.DONE: frozenset({Kind.ACTION}),
+    records.ARGUMENTS: frozenset({Kind.ACTION}),
     **dict.fromkeys(sorted(records.COALITION_KINDS | records.BID_KINDS), frozenset({Kind.ACTION})),
 }
 
@@ -81,6 +86,10 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
         return f"condition {name!r} is not declared, or not of this robot"
     record = entry.record
     assert isinstance(record, ConditionValue)
+    if problem := mission.value_problem(name, record.value):
+        return f"{name!r}: {problem}"
+    if mission.holds_value(name):
+        return None
     if record.value != (mission.condition_default(name) ^ bool(record.revision % 2)):
         return f"condition {name!r}: value and revision {record.revision} disagree"
     return None
@@ -90,8 +99,11 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     """It follows from the revisions that were read, and takes at least as many."""
     expression = mission.per_robot.guard_expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
-    job = job_in_guard(name)
-    if job and guard is None:
+    job, comparison = job_in_guard(name), comparison_of(name)
+    if guard is None and comparison is not None and mission.knows_condition(name):
+        # Of a job, with its id or one of its arguments.
+        expression = guard = entry_reader(name, comparison.entry) if mission.jobs else None
+    elif job and guard is None:
         # Of a job, which may not be known here yet: the guard of its type.
         name = name.replace(f"@{job}", "", 1)
         expression = mission.per_robot.guard_expressions.get(name)
@@ -100,10 +112,14 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
         return f"{name!r:.80} is no guard of several conditions in this mission's tree"
     record = entry.record
     assert isinstance(record, ExpressionRevision)
-    if len(record.read) != len(guard.conditions) or sum(record.read) < record.revision:
+    reads_value = any(map(mission.holds_value, guard.conditions))
+    numbers = [each for each in record.read if isinstance(each, int)]
+    fits = len(numbers) == (0 if reads_value else len(record.read))
+    fits = fits and len(record.read) == len(guard.conditions)
+    if not fits or (not reads_value and sum(numbers) < record.revision):
         return f"expression {name!r}: revision {record.revision} does not follow from {record.read}"
-    if expression is None or job:
-        return None  # it depends on outcomes as well, or on the arguments of the job
+    if expression is None or reads_value or job:
+        return None  # it depends on more: outcomes, a value, or the arguments of the job
     at_first = expression_value(mission, expression, (0,) * len(record.read))
     now = expression_value(mission, expression, record.read)
     if now != at_first ^ bool(record.revision % 2):
@@ -203,6 +219,10 @@ def _refuse_of_job(entry: Entry, name: str, mission: Mission) -> str | None:
 def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> str | None:
     """Why an entry has no place in an activation of this global task."""
     kind, *names = parts
+    if isinstance(entry.record, Arguments):
+        values = entry.record.values
+        fits = len(values) == len(task.reads) and all(map(is_argument, values))
+        return None if fits else f"{task.id!r} reads {', '.join(task.reads) or 'no entries'}"
     local_tasks = {need.local_task for need in task.needs}
     if kind == records.OUTCOME:
         if names[1] not in local_tasks:

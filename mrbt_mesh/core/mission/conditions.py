@@ -3,6 +3,9 @@
 There is one ground condition per robot of the mission: `holding@A1`. A leaf `holding` of T_G holds
 if it holds for at least one of them; its turns are counted like those of any expression of
 conditions (`bt.guards`), and a request behind it is for the robots for which it holds.
+
+Entries of the team's blackboard that hold other values are declared alike. The tree reads them with
+comparisons, which are conditions to it (`blackboard`).
 """
 
 from __future__ import annotations
@@ -15,27 +18,39 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import ActivationNames
 from mrbt_mesh.core.bt.guards import Expression, Guard
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
+from mrbt_mesh.core.mission.blackboard import Value, ValueType, comparison_of
 from mrbt_mesh.core.mission.failure_reasons import FailureReason
-from mrbt_mesh.core.mission.names import robot_condition, split_owner, type_name
+from mrbt_mesh.core.mission.names import (
+    declared_name,
+    is_job_id,
+    owning_job,
+    robot_condition,
+    split_owner,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionType:
-    """A declared condition; `default` is the value of a ground condition that nobody has set.
+    """A declared condition, or another entry of the blackboard with `values`; `default` is the
+    value of a ground one that nobody has set, None if it has none.
 
-    `per_robot`: every robot of the mission has its own. `failure`: it follows from failure
-    reasons, and robots' programs do not set it.
+    `per_robot`: every robot of the mission has its own, `per_job`: every job. `failure`: it follows
+    from failure reasons, and robots' programs do not set it.
     """
 
     name: str
     parameters: tuple[str, ...] = ()
-    default: bool = False
+    default: Value | None = False
     per_robot: bool = False
     failure: FailureReason | None = None
+    values: ValueType | None = None
+    per_job: bool = False
 
     def to_json(self) -> list[Any]:
-        """Its fields in their order; the last two only where they differ from the usual."""
+        """Its fields in their order; the last ones only where they differ from the usual."""
         row = [list(self.parameters), self.default]
+        if self.values is not None:
+            return [*row, self.per_robot, None, self.values.to_json(), self.per_job]
         if self.failure is not None:
             return [*row, self.per_robot, self.failure.to_json()]
         return [*row, True] if self.per_robot else row
@@ -55,12 +70,16 @@ class ConditionType:
 
 def conditions_from_json(data: Mapping[str, Any]) -> dict[str, ConditionType]:
     """Read them from a compiled mission; raises TypeError or ValueError for anything else."""
-    return {
-        name: ConditionType(
-            name, tuple(parameters), *more[:2], *map(FailureReason.from_json, more[2:])
-        )
-        for name, (parameters, *more) in data.items()
-    }
+    return {name: _condition_from_json(name, row) for name, row in data.items()}
+
+
+def _condition_from_json(name: str, row: list[Any]) -> ConditionType:
+    parameters, *more = row
+    usual: list[Any] = [False, False, None, None, False]
+    default, per_robot, failure, values, per_job = more + usual[len(more) :]
+    reason = None if failure is None else FailureReason.from_json(failure)
+    kind = None if values is None else ValueType(tuple(values[0]), *values[1:])
+    return ConditionType(name, tuple(parameters), default, per_robot, reason, kind, per_job)
 
 
 def any_of(condition: str, robots: Iterable[str]) -> Expression:
@@ -68,6 +87,11 @@ def any_of(condition: str, robots: Iterable[str]) -> Expression:
     names = tuple(sorted(robot_condition(condition, robot) for robot in robots))
     leaves = tuple(NodeSpec(Kind.CONDITION, subject=name) for name in names)
     return Expression(condition, NodeSpec(Kind.FALLBACK, leaves), names)
+
+
+def entry_reader(comparison: str, entry: str) -> Expression:
+    """A comparison, as a leaf reads it. Its id is its name, and it follows from one entry."""
+    return Expression(comparison, NodeSpec(Kind.CONDITION, subject=comparison), (entry,))
 
 
 class PerRobotConditions:
@@ -85,16 +109,16 @@ class PerRobotConditions:
 
     def __contains__(self, ground: str) -> bool:
         """Whether every robot has its own value of a condition, by the name that a leaf reads."""
-        condition, robot = split_owner(ground)
-        known = self._declared.get(type_name(condition))
-        return known is not None and known.per_robot and not robot
+        known = self._declared.get(declared_name(ground))
+        return known is not None and known.per_robot and not split_owner(ground)[1]
 
     def names_owner(self, name: str) -> bool:
-        """Whether a condition is of the team, or of one of the robots, as it must: `holding@A1`."""
-        condition, robot = split_owner(name)
-        if condition in self:
-            return robot in self.robots
-        return name == condition
+        """Whether a condition is of the team, of a robot, or of a job, as it must: `holding@A1`."""
+        condition, owner = split_owner(name)
+        known = self._declared.get(declared_name(name))
+        if known is not None and known.per_job:
+            return is_job_id(owning_job(name))
+        return owner in self.robots if condition in self else name == condition
 
     @cached_property
     def leaves(self) -> list[str]:
@@ -103,10 +127,23 @@ class PerRobotConditions:
         return sorted({n.subject for n in nodes if n.kind is Kind.CONDITION and n.subject in self})
 
     @cached_property
+    def read(self) -> list[str]:
+        """The conditions and entries that these leaves read, sorted."""
+        comparisons = ((leaf, comparison_of(leaf)) for leaf in self.leaves)
+        return sorted({leaf if each is None else each.entry for leaf, each in comparisons})
+
+    @cached_property
     def guard_expressions(self) -> dict[str, Expression]:
-        """The expressions that are guards, by id; also conditions of any robot."""
+        """The expressions that are guards, by id; also conditions of any robot, and comparisons."""
         leaves = {name: any_of(name, self.robots) for name in self.leaves}
-        return self._names.expressions | leaves
+        if all(known.values is None for known in self._declared.values()):
+            return self._names.expressions | leaves
+        nodes = self._names.tree.nodes
+        subjects = {node.subject for node in nodes if node.kind is Kind.CONDITION} - leaves.keys()
+        subjects.update(name for leaf in leaves.values() for name in leaf.conditions)
+        pairs = ((name, comparison_of(name)) for name in sorted(subjects))
+        readers = {name: entry_reader(name, each.entry) for name, each in pairs if each is not None}
+        return self._names.expressions | leaves | readers
 
     def read_by(self, guard: str) -> tuple[str, ...]:
         """The conditions that a guard of several nodes reads, as the tree names them."""

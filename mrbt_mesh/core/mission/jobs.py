@@ -22,10 +22,9 @@ from mrbt_mesh.core.bt.tree import (
     build_tree,
 )
 from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission
-from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, PLACEHOLDER, bound
+from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, PLACEHOLDER, THIS_JOB, bound
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 
-_JOB_ID = re.compile(ARGUMENT_PATTERN)
 _Found = TypeVar("_Found")
 
 # How its jobs have ended is a fact about a Jobs node; there is one run of it.
@@ -40,11 +39,6 @@ _NEVER_ABOVE_JOBS = ATTEMPT_KINDS | {
 def may_be_above_jobs(kind: Kind, memory: Memory) -> bool:
     """Whether a Jobs node may be below such a node."""
     return kind not in _NEVER_ABOVE_JOBS and memory is Memory.NONE
-
-
-def is_job_id(text: str) -> bool:
-    """Whether `text` may name a job: 1 to 64 letters, digits, `_`, `.`, `+`, `-`."""
-    return _JOB_ID.fullmatch(text) is not None
 
 
 def most_nodes(tree: Tree, index: int = 0) -> int:
@@ -80,7 +74,9 @@ def with_jobs(mission: Mission, jobs: Sequence[OpenJob]) -> Mission:
 
     `mission`: as its file declares it.
     """
-    values = {job.id: mission.jobs[job.type].values_of(job.arguments) for job in jobs}
+    values = {
+        job.id: {THIS_JOB: job.id} | mission.jobs[job.type].values_of(job.arguments) for job in jobs
+    }
     by_type: dict[str, list[OpenJob]] = {}
     tasks, trees = dict(mission.global_tasks), dict(mission.local_trees)
     programs = dict(mission.program_trees)

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Tree, build_tree, spec_from_json, spec_to_json
+from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
     PerRobotConditions,
@@ -26,6 +27,9 @@ from mrbt_mesh.core.mission.conditions import (
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
 from mrbt_mesh.core.mission.names import (
     bound,
+    declared_name,
+    entries_in,
+    job_entry,
     placeholder,
     robot_condition,
     split_call,
@@ -188,7 +192,8 @@ class GlobalTask:
     done by two coalitions at the same time, nor again after it was done or left `in_doubt`.
     `by_coalition`: it is either, so it is carried out by coalitions, whose robots all start
     together. `effects`: ground conditions and the values that they are declared to have once it has
-    succeeded; only checks and analysis read them.
+    succeeded; only checks and analysis read them. `reads`: the blackboard entries that are
+    arguments of its local tasks.
     """
 
     id: GlobalTaskId
@@ -202,9 +207,12 @@ class GlobalTask:
     failure_after_us: int | None = None
     effects: tuple[tuple[str, bool], ...] = ()
     by_coalition: bool = field(init=False, repr=False, compare=False)
+    reads: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "by_coalition", self.simultaneous or self.exclusive)
+        read = {name for need in self.needs for name in entries_in(need.local_task)}
+        object.__setattr__(self, "reads", tuple(sorted(read)))
 
     def need(self, local_task: LocalTaskId) -> Need | None:
         """Its need of a local task, None if it has none."""
@@ -488,33 +496,107 @@ class Mission:
         return any(task.failure is FailurePolicy.PAPER for task in self.all_tasks())
 
     def condition_default(self, ground: str) -> bool:
-        """The value of `ground` while nobody has set it; False if it is not declared."""
-        return _default_of(ground, self.conditions)
+        """Whether `ground` holds while nobody has set anything; False if it is not declared."""
+        comparison = comparison_of(ground) if self.has_blackboard else None
+        if comparison is None:
+            return bool(self.default_of(ground))
+        return self.compare(ground, self.default_of(comparison.entry))
+
+    def default_of(self, ground: str) -> Value | None:
+        """The value of a condition or another entry while nobody has set it; None: it has none."""
+        known = self.conditions.get(declared_name(ground))
+        return known.default if known is not None else None
+
+    def holds_value(self, ground: str) -> bool:
+        """Whether this is an entry of the blackboard that is no condition."""
+        if not self.has_blackboard:
+            return False
+        known = self.conditions.get(declared_name(ground))
+        return known is not None and known.values is not None and comparison_of(ground) is None
+
+    def compare(self, comparison: str, value: Value | None) -> bool:
+        """Whether a comparison holds if its entry has this value."""
+        values, read = self.conditions[declared_name(comparison)].values, comparison_of(comparison)
+        assert values is not None
+        assert read is not None
+        return values.holds(read, value)
+
+    def entry_text(self, ground: str, value: Value | None) -> str:
+        """A value of an entry, or a condition, as an argument and for people."""
+        if value is None:
+            return "not set"
+        known = self.conditions.get(declared_name(ground))
+        if known is None or known.values is None:
+            return str(value).lower()
+        return known.values.text(value)
 
     @cached_property
     def per_robot(self) -> PerRobotConditions:
         """The conditions that every robot has for itself."""
         return PerRobotConditions(self.conditions, tuple(sorted(self.robots)), self.evaluator)
 
-    def condition_of(self, robot: RobotId, name: str) -> str:
-        """A condition as a robot's program names it: its own one, if every robot has its own."""
-        is_own = self.has_own_conditions and name in self.per_robot
-        return robot_condition(name, robot) if is_own else name
+    def condition_of(self, robot: RobotId, name: str, job: str = "") -> str:
+        """A condition or entry as a robot's program names it in a task of this job: the robot's or
+        the job's own, if every robot or job has its own.
+        """
+        if self.has_own_conditions and name in self.per_robot:
+            return robot_condition(name, robot)
+        if job and self.has_blackboard:
+            known = self.conditions.get(declared_name(name))
+            if known is not None and known.per_job and not split_owner(name)[1]:
+                return job_entry(name, job)
+        return name
 
     @cached_property
     def has_own_conditions(self) -> bool:
         """Whether there are conditions that every robot has for itself."""
         return any(known.per_robot for known in self.conditions.values())
 
+    @cached_property
+    def truths(self) -> dict[str, ConditionType]:
+        """The declared conditions alone, which are true or false."""
+        return {name: known for name, known in self.conditions.items() if known.values is None}
+
+    @cached_property
+    def has_blackboard(self) -> bool:
+        """Whether there are entries other than conditions."""
+        return any(known.values is not None for known in self.conditions.values())
+
     def can_be_set(self, name: str) -> bool:
-        """Whether this is a condition of the team, or of a robot of the mission: `holding@A1`."""
-        if not self.has_own_conditions:
+        """Whether this is a condition or entry of the team, of a robot of the mission
+        (`holding@A1`), or of a job.
+        """
+        if not self.has_own_conditions and not self.has_blackboard:
             return self.knows_condition(name)
-        return self.knows_condition(split_owner(name)[0]) and self.per_robot.names_owner(name)
+        return _is_declared(split_owner(name)[0], self.conditions) and (
+            self.per_robot.names_owner(name)
+        )
+
+    def value_problem(self, name: str, value: Any) -> str:
+        """What is wrong with a value for a condition or entry; empty if it fits. None: not set."""
+        known = self.conditions[declared_name(name)]
+        if known.values is None:
+            return "" if isinstance(value, bool) else "it is true or false"
+        return "" if value is None or known.values.fits(value) else f"it is {known.values}"
+
+    def knows_entry(self, ground: str) -> bool:
+        """Whether `ground` is a declared condition, or entry, with its number of arguments."""
+        return _is_declared(ground, self.conditions)
 
     def knows_condition(self, ground: str) -> bool:
-        """Whether `ground` is a declared condition with the right number of arguments."""
-        return _is_declared(ground, self.conditions)
+        """Whether a leaf may read `ground`: a declared condition, or a comparison of an entry with
+        a value of its type.
+        """
+        comparison = comparison_of(ground) if self.has_blackboard else None
+        if comparison is None:
+            return self.knows_entry(ground) and not self.holds_value(ground)
+        if not self.can_be_set(comparison.entry) and comparison.entry not in self.per_robot:
+            return False
+        try:
+            self.compare(ground, 0)
+        except (KeyError, TypeError, ValueError, AssertionError):
+            return False
+        return True
 
     def is_failure_reason(self, ground: str) -> bool:
         """Whether a condition follows from failure reasons, so that programs do not set it."""
@@ -537,7 +619,8 @@ class Mission:
 
     def local_condition_default(self, ground: str) -> bool:
         """The value of a local condition while its program has not set it."""
-        return _default_of(ground, self.local_conditions)
+        known = self.local_conditions.get(type_name(ground))
+        return known is not None and bool(known.default)
 
     def knows_local_condition(self, ground: str) -> bool:
         """Whether `ground` is a declared local condition."""
@@ -584,11 +667,6 @@ class Mission:
             "program": self.program,
             "costs": [dict(self.costs.robots), dict(self.costs.capabilities)],
         }
-
-
-def _default_of(ground: str, declared: Mapping[str, ConditionType]) -> bool:
-    known = declared.get(type_name(split_owner(ground)[0]))
-    return known is not None and known.default
 
 
 def _is_declared(ground: str, declared: Mapping[str, ConditionType]) -> bool:

@@ -14,14 +14,23 @@ MAX_ARGUMENTS = 8
 PLACEHOLDER = re.compile(r"\{(\w+)\}")
 # In place of a local task: all that a robot has.
 ALL = "all"
+# In place of a job's id, as `PLACEHOLDER`; no parameter has such a name.
+THIS_JOB = "0"
 _OF = "@"
+_OF_JOB = "job:"
 
-_CALL = re.compile(rf"({NAME_PATTERN})(?:\(({ARGUMENT_PATTERN}(?:,{ARGUMENT_PATTERN})*)\))?")
+_VALUE = rf"(?:{ARGUMENT_PATTERN}|\${NAME_PATTERN})"
+_CALL = re.compile(rf"({NAME_PATTERN})(?:\(({_VALUE}(?:,{_VALUE})*)\))?")
+_READ = re.compile(rf"\$({NAME_PATTERN})")
 _ROBOT = re.compile(ROBOT_PATTERN)
+_JOB_ID = re.compile(ARGUMENT_PATTERN)
 
 
 def split_call(text: str) -> tuple[str, tuple[str, ...]]:
-    """`replace_hw(2)` -> ("replace_hw", ("2",)); raises ValueError if it is not ground."""
+    """`replace_hw(2)` -> ("replace_hw", ("2",)); raises ValueError if it is not ground.
+
+    An argument may be read from the team's blackboard: `fetch($found)`.
+    """
     match = _CALL.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not a name like fix_hw or fix_hw(2)")
@@ -48,17 +57,54 @@ def type_name(ground: str) -> str:
     return ground.partition("(")[0]
 
 
+def entries_in(call: str) -> list[str]:
+    """The blackboard entries that are arguments of a call: `fetch($found,2)` -> ["found"]."""
+    return _READ.findall(call) if "$" in call else []
+
+
+def with_entries(call: str, values: Mapping[str, str]) -> str:
+    """A call with the values of entries as arguments: `fetch($found)` -> `fetch(red)`."""
+    return _READ.sub(lambda match: values.get(match[1], match[0]), call)
+
+
 def robot_condition(condition: str, robot: str) -> str:
-    """The condition of one robot: `holding(1)@A1`."""
-    return f"{condition}{_OF}{robot}"
+    """The condition of one robot: `holding(1)@A1`, `battery@A1 < 30`."""
+    name, blank, rest = condition.partition(" ")
+    return f"{name}{_OF}{robot}{blank}{rest}"
+
+
+def job_entry(condition: str, job: str) -> str:
+    """The entry of one job: `found@job:morning-1`."""
+    return robot_condition(condition, f"{_OF_JOB}{job}")
 
 
 def split_owner(name: str) -> tuple[str, str]:
-    """`holding@A1` -> ("holding", "A1"); for a condition of the team the robot is empty."""
-    condition, _, robot = name.partition(_OF)
-    return condition, robot
+    """`holding@A1` -> ("holding", "A1"), `battery@A1 < 30` -> ("battery < 30", "A1"); the owner of
+    what is of the team is empty.
+    """
+    if _OF not in name:
+        return name, ""
+    name, blank, rest = name.partition(" ")
+    condition, _, owner = name.partition(_OF)
+    return f"{condition}{blank}{rest}", owner
+
+
+def owning_job(name: str) -> str:
+    """The job to which an entry, or a comparison of it, belongs; empty: to none."""
+    owner = split_owner(name)[1]
+    return owner[len(_OF_JOB) :] if owner.startswith(_OF_JOB) else ""
+
+
+def declared_name(condition: str) -> str:
+    """The declared condition or entry of a name: `heavy(red)@A1`, `heavy(red) == 3` -> `heavy`."""
+    return type_name(condition.partition(" ")[0].partition(_OF)[0])
 
 
 def is_robot_id(text: str) -> bool:
     """Whether `text` may name a robot: 1 to 32 letters, digits, `_`, `-`."""
     return _ROBOT.fullmatch(text) is not None
+
+
+def is_job_id(text: str) -> bool:
+    """Whether `text` may name a job: 1 to 64 letters, digits, `_`, `.`, `+`, `-`."""
+    return _JOB_ID.fullmatch(text) is not None

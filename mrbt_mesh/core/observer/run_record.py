@@ -24,6 +24,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import changed_performances
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.episodes import (
@@ -70,7 +71,7 @@ class RunRecord:
         self.failures = Newest[FailedEnd](limit)
         self.timeline = Newest[tuple[int, str]](limit)
         self.claims = Newest[tuple[int, str, Claim]](limit)
-        self.conditions = Newest[tuple[int, str, bool]](limit)
+        self.conditions = Newest[tuple[int, str, Value | None]](limit)
         self.problems: dict[tuple[str, str], ProblemEpisode] = {}
         self.biddings = Newest[BiddingRecord](limit)
         self.joined_us: dict[str, int] = {}
@@ -252,7 +253,8 @@ class RunRecord:
             case ConditionValue() as condition:
                 name = entry.parts[1]
                 self.conditions.append((now_us, name, condition.value))
-                self._say_heard(now_us, f"{robot}: {name} is {str(condition.value).lower()}")
+                text = self.mission.entry_text(name, condition.value)
+                self._say_heard(now_us, f"{robot}: {name} is {text}")
             case Bid(number):
                 self._bid(entry, number, now_us)
             case RobotProblem(text):

@@ -48,8 +48,9 @@ class ConsistentRequests:
 
     `rest_reason`: why no robot is to work at all, empty if they are. `bids`: the demands of the
     requests, and what the bids make of them. `ahead`: what schedules are made for, if the mission
-    travels. `offered`: the demands with the robots that may be assigned to them. `kept`: indices of
-    the requests that are served. `pinned`: robots at work that go on -> index of their request.
+    travels. `unset`: why requests wait for the blackboard. `offered`: the demands with the robots
+    that may be assigned to them. `kept`: indices of the requests that are served. `pinned`: robots
+    at work that go on -> index of their request.
     """
 
     evaluation: Evaluation
@@ -60,6 +61,7 @@ class ConsistentRequests:
     bids: Bids = field(default_factory=lambda: Bids(()))
     ahead: Lookahead | None = None
     obstacles: Mapping[int, str] = field(default_factory=dict)
+    unset: Mapping[int, str] = field(default_factory=dict)
     offered: Sequence[Group] = ()
     kept: Sequence[int] = ()
     pinned: Mapping[str, int] = field(default_factory=dict)
@@ -116,7 +118,7 @@ def check_consistency(
     requests, team = evaluation.requests, capabilities.team
     demands = demands_of(facts, requests, capabilities)
     bids = bids_for(facts, demands, team) if mission.has_bids else Bids(demands)
-    obstacles = _obstacles(facts, requests, bids.groups, team)
+    obstacles, unset = _obstacles(facts, requests, bids.groups, team)
     offered: Sequence[Group] = bids.groups
     if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
         offered = spare_scarce(facts, evaluation, bids.groups, team)
@@ -132,11 +134,10 @@ def check_consistency(
             if mission.constraints
             else Consistency(team, capabilities.masks)
         ),
-        obstacles,
+        obstacles | unset,
     )
-    return ConsistentRequests(
-        evaluation, command, ended, capabilities, "", bids, ahead, obstacles, offered, kept, pinned
-    )
+    found = bids, ahead, obstacles, unset, offered, kept, pinned
+    return ConsistentRequests(evaluation, command, ended, capabilities, "", *found)
 
 
 def assign_agents(
@@ -176,6 +177,8 @@ def assign_agents(
         i: _waiting(facts, demands[i], capabilities, obstacles.get(i, ""), held.get(i, ()))
         for i in rest
     }
+    for index, text in found.unset.items():
+        waiting[index] = replace(waiting[index], held_by=text)
     if mission.constraints:
         check = SideConstraintCheck(mission.constraints, list(team), offered)
         waiting = {
@@ -187,13 +190,14 @@ def assign_agents(
         pending = pending_failures(facts, requests, waiting, obstacles, team)
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
-    idle = _why_idle([r for r in team if r not in assignments], demands, offered, served, held)
+    robots = [r for r in team if r not in assignments]
+    idle = _why_idle(robots, demands, offered, served, held, found.unset)
     if found.ahead is not None:
         idle |= _what_is_next(found.ahead, idle)
     return Plan(
         evaluation,
         command,
-        _with_leaders(facts, assignments, team, found.ahead),
+        _completed(facts, assignments, team, found.ahead),
         idle | outside,
         tuple(waiting.values()),
         found.is_consistent,
@@ -225,15 +229,19 @@ def _obstacles(
     requests: Sequence[Request],
     demands: Sequence[Group],
     team: Mapping[str, Worker],
-) -> dict[int, str]:
-    """Why requests cannot be served, whichever robots are free."""
-    tasks = facts.mission.global_tasks
-    found = {
-        index: obstacle(facts, request, demands[index], team)
-        for index, request in enumerate(requests)
-        if tasks[request.subject].exclusive
-    }
-    return {index: text for index, text in found.items() if text}
+) -> tuple[dict[int, str], dict[int, str]]:
+    """Why requests cannot be served, whichever robots are free, and why they wait for values."""
+    found, unset = {}, {}
+    for index, request in enumerate(requests):
+        task = facts.mission.global_tasks[request.subject]
+        if task.exclusive and (text := obstacle(facts, request, demands[index], team)):
+            found[index] = text
+        if task.reads:
+            values = facts.values_read(request.activation, task)
+            names = [name for name, value in zip(task.reads, values, strict=True) if value is None]
+            if names:
+                unset[index] = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not set"
+    return found, unset
 
 
 def _assign(
@@ -298,7 +306,7 @@ def _limited(
     pinned: Mapping[str, int],
 ) -> Waiting:
     """Name the side constraints that a request waits for, or that it cannot be served within."""
-    if waiting.is_blocked or waiting.awaited:
+    if waiting.is_blocked or waiting.awaited or waiting.held_by:
         return waiting
     never = check.obstacle(group)
     if never:
@@ -306,14 +314,15 @@ def _limited(
     return replace(waiting, held_by=check.in_the_way(kept, index, pinned))
 
 
-def _with_leaders(
+def _completed(
     facts: TeamFacts,
     assignments: Mapping[str, RobotAssignment],
     team: Mapping[str, Worker],
     ahead: Lookahead | None,
 ) -> dict[str, RobotAssignment]:
     """Name the leader where a task is carried out by a coalition: that of the standing one, else
-    the first robot that the schedule in force has on the activation, else that of the plan.
+    the first robot that the schedule in force has on the activation, else that of the plan. And put
+    in what a task reads from the blackboard.
     """
     leaders: dict[str, tuple[str, int]] = {}
     result = {}
@@ -328,6 +337,10 @@ def _with_leaders(
                 leaders[activation] = (token.leader if token is not None else first, number)
             leader, number = leaders[activation]
             assignment = replace(assignment, leader=leader, round=number)
+        if task.reads:
+            read = facts.values_read(activation, task)
+            values = tuple((n, v) for n, v in zip(task.reads, read, strict=True) if v is not None)
+            assignment = replace(assignment, values=values)
         result[robot] = assignment
     return result
 
@@ -338,6 +351,7 @@ def _why_idle(
     offered: Sequence[Group],
     kept: Collection[int],
     held: Collection[int],
+    unset: Mapping[int, str],
 ) -> dict[str, str]:
     """For robots without an assignment: why."""
     if not demands:
@@ -362,7 +376,8 @@ def _why_idle(
         elif served:
             reasons[robot] = f"{', '.join(names)}: enough robots are on it"
         else:
-            reasons[robot] = f"{', '.join(names)}: waits for robots"
+            why = next((unset[index] for index in found if index in unset), "waits for robots")
+            reasons[robot] = f"{', '.join(names)}: {why}"
     return reasons
 
 

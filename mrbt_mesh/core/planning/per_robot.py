@@ -23,6 +23,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import ConditionValue
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.names import robot_condition
 
 
@@ -69,26 +70,28 @@ def asks_for(facts: TeamFacts, request: Request) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PendingLoss:
-    """A condition of a robot outside the team that becomes false, as its `revision`, if every plan
-    shows it for `Timing.failure_latch_us`.
+    """A condition of a robot outside the team that becomes false, or an entry that is not set any
+    more, as its `revision`, if every plan shows it for `Timing.failure_latch_us`.
     """
 
     condition: str
     revision: int
+    value: Value | None = False
 
     @property
     def fact(self) -> Fact:
         """The fact that it is lost; the same, whichever robot writes it."""
-        return f"{records.CONDITION}/{self.condition}", ConditionValue(False, self.revision, 0)
+        return f"{records.CONDITION}/{self.condition}", ConditionValue(self.value, self.revision, 0)
 
 
 def pending_losses(facts: TeamFacts, team: Collection[str]) -> tuple[PendingLoss, ...]:
     """What holds for robots of the mission that are not in the team, sorted."""
     mission = facts.mission
     absent = sorted(robot for robot in mission.robots if robot not in team)
-    names = (robot_condition(leaf, robot) for leaf in mission.per_robot.leaves for robot in absent)
+    names = [robot_condition(read, robot) for read in mission.per_robot.read for robot in absent]
+    lost = {name: None if mission.holds_value(name) else False for name in names}
     return tuple(
-        PendingLoss(name, facts.conditions.revision(name) + 1)
-        for name in names
-        if facts.condition(name)
+        PendingLoss(name, facts.conditions.revision(name) + 1, value)
+        for name, value in lost.items()
+        if facts.conditions.entry(name) != value
     )

@@ -95,7 +95,8 @@ class RobotAssignment:
 
     `performance` is the declared one, or what the robot bid.
     `leader` brings the coalition together, where the task is carried out by one; `round`
-    counts the coalitions that have ended without success.
+    counts the coalitions that have ended without success. `values`: blackboard entry -> its value,
+    of those that are arguments.
     """
 
     robot: str
@@ -106,6 +107,7 @@ class RobotAssignment:
     pinned: bool
     leader: str = ""
     round: int = 0
+    values: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +131,8 @@ class Waiting:
     """A request that is not served. With `shortages` it is blocked: no living robots could.
 
     `obstacle` is what else keeps it from being served, whichever robots are free. `held_by`: the
-    side constraints without which it would not have to wait now. `awaited`: the robots without
+    blackboard entries that are not set, or the side constraints without which it would not have to
+    wait now. `awaited`: the robots without
     whose bids it is not decided who serves it. `is_failing`: it fails unless that changes.
     """
 
@@ -230,7 +233,8 @@ class Plan:
 
     @cached_property
     def digest(self) -> bytes:
-        """8 bytes over activation -> robots alone: no phases, no pins, not the alive set.
+        """8 bytes over activation -> robots alone, and what is read from the blackboard for it: no
+        phases, no pins, not the alive set.
 
         Once the mission has ended, over how it did.
         """
@@ -238,7 +242,8 @@ class Plan:
             [int(self.result)]
             if self.ended is not None
             else sorted(
-                (x.activation, x.local_task, x.robot, x.round) for x in self.assignments.values()
+                (x.activation, x.local_task, x.robot, x.round, *x.values)
+                for x in self.assignments.values()
             )
         )
         return hashlib.blake2b(msgpack.packb(said), digest_size=8).digest()
@@ -295,6 +300,7 @@ class Plan:
                     "leader": x.leader or None,
                     "round": x.round,
                 }
+                | ({"values": dict(x.values)} if x.values else {})
                 for x in self.assignments.values()
             },
             "idle": dict(self.idle),
@@ -322,6 +328,7 @@ def assignment_reason(plan: Plan, robot: str) -> str:
         why = "goes on with what it runs"
     elif plan.ahead is not None and plan.ahead.is_next(robot, assignment.activation):
         why = f"first in the schedule of {plan.ahead.author}"
+    why += "".join(f" with {name} = {value}" for name, value in assignment.values)
     bids = plan_bids(plan).get(place)
     if bids is None:
         return f"{why} (performance {assignment.performance / MICRO:g})"

@@ -44,6 +44,15 @@ _EXPRESSIONS = (
 TRIED, INSTEAD = "tried", "instead"
 # The tasks of jobs.
 FIRST, SECOND = "first", "second"
+# The task that reads the blackboard, what its entries may hold, and what the tree says of them.
+READ = "read"
+FOUND = ["a", "b", "c"]
+VALUES: dict[str, list[Any]] = {
+    "found": FOUND,
+    "count": list(range(10)),
+    "level": [-0.5, 2.5, 12, 19.9],
+}
+COMPARISONS = ["found == a", "found != b", "count >= 3", "count < 7", "level < 10", "level@R1 > 0"]
 # In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
 # the square of the robots times the events, of which an endless mission has as many as it can.
 MAX_ENDLESS_ROBOTS = 8
@@ -104,6 +113,9 @@ class _Generator:
         # Likewise jobs, in some missions.
         self.jobs = random.Random(f"{seed}/jobs")
         self.takes_jobs = self.jobs.random() < 0.15
+        # Likewise a blackboard, in some missions.
+        self.values = random.Random(f"{seed}/values")
+        self.uses_values = self.values.random() < 0.15
         # And some teams stand by when they are done.
         self.stands_by = random.Random(f"{seed}/ends").random() < 0.15
         self.conditions = [f"c{i}" for i in range(self.pick.randint(1, 4))]
@@ -134,6 +146,8 @@ class _Generator:
             self.add_alternative(mission)
         if self.takes_jobs:
             self.add_jobs(mission)
+        if self.uses_values:
+            self.add_blackboard(mission)
         if self.travelling:
             self.add_places(mission)
         return mission
@@ -159,6 +173,13 @@ class _Generator:
             "global_tasks": self.global_tasks,
             "tree": tree,
         }
+
+    def condition(self, pick: random.Random) -> Any:
+        """A leaf that reads a condition, or an entry of the blackboard."""
+        name = pick.choice(self.conditions)
+        if self.uses_values and self.values.random() < 0.5:
+            name = self.values.choice(COMPARISONS)
+        return {str(Kind.CONDITION): name}
 
     def condition_type(self) -> dict[str, Any]:
         declared: dict[str, Any] = {"default": self.chance(0.3)}
@@ -261,7 +282,7 @@ class _Generator:
             }
         leaves: list[Any] = [f"{FIRST}($number)", f"{SECOND}($number)"]
         if pick.random() < 0.4:
-            leaves.insert(1, {str(Kind.CONDITION): pick.choice(self.conditions)})
+            leaves.insert(1, self.condition(pick))
         either = {str(Kind.FALLBACK): [f"{FIRST}($number)", f"{SECOND}($number)"]}
         parameters = {"number": {"min": 1, "max": 3}}
         mission["jobs"] = {
@@ -277,6 +298,52 @@ class _Generator:
         children = [mission["tree"], jobs] if pick.random() < 0.5 else [jobs, mission["tree"]]
         mission["tree"] = {str(Kind.PARALLEL): {"success": "all", "children": children}}
         mission["ends"] = "never"
+
+    def add_blackboard(self, mission: dict[str, Any]) -> None:
+        """Entries that tasks and sensors set, and a task that reads one, beside the tree; in a
+        mission with jobs also one of each job.
+        """
+        pick = self.values
+        mission["blackboard"] = {
+            "found": {"values": FOUND},
+            "count": {"min": 0, "max": 9, "default": pick.randrange(10)},
+            "level": {"min": -5, "max": 20, "decimals": 1, "per": "robot"},
+        }
+        sets = {name: pick.sample(VALUES[name], 3) for name in VALUES if pick.random() < 0.7}
+        tasks = [name for name in mission["local_tasks"] if pick.random() < 0.5]
+        for name in tasks:
+            chosen = {each: values for each, values in sets.items() if pick.random() < 0.6}
+            mission["parameters"]["tasks"].setdefault(name, {})["values"] = chosen
+        for robot in self.robots:
+            times = sorted(pick.randrange(100) / 10 for _ in range(pick.choice([0, 0, 1, 3])))
+            sensed = mission["parameters"]["sensors"].setdefault(robot, [])
+            for at_s in times:
+                name = pick.choice(sorted(VALUES))
+                sensed.append([at_s, name, pick.choice(VALUES[name])])
+            sensed.sort(key=lambda row: row[0])
+        mission["local_tasks"][READ] = {"parameters": ["what"], "work": pick.choice([0.5, 2.0])}
+        mission["local_tasks"][self.local_tasks[0]]["sets"] = ["found"]
+        for kind in self.types:
+            mission["robot_types"][kind]["capabilities"][READ] = 1.0
+        least = min(pick.choice([1, 1, 2]), len(self.robots))
+        need: dict[str, Any] = {"min": least, "max": least + pick.choice([0, 0, 1])}
+        if pick.random() < 0.2:
+            mission["parameters"]["tasks"][READ] = {"fails_permille": 300}
+        special = pick.choice([{}, {}, {"simultaneous": True}, {"exclusive": True}])
+        needs = {f"{READ}($what)": need}
+        mission["global_tasks"][READ] = {"parameters": ["what"], "needs": needs, **special}
+        read: Any = f"{READ}(${pick.choice(['found', 'count'])})"
+        if pick.random() < 0.5:
+            read = {str(Kind.SEQUENCE): [self.condition(pick), read]}
+        children = [{str(Kind.FORCE_SUCCESS): read}, mission["tree"]]
+        if "jobs" in mission:
+            mission["blackboard"]["own"] = {"values": FOUND, "per": "job"}
+            mission["local_tasks"][FIRST]["sets"] = ["own"]
+            mission["parameters"]["tasks"][FIRST]["values"] = {"own": FOUND}
+            leaves = mission["jobs"]["both"]["tree"][str(Kind.SEQUENCE)]
+            is_first: Any = {str(Kind.CONDITION): "own == a"}
+            leaves.append({str(Kind.FALLBACK): [is_first, f"{READ}($own)"]})
+        mission["tree"] = {str(Kind.PARALLEL): {"success": "all", "children": children}}
 
     def add_places(self, mission: dict[str, Any]) -> None:
         """Most local tasks happen at a place; some teams drive by themselves."""
@@ -317,7 +384,7 @@ class _Generator:
 
     def leaf(self) -> Any:
         if self.chance(0.15):
-            return {str(Kind.CONDITION): self.pick.choice(self.conditions)}
+            return self.condition(self.pick)
         if self.global_tasks and (self.leaves >= 12 or self.chance(0.15)):
             return self.pick.choice(sorted(self.global_tasks))  # one task at two places
         self.leaves += 1
@@ -340,7 +407,7 @@ class _Generator:
         """Conditions that decide together."""
         pick = self.guards
         if depth == 0 or pick.random() < 0.2:
-            return {str(Kind.CONDITION): pick.choice(self.conditions)}
+            return self.condition(pick)
         kind = pick.choice(_EXPRESSIONS)
         if kind in (Kind.INVERTER, Kind.FORCE_SUCCESS):
             return {str(kind): self.expression(depth - 1)}

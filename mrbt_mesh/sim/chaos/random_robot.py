@@ -8,6 +8,7 @@ The mission file's parameters determine their behaviour:
         t1: {fails_permille: 200, raises: true, sets: {c0: true}, loses: 30}
         t2: {bid: {no_permille: 100, fails_permille: 100, late_permille: 100}}
         t3: {fails_on: [R2]}       # always
+        t4: {values: {found: [a, b]}}  # sets an entry to one of these, by the salt
       sensors:
         R1: [[1.5, c0, true]]      # seconds after the robot's start
       losses:
@@ -80,6 +81,8 @@ async def work(task: TaskContext, *arguments: str) -> bool:
     if success:
         for name, value in behaviour.get("sets", {}).items():
             task.set_condition(name, value)
+        for name, choices in behaviour.get("values", {}).items():
+            task.set_value(name, choices[_permille(task, name) % len(choices)])
     return success
 
 
@@ -139,9 +142,12 @@ async def lose(context: RobotContext) -> None:
 @robot.background
 @driver.background
 async def sense(context: RobotContext) -> None:
-    """Set conditions at set times."""
+    """Set conditions and entries at set times."""
     passed_s = 0.0
     for at_s, name, value in context.parameters.get("sensors", {}).get(context.robot, []):
         await anyio.sleep(max(0.0, at_s - passed_s))
         passed_s = max(passed_s, at_s)
-        context.set_condition(name, value)
+        if isinstance(value, bool):
+            context.set_condition(name, value)
+        else:
+            context.set_value(name, value)

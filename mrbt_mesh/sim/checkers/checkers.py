@@ -39,6 +39,7 @@ from mrbt_mesh.sim.checkers.work import (
     in_its_place,
     not_taken_off,
     plan_is_carried_out,
+    same_arguments,
 )
 from mrbt_mesh.sim.world.effect_log import EffectLog
 from mrbt_mesh.sim.world.faults import Block, Fault, Unblock, fault_text
@@ -127,6 +128,7 @@ class Checkers(Inspection):
             elif isinstance(effect, StartAction):
                 self.i3.started(agent, effect)
                 able_to_start(run, agent, effect)
+                same_arguments(run, agent, effect)
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)

@@ -13,13 +13,12 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.jobs import job_of
 from mrbt_mesh.core.facts.records import (
     DONE,
-    EXPRESSION,
     JOB_END,
-    JOB_KINDS,
     Outcome,
     split_name,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
+from mrbt_mesh.core.facts.team_facts import OF_JOBS
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.process import SimProcess
@@ -112,8 +111,8 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, since no evaluation can read it."""
     parts = entry.parts
     jobs = agent.facts.jobs
-    if jobs is not None and (parts[0] in JOB_KINDS or parts[0] == EXPRESSION):
-        name = job_of(entry)
+    name = job_of(entry) if jobs is not None and parts[0] in OF_JOBS else ""
+    if jobs is not None and name:
         return jobs.is_archived(name) or (parts[0] != JOB_END and jobs.has_ended(name))
     if parts[0] not in ACTIVATION_KINDS:
         return False

@@ -109,6 +109,8 @@ class _Search:
     def _possible_ends(self, request: Request) -> tuple[Status, ...]:
         facts = self._agent.facts
         task = facts.mission.global_tasks[request.subject]
+        if task.reads and None in facts.values_read(request.activation, task):
+            return ()  # it waits for the blackboard
         plan = self._agent.plan
         if plan is not None and any(
             waiting.activation == request.activation and waiting.obstacle

@@ -225,8 +225,12 @@ def servable(agent: AgentView, alive: Mapping[str, Incarnation]) -> str | None:
 
 
 def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
-    """Whether an exclusive task lacks a living majority, or is held in doubt after a grant."""
+    """Whether a task waits for the blackboard, or an exclusive one lacks a living majority, or is
+    held in doubt after a grant.
+    """
     task = facts.mission.global_tasks[request.subject]
+    if task.reads and None in facts.values_read(request.activation, task):
+        return True
     if not task.exclusive:
         return False
     present = sum(robot in facts.mission.robots for robot in alive)

@@ -8,14 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
+from operator import lt
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import OverlaidFacts, OwnFacts
 from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import ExpressionRevision
+from mrbt_mesh.core.facts.records import ExpressionRevision, Revision
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.names import split_owner
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim.checkers.barriers import barriers
 from mrbt_mesh.sim.checkers.findings import RunFindings
@@ -112,24 +114,24 @@ class _Otherwise(OverlaidFacts):
         return super().condition(name) if value is None else value
 
 
-def _notes(facts: TeamFacts) -> Iterator[tuple[str, int]]:
+def _notes(facts: TeamFacts) -> Iterator[tuple[str, Revision]]:
     """The conditions that robots have read for joint guards, and their revisions."""
     for entry in facts.map:
         if isinstance(entry.record, ExpressionRevision):
-            per_robot, name = facts.mission.per_robot, entry.parts[1]
-            guard = (
-                per_robot.guard_expressions.get(name) or facts.mission.evaluator.with_actions[name]
-            )
-            yield from zip(guard.conditions, entry.record.read, strict=True)
+            mission, name = facts.mission, entry.parts[1]
+            expression = mission.per_robot.guard_expressions.get(name)
+            guard = expression or mission.evaluator.with_actions.get(name)
+            if guard is not None:  # else it is of a job that is not in the tree
+                yield from zip(guard.conditions, entry.record.read, strict=True)
 
 
 def _changed(facts: TeamFacts) -> set[str]:
     """The conditions that have ever changed, by the names that the tree reads."""
     names = {name for name in facts.conditions.names() if facts.conditions.revision(name)}
     names |= {name for name, revision in _notes(facts) if revision}
-    return {name.partition("@")[0] for name in names}
+    return {split_owner(name)[0] for name in names}
 
 
 def _has_late_news(facts: TeamFacts) -> bool:
     """Whether others have read values of conditions that this robot has not received yet."""
-    return any(facts.conditions.revision(name) < revision for name, revision in _notes(facts))
+    return any(lt(facts.conditions.seen(name), revision) for name, revision in _notes(facts))

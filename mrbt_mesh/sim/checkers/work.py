@@ -10,6 +10,8 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
+    ARGUMENTS,
+    Arguments,
     Claim,
     CommandKind,
     Phase,
@@ -72,12 +74,45 @@ def able_to_start(run: RunFindings, agent: AgentView, start: StartAction) -> Non
         run.violation("I4", text)
 
 
+def _hear_in_time(run: RunFindings) -> bool:
+    """Whether all robots hear one another within a part of the grace time."""
+    world = run.world
+    delay_us = world.network.slowest_us + 2 * world.plan_delay_us
+    prompt = delay_us < world.timing.grace_us // 4
+    return prompt and not world.cut_off and world.network.is_reliable_at(world.clock.now_us)
+
+
+def same_arguments(run: RunFindings, agent: AgentView, start: StartAction) -> None:
+    """I4: a robot begins with the arguments that are facts, and all on one activation with the same
+    where they hear one another.
+    """
+    if not start.values:
+        return
+    run.checks["I4"] += 1
+    name = f"{ARGUMENTS}/{start.activation}"
+    *_, known = min(
+        (entry.record.stamp, entry.author, entry.record.values)
+        for entry in agent.facts.map
+        if entry.name == name and isinstance(entry.record, Arguments)
+    )
+    others = {
+        action.values
+        for process in run.world.living()
+        if process.agent is not None
+        and (action := process.agent.view.action) is not None
+        and action.activation == start.activation
+    }
+    if tuple(value for _, value in start.values) != known or (
+        _hear_in_time(run) and len(others) > 1
+    ):
+        text = f"{agent.robot} starts {start.activation} with {dict(start.values)}"
+        run.violation("I4", f"{text}, others with {sorted(others)}; known is {known}")
+
+
 def at_most_mu(run: RunFindings, agent: AgentView, start: StartAction) -> None:
     """I4: where all hear one another in time, at most mu robots work on a need at any moment."""
     world, place = run.world, (start.activation, start.local_task)
-    delay_us = world.network.slowest_us + 2 * world.plan_delay_us
-    prompt = delay_us < world.timing.grace_us // 4
-    if not prompt or world.cut_off or not world.network.is_reliable_at(world.clock.now_us):
+    if not _hear_in_time(run):
         return
     robots = [
         process.robot

@@ -43,6 +43,7 @@ from mrbt_mesh.core.agent.inputs import (
     WallClockRead,
 )
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
+from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
 from mrbt_mesh.runtime.context import TaskContext
@@ -420,6 +421,10 @@ class SimProcess:
     def read_condition(self, name: str) -> bool:
         view = self.agent.view if self.agent is not None else None
         return view is not None and view.facts.condition_of(view.robot, name)
+
+    def read_value(self, name: str, job: str) -> Value | None:
+        view = self.agent.view if self.agent is not None else None
+        return None if view is None else view.facts.entry(view.robot, name, job)
 
     def record_event(self, event: Mapping[str, Any]) -> None:
         if not self.killed:
