@@ -24,12 +24,14 @@ from mrbt_mesh.cli.options import json_option, mission_argument
 def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> None:
     """Find the faults that a mission survives.
 
-    With advice on robots and capabilities to add.
+    With advice on robots and capabilities to add. Of a mission with jobs, the faults with which a
+    job of each type can still be done.
 
     Example: mrbt analyze examples/vehicle_repair/mission.yaml
     """
     from mrbt_mesh.analysis.tolerance.analyse import analyse
-    from mrbt_mesh.analysis.tolerance.render import render_analysis
+    from mrbt_mesh.analysis.tolerance.jobs import analyse_jobs
+    from mrbt_mesh.analysis.tolerance.render import render_analysis, render_jobs
     from mrbt_mesh.analysis.tolerance.requirement import TooLargeError
     from mrbt_mesh.cli.terminal import bar_of_steps, console, print_json
     from mrbt_mesh.errors import InputError
@@ -37,16 +39,21 @@ def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> N
     from mrbt_mesh.formats.mission_file import load_mission
 
     loaded = load_mission(mission)
-    if loaded.jobs:
-        text = "what faults its jobs survive depends on which there are; analyze a mission that has"
-        raise InputError(f"{mission}: {text} the tree of one job in place of its Jobs node")
     prices = loaded.costs if costs is None else costs_from_file(costs, loaded)
     try:
         with bar_of_steps("reading the mission") as update:
-            found = analyse(loaded, prices, limit, update)
+            if loaded.jobs:
+                of_jobs = analyse_jobs(loaded, prices, limit, update)
+            else:
+                found = analyse(loaded, prices, limit, update)
     except TooLargeError as error:
         raise InputError(f"{mission}: {error}") from None
-    if as_json:
+    if loaded.jobs and as_json:
+        jobs = {each.type: each.to_json() for each in of_jobs}
+        print_json({"mission": loaded.name, "jobs": jobs})
+    elif loaded.jobs:
+        console.print(render_jobs(loaded.name, of_jobs))
+    elif as_json:
         print_json(found.to_json())
     else:
         console.print(render_analysis(found))

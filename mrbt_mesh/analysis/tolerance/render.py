@@ -18,6 +18,7 @@ from mrbt_mesh.analysis.tolerance.analyse import (
     TaskSlack,
     assumptions,
 )
+from mrbt_mesh.analysis.tolerance.jobs import JobAnalysis
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.service import Fault
 from mrbt_mesh.cli.terminal import table
@@ -136,6 +137,26 @@ def render_analysis(analysis: Analysis) -> RenderableType:
         text = "Time ran out: ranges hold the true figures; a larger --limit narrows them."
         parts += ["", Text(text, "yellow")]
     return Group(*parts)
+
+
+def render_jobs(mission: str, jobs: Sequence[JobAnalysis]) -> RenderableType:
+    """What a job of each type survives, in short, and the report of each."""
+    heading = (
+        "a job of type",
+        "survives any one robot",
+        "any one capability",
+        "fatal alone",
+        "scarce",
+    )
+    short = table(*heading)
+    for each in jobs:
+        main = each.analysis.main
+        fatal = faults_text(main.major.critical)
+        marks = _mark(main.is_strong), _mark(main.is_weak)
+        short.add_row(each.type, *marks, fatal, shortened(each.scarce))
+    text = f"{mission}: each type of jobs on its own, with the arguments that survive least"
+    reports = [part for each in jobs for part in ("", render_analysis(each.analysis))]
+    return Group(Text(text, "bold"), short, *reports)
 
 
 def _mark(value: bool | None) -> Text:
