@@ -19,7 +19,7 @@ CAUGHT = {
     "outcomes_dropped_at_restart": ("I9", (1, 4)),
     "no_relays": ("I2", (6, 10)),
     "digest_ignores_conditions": ("I2", (44, 46)),
-    "stale_claims_stay_valid": ("I6", (80, 166)),
+    "stale_claims_stay_valid": ("I6", (42, 46)),
     "no_repair": ("I2", (4, 34)),
     "starts_without_agreement": ("I4", (43, 75)),
     "any_optimum": ("I7", (40, 31)),

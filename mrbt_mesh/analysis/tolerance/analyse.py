@@ -26,8 +26,8 @@ ASSUMPTIONS = (
     "Faults happen before a task starts; what is done stays done.",
     "A task is feasible if all its needs find their min robots at one time, no robot twice.",
     "The tree runs serially if need be: a required task has to be feasible alone.",
-    "Each condition may read either value each time it is read; values with which the tree "
-    "could not succeed even if every task were feasible do not count.",
+    "Each condition or comparison may read either value each time it is read; values with which "
+    "the tree could not succeed even if every task were feasible do not count.",
     "A feasible task succeeds or fails as the mission needs it; an infeasible one blocks for "
     "ever, or fails with blocked: {fail_after_s}.",
     "A task with same_robot_as is for the robots that did another one, which may be any that could "

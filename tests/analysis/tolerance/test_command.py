@@ -100,6 +100,12 @@ def test_bad_input_is_a_message_and_status_2(arguments: tuple[str, ...], message
     assert message in refused(mrbt("analyze", *arguments))
 
 
-def test_a_mission_with_jobs_is_refused() -> None:
-    message = refused(mrbt("analyze", str(mission_file("deliveries"))))
-    assert "analyze a mission that has the tree of one job" in message
+def test_a_mission_with_jobs_is_analyzed_by_types() -> None:
+    mission = str(mission_file("deliveries"))
+    output = done(mrbt("analyze", mission))
+    assert "each type of jobs on its own" in output
+    assert "deliveries: one job inspect(dock_1)" in output
+    data = json.loads(done(mrbt("analyze", mission, "--json")))
+    assert data["mission"] == "deliveries"
+    assert data["jobs"]["inspect"]["strongly_fault_tolerant"]
+    assert data["jobs"]["deliver"]["scarce"] == ["put"]
