@@ -1,4 +1,4 @@
-"""`mrbt serve`: the HTTP API of a team."""
+"""`mrbt serve`: a team over HTTP, and for Open-RMF."""
 
 from __future__ import annotations
 
@@ -27,9 +27,12 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Who may read and who may submit. Needed unless it is served to this machine alone.",
 )
+@click.option("--rmf", metavar="URI", help="Also be a fleet of this Open-RMF server: ws://...")
 @team_options
 @json_option
-def serve(host: str, port: int, tokens: Path | None, team: TeamOptions, as_json: bool) -> None:
+def serve(
+    host: str, port: int, tokens: Path | None, rmf: str | None, team: TeamOptions, as_json: bool
+) -> None:
     """Serve a team's state and its jobs over HTTP.
 
     It runs until Ctrl-C. Any machine that reaches the team may serve it, and several at once: jobs
@@ -41,6 +44,10 @@ def serve(host: str, port: int, tokens: Path | None, team: TeamOptions, as_json:
                   -d '{"type": "inspect", "arguments": {"where": "shelf_5"}}'
     """
     require("mrbt serve", "web", "starlette", "uvicorn")
+    if rmf is not None:
+        require("--rmf", "rmf", "websockets")
+        if not rmf.startswith(("ws://", "wss://")):
+            raise InputError(f"--rmf {rmf}: a URI is expected, e.g. ws://127.0.0.1:8000/_internal")
     import anyio
 
     from mrbt_mesh.views.web.access import is_loopback, token_access
@@ -51,12 +58,16 @@ def serve(host: str, port: int, tokens: Path | None, team: TeamOptions, as_json:
         )
     access = token_access(tokens) if tokens is not None else None
     address, options = team.find_running(), ViewerOptions(host, port)
-    anyio.run(_serve, address, options, access, as_json)
+    anyio.run(_serve, address, options, access, rmf, as_json)
     end_process(SUCCESS)
 
 
 async def _serve(
-    address: TeamAddress, options: ViewerOptions, access: Access | None, as_json: bool
+    address: TeamAddress,
+    options: ViewerOptions,
+    access: Access | None,
+    rmf: str | None,
+    as_json: bool,
 ) -> None:
     import anyio
     from starlette.applications import Starlette
@@ -83,6 +94,10 @@ async def _serve(
         client, feed = TeamClient(watcher), Feed(TeamView(watcher.observer), boottime_us)
         group.start_soon(client.follow, feed.update)
         group.start_soon(client.ask_for_kept)
+        if rmf is not None:
+            from mrbt_mesh.adapters.rmf.link import RmfLink
+
+            group.start_soon(RmfLink(client, feed.view.changes, rmf).run)
         described = JSONResponse(openapi(has_tokens=access is not None))
 
         def application(own_hosts: frozenset[str]) -> ASGIApp:
