@@ -9,8 +9,9 @@ the oldest ends only the hashes of their ids are kept, in archives, so that no j
 from __future__ import annotations
 
 import hashlib
+from array import array
 from bisect import bisect_left, insort
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -123,9 +124,9 @@ class Jobs:
         self._in_tree: tuple[OpenJob, ...] | None = None
         self._ended: dict[str, None] = {}
         self._unended: dict[str, None] = {}
-        # (author, number) -> the hashes in it.
-        self._archives: dict[tuple[str, str], tuple[int, ...]] = {}
-        self._archived: set[int] = set()
+        # (author, number) -> the hashes in it; and all of them, sorted.
+        self._archives: dict[tuple[str, str], Sequence[int]] = {}
+        self._archived = array("Q")
 
     def __iter__(self) -> Iterator[KnownJob]:
         """All that are known, by id."""
@@ -140,9 +141,17 @@ class Jobs:
         known = self.known.get(name)
         return (known is not None and bool(known.ends)) or self.is_archived(name)
 
+    def count_archived(self) -> int:
+        """How many jobs are known by their hashes alone."""
+        return len(self._archived)
+
     def is_archived(self, name: str) -> bool:
         """Whether it has ended long ago."""
-        return bool(self._archived) and hash_of(name) in self._archived
+        if not self._archived:
+            return False
+        wanted = hash_of(name)
+        place = bisect_left(self._archived, wanted)
+        return place < len(self._archived) and self._archived[place] == wanted
 
     # -- those that have ended long ago -------------------------------------------------------
 
@@ -154,14 +163,15 @@ class Jobs:
         oldest = sorted((end.stamp, name) for name, end in ends if end is not None)
         hashes = [hash_of(name) for _, name in oldest[:MAX_ARCHIVED]]
         numbers = [int(name) for _, name in self._archives]
-        return max(numbers, default=0) + 1, JobArchive(tuple(sorted(hashes)))
+        return max(numbers, default=0) + 1, JobArchive(array("Q", sorted(hashes)))
 
     def add_archive(self, entry: Entry, archive: JobArchive) -> None:
         """Take in an archive: of these jobs nothing else is kept."""
         self._archives[entry.author, entry.parts[1]] = archive.hashes
-        self._archived.update(archive.hashes)
+        self._archived = array("Q", sorted({*self._archived, *archive.hashes}))
+        newly = frozenset(archive.hashes)
         for known in self.known.values():
-            if hash_of(known.id) in self._archived:
+            if hash_of(known.id) in newly:
                 self.obsolete |= known.keys
         keys = sorted(self._archives, key=lambda key: (int(key[1]), key[0]))
         names = ((author, f"{JOB_ARCHIVE}/{number}") for author, number in keys[:-KEPT_ARCHIVES])
@@ -171,7 +181,8 @@ class Jobs:
         """An archive was dropped."""
         del self._archives[entry.author, entry.parts[1]]
         self.obsolete.pop((entry.author, entry.name), None)
-        self._archived = {number for each in self._archives.values() for number in each}
+        hashes = {number for each in self._archives.values() for number in each}
+        self._archived = array("Q", sorted(hashes))
 
     def node_status(self, origin: int) -> Status:
         """RUNNING, or how a Jobs node was ended by a job whose type ends it."""

@@ -7,7 +7,8 @@ its kind, and nothing else.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
+from array import array
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVar, get_type_hints
@@ -94,9 +95,12 @@ def _read_list(value: Any, most: int, read: Callable[[Any], _Item]) -> tuple[_It
 
 
 _read_hash = partial(read_integer, low=0, high=MAX_HASH)
-_read_hashes = partial(_read_list, most=MAX_ARCHIVED, read=_read_hash)
 _read_texts = partial(_read_list, most=MAX_ROBOTS, read=read_text)
 _read_places = partial(_read_list, most=MAX_TIMED_PLACES, read=read_text)
+
+
+def _read_hashes(value: Any) -> Sequence[int]:
+    return array("Q", _read_list(value, MAX_ARCHIVED, _read_hash))
 
 
 def _read_ways(value: Any) -> tuple[tuple[int | None, ...], ...]:
@@ -576,7 +580,7 @@ class JobEnd(Record):
 class JobArchive(Record):
     """Jobs that have ended long ago, of which only that is kept: the hashes of their ids."""
 
-    hashes: Annotated[tuple[int, ...], Plain(_read_hashes, list)]
+    hashes: Annotated[Sequence[int], Plain(_read_hashes, list)]
 
     write_once: ClassVar[bool] = True
 
