@@ -49,7 +49,7 @@ from mrbt_mesh.runtime.program_function import (
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
 
-Result: TypeAlias = bool | Mapping[str, bool] | None
+Result: TypeAlias = bool | Mapping[str, Any] | None
 Bid: TypeAlias = float | None
 Seconds: TypeAlias = float | None
 TaskFunction: TypeAlias = Callable[..., Awaitable[Result]]

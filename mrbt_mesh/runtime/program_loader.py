@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 from mrbt_mesh.core.mission.jobs import with_one_of_each
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.names import ALL, split_call, type_name
+from mrbt_mesh.core.mission.names import ALL, entries_in, split_call, type_name, with_entries
 from mrbt_mesh.errors import FileError, InputError, nearest
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.program import RobotProgram, functions_of
@@ -154,8 +154,12 @@ def _call_problem(function: ProgramFunction, mission: Mission, ground: str) -> _
             return function.place, f"{function.place}: {function.what}: {problem}, but {where}"
         if "(" not in ground and declared.parameters:
             return "", ""
+    types = {name: mission.conditions[name].values for name in entries_in(ground)}
+    samples = {name: known.samples() for name, known in types.items() if known is not None}
     try:
-        function.values(split_call(ground)[1])
+        for number in range(max(map(len, samples.values()), default=1)):
+            values = {name: texts[number % len(texts)] for name, texts in samples.items()}
+            function.values(split_call(with_entries(ground, values))[1])
     except ValueError as error:
         problem = f"{function.what}: {error}, in {ground} of the mission"
         return function.place, f"{function.place}: {problem}"

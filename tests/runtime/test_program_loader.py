@@ -1,5 +1,6 @@
 """Loading users' robot programs: what works, and what each mistake says."""
 
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -214,3 +215,39 @@ def test_a_name_that_is_nearly_right_is_named(tmp_path: Path) -> None:
     message = r"robot\.py: no function for the local task explore; rename 'explroe', or add @robot"
     with pytest.raises(ProgramError, match=message + r".* \(robots: R1, R2\)"):
         require_program(program, "robot.py:robot", mission, {"R1": ["explore"], "R2": ["explore"]})
+
+
+@pytest.mark.parametrize(
+    ("kind", "entry", "problem"),
+    [
+        ("int", "{min: 1, max: 9}", ""),
+        ("float", "{min: 1, max: 9, decimals: 1}", ""),
+        ("int", "{min: 1, max: 9, decimals: 1}", "'1.0' .* in fetch\\(\\$found\\) of the mission"),
+        ("int", "{values: [1, 2, red]}", "'red' .* in fetch\\(\\$found\\) of the mission"),
+        ("int", "{text: 9}", "in fetch\\(\\$found\\) of the mission"),
+        ("str", "{text: 9}", ""),
+    ],
+)
+def test_arguments_from_the_blackboard_fit_the_function_with_every_value(
+    tmp_path: Path, kind: str, entry: str, problem: str
+) -> None:
+    text = f"""
+        mission: m
+        local_tasks: {{look: {{sets: [found]}}, fetch: {{parameters: [what]}}}}
+        blackboard: {{found: {entry}}}
+        robot_types: {{T: {{capabilities: {{fetch: 1}}}}}}
+        robots: {{R1: T}}
+        global_tasks: {{get: {{parameters: [what], needs: {{fetch($what): {{}}}}}}}}
+        tree: get($found)
+    """
+    mission = load_mission(Path(write(tmp_path, text, "m.yaml")))
+    code = f"""
+        from mrbt_mesh import RobotProgram, TaskContext
+        robot = RobotProgram()
+
+        @robot.local_task
+        async def fetch(task: TaskContext, what: {kind}) -> None: ...
+    """
+    found = check_program(load_program(write(tmp_path, code)), mission, ["fetch"])
+    assert bool(found) is bool(problem), found
+    assert not problem or re.search(problem, found[0]), found

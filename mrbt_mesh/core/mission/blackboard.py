@@ -96,6 +96,11 @@ class ValueType:
             return value in self.choices
         return len(value) <= self.longest and is_argument(value)
 
+    def samples(self) -> tuple[str, ...]:
+        """Arguments that stand for all values: all choices, a text, the ends of a range."""
+        ends = self.text(self.low), self.text(self.high)
+        return self.choices or (("text"[: self.longest],) if self.longest else ends)
+
     def text(self, value: Value) -> str:
         """A value of this type as an argument."""
         if not self.decimals or not isinstance(value, int):
