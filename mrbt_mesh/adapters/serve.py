@@ -103,11 +103,14 @@ async def _serve(
         def application(own_hosts: frozenset[str]) -> ASGIApp:
             api = Api(client, feed, access or local_access(own_hosts))
             routes = [Mount("/v1", api.application()), Route("/openapi.json", described)]
-            # With tokens it may have any name: a page of another site has no token.
-            local = Middleware(Protection, own_hosts=own_hosts, content_policy="default-src 'none'")
+            protection = Middleware(
+                Protection,
+                own_hosts=own_hosts if access is None else None,
+                content_policy="default-src 'none'",
+            )
             return Starlette(
                 routes=routes,
-                middleware=[] if access is not None else [local],
+                middleware=[protection],
                 exception_handlers=PROBLEMS,
             )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING
 
 import pytest
@@ -55,6 +56,9 @@ def test_jobs_are_submitted_changed_and_refused(
     page.click("#submit-open")
     submit(page, "inspect", **{"argument-where": "shelf_3"})
     page.wait_for_selector('#submit-form [role=alert]:has-text("submitted: ")')
+    later = f"{datetime.now() + timedelta(hours=2):%Y-%m-%dT%H:%M}"
+    submit(page, "inspect", **{"argument-where": "shelf_6", "not-before": later})
+    page.wait_for_selector('#jobs-list li:has-text("inspect(shelf_6)"):has-text("not before 2")')
     delivery = {"argument-shelf": "shelf_1", "argument-dock": "dock_2", "argument-boxes": "3"}
     submit(page, "deliver", **delivery)
     page.wait_for_selector(ROW.format("deliver(shelf_1, dock_2, 3)", "running"))
@@ -69,8 +73,8 @@ def test_jobs_are_submitted_changed_and_refused(
     # Both drones look at something that they are held at: one more waits.
     for where in ("shelf_4", "shelf_5"):
         team.mrbt("submit", "inspect", where)
-    page.wait_for_selector('#jobs-hint:has-text("3 running, 1 waiting")')
-    waiting = page.inner_text(ROW.format("inspect", "waiting") + " b")
+    page.wait_for_selector('#jobs-hint:has-text("3 running, 2 waiting")')
+    waiting = page.inner_text(ROW.format("inspect", "waiting") + ':not(:has-text("before")) b')
     change(page, waiting, "Hold")
     page.wait_for_selector(ROW.format(waiting, "held"))
     page.click(f'#jobs-list li:has-text("{waiting}") button')
@@ -80,12 +84,12 @@ def test_jobs_are_submitted_changed_and_refused(
     page.click('#menu button:has-text("Set priority")')
     page.wait_for_selector(f'#jobs-list li:has-text("{waiting}"):has-text("priority 7")')
     change(page, waiting, "Release")
-    page.wait_for_selector('#jobs-hint:has-text("3 running, 1 waiting, 0 held")')
+    page.wait_for_selector('#jobs-hint:has-text("3 running, 2 waiting, 0 held")')
     change(page, "deliver(shelf_1, dock_2, 3)", "Cancel")
     page.wait_for_selector(ROW.format("deliver(shelf_1, dock_2, 3)", "cancelled"))
     team.release()
     page.wait_for_selector(ROW.format("inspect(shelf_3)", "succeeded"))
-    page.wait_for_selector('#jobs-hint:has-text("0 running, 0 waiting, 0 held, 4 ended")')
+    page.wait_for_selector('#jobs-hint:has-text("0 running, 1 waiting, 0 held, 4 ended")')
     assert accessibility_violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     picture(page, f"jobs-{'wide' if size == WIDE else 'phone'}")

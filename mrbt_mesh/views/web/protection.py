@@ -17,8 +17,9 @@ import secrets
 from collections.abc import Iterable
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from mrbt_mesh.views.web.problem import problem
 
 TOKEN_HEADER = "x-mrbt-token"
 _INLINE = re.compile(rb"<script[^>]*>(.+?)</script>", re.DOTALL)
@@ -67,9 +68,12 @@ def why_no_command(
 
 
 class Protection:
-    """ASGI middleware: refuses foreign hosts, and gives every answer its headers."""
+    """ASGI middleware: refuses foreign hosts, and gives every answer its headers.
 
-    def __init__(self, app: ASGIApp, own_hosts: frozenset[str], content_policy: str) -> None:
+    `own_hosts` None: any host, for what asks for tokens, which no page of another site has.
+    """
+
+    def __init__(self, app: ASGIApp, own_hosts: frozenset[str] | None, content_policy: str) -> None:
         self._app = app
         self._hosts = own_hosts
         self._headers = {
@@ -93,12 +97,14 @@ class Protection:
             await send(message)
 
         headers = Headers(scope=scope)
+        if self._hosts is None:
+            return await self._app(scope, receive, send_with_headers)
         if headers.get("host", "").lower() not in self._hosts:
-            refusal = PlainTextResponse("this server has another name", status_code=421)
+            refusal = problem(421, "this server has another name")
             return await refusal(scope, receive, send_with_headers)
         # Other sites may link to the page, and read nothing of it.
         is_foreign = headers.get("sec-fetch-site", "none") not in ("none", "same-origin")
         if is_foreign and scope["path"] != "/":
-            refusal = PlainTextResponse("only for this page", status_code=403)
+            refusal = problem(403, "pages of other sites may not read this")
             return await refusal(scope, receive, send_with_headers)
         return await self._app(scope, receive, send_with_headers)

@@ -67,7 +67,7 @@ export class JobsView {
     row.shown = job;
     setData(row.state, "state", job.state);
     setText(row.state, `${SIGNS[job.state]} ${job.state}`);
-    setText(row.note, [job.robots.join(", "), job.why, job.priority ? `priority ${job.priority}` : ""].filter(Boolean).join(" · "));
+    setText(row.note, [job.robots.join(", "), job.why, job.priority ? `priority ${job.priority}` : "", job.deadline_us ? `until ${new Date(job.deadline_us / 1000).toLocaleString()}` : ""].filter(Boolean).join(" · "));
     setText(row.time, job.since_s === null ? "" : `${isOpen(job) ? "since" : "at"} ${seconds(job.since_s)}`);
     if (row.menu) row.menu.hidden = !isOpen(job);
     return row.root;
@@ -116,10 +116,11 @@ class SubmitForm {
     const type = this._types.get(this._type.value);
     this._fields = new Map(type.parameters.map((each) => [each.name, this._field(each)]));
     this._priority = element("input", { type: "number", id: "submit-priority", step: 1, value: type.priority });
+    [this._notBefore, this._deadline] = ["not-before", "deadline"].map((name) => element("input", { type: "datetime-local", id: `submit-${name}` }));
     const labelled = (text, field) => [element("label", { for: field.id }, text), field];
     this._button = element("button", { type: "submit" }, "Submit");
     this._form.replaceChildren(...labelled("type", this._type), ...[...this._fields].flatMap(([name, field]) => labelled(name, field)),
-      ...labelled("priority", this._priority), element("span"), element("span", {}, this._button), this._alert);
+      ...labelled("priority", this._priority), ...labelled("not before", this._notBefore), ...labelled("deadline", this._deadline), element("span"), element("span", {}, this._button), this._alert);
   }
 
   _field({ name, choices, min, max }) {
@@ -133,7 +134,9 @@ class SubmitForm {
     this._button.disabled = true;
     this._say("", "submitting…");
     const values = Object.fromEntries([...this._fields].map(([name, field]) => [name, field.value]));
-    const refused = await this._control.ask("", { id: this._id, type: this._type.value, arguments: values, priority: Number(this._priority.value) });
+    const time = (field) => (field.value ? new Date(field.value).toISOString() : null);
+    const refused = await this._control.ask("", { id: this._id, type: this._type.value, arguments: values, priority: Number(this._priority.value),
+      not_before: time(this._notBefore), deadline: time(this._deadline) });
     this._say(refused ? "bad" : "good", refused || `submitted: ${this._id}`);
     if (!refused) this._id = null;
     this._button.disabled = false;
