@@ -7,6 +7,7 @@ async with connect("build/run") as team:
 
 from __future__ import annotations
 
+import contextlib
 import getpass
 import json
 import os
@@ -37,7 +38,7 @@ ANSWER_S = 1.0
 SUBMIT_TIMEOUT_S = KEEP_TIMEOUT_S = 10.0
 ASK_AGAIN_S = 0.01
 # A command has no room for more ids.
-MOST_ASKED = 50
+MOST_ASKED = 40
 
 
 class JobRefusedError(InputError):
@@ -66,9 +67,12 @@ class JobHandle:
 
 @dataclass(eq=False)
 class _Awaited:
-    """A job that is to be in the journals of `wanted` robots; `keepers` have it."""
+    """A job that is to be in the journals of `wanted` robots, with what was written of it up to
+    `stamp`; `keepers` have it.
+    """
 
     job_id: str
+    stamp: int
     wanted: int
     keepers: set[str] = field(default_factory=set)
     is_kept: anyio.Event = field(default_factory=anyio.Event)
@@ -163,7 +167,7 @@ class TeamClient:
         if deadline is not None:
             given["deadline_us"] = await self._unix_us(deadline)
         answer = await self._ask_any(SUBMIT, given)
-        await self._await_kept(name, safe)
+        await self._await_kept(name, answer["stamp"], safe)
         return JobHandle(name, answer["state"], self)
 
     async def change(self, job_id: str, change: str, priority: int | None = None) -> dict[str, Any]:
@@ -175,7 +179,7 @@ class TeamClient:
         if priority is not None:
             given["priority"] = priority
         state = await self._ask_any(CHANGE_JOB, given)
-        await self._await_kept(job_id, None)
+        await self._await_kept(job_id, state["stamp"], None)
         return state
 
     async def wait_for_end(self, job_id: str) -> JobRow:
@@ -221,11 +225,11 @@ class TeamClient:
                 await anyio.sleep(ASK_AGAIN_S)
         raise TimeoutError(problem)
 
-    async def _await_kept(self, name: str, safe: int | None) -> None:
-        """Wait until enough robots have the job, or its end, in their journals."""
+    async def _await_kept(self, name: str, stamp: int, safe: int | None) -> None:
+        """Wait until enough robots have the job, its change or its end in their journals."""
         mission = self.watcher.observer.mission
         wanted = len(mission.robots) // 2 + 1 if safe is None else safe
-        awaited = _Awaited(name, wanted)
+        awaited = _Awaited(name, stamp, wanted)
         self._awaited.append(awaited)
         self._is_awaiting.set()
         try:
@@ -244,11 +248,11 @@ class TeamClient:
         """Ask the robots which of the awaited jobs they have in their journals, until cancelled."""
         asked: set[str] = set()
 
-        async def ask(robot: str, names: list[str]) -> None:
-            answer, _ = await self._ask(robot, KEPT_JOBS, {"ids": names})
+        async def ask(robot: str, stamps: dict[str, int]) -> None:
+            answer, _ = await self._ask(robot, KEPT_JOBS, {"ids": stamps})
             kept = (answer or {}).get("kept", ())
             for each in self._awaited:
-                if each.job_id in kept:
+                if each.job_id in kept and each.stamp <= stamps[each.job_id]:
                     each.add(robot)
             asked.discard(robot)
 
@@ -258,10 +262,11 @@ class TeamClient:
                     self._is_awaiting = anyio.Event()
                     await self._is_awaiting.wait()
                 for robot in self.robots:
-                    names = [a.job_id for a in self._awaited if robot not in a.keepers]
-                    if names and robot not in asked:
+                    lacking = [each for each in self._awaited if robot not in each.keepers]
+                    if lacking and robot not in asked:
                         asked.add(robot)
-                        group.start_soon(ask, robot, names[:MOST_ASKED])
+                        stamps = {each.job_id: each.stamp for each in lacking[:MOST_ASKED]}
+                        group.start_soon(ask, robot, stamps)
                 await anyio.sleep(ASK_AGAIN_S)
 
     async def _ask(
@@ -270,7 +275,12 @@ class TeamClient:
         """The robot's answer, or None and why there is none."""
         with anyio.move_on_after(ANSWER_S):
             good, text = await self.watcher.command(robot, command, json.dumps(given))
-            return (json.loads(text), "") if good else (None, text)
+            if not good:
+                return None, text
+            with contextlib.suppress(ValueError, RecursionError):
+                if isinstance(answer := json.loads(text), dict):
+                    return answer, ""
+            return None, f"{robot} answered something strange: {text!r:.80}"
         return None, f"{robot} does not answer"
 
 

@@ -84,8 +84,11 @@ async def walk(team: Team, server: Server) -> None:
     assert fleet["robots"]["D1"]["location"]["map"] == "deliveries"
     discovered = await server.ask({"type": "task_discovery_request"})
     assert [task["category"] for task in discovered["data"]["tasks"]] == ["deliver", "inspect"]
+    team.hold("look")
     dispatched = await server.ask(dispatch("shelf_2", "one"))
     assert dispatched["state"]["booking"]["requester"] == "anna"
+    await server.wait_for("task_state_update", is_now("one", "underway"))
+    team.release()
     done = await server.wait_for("task_state_update", is_now("one", "completed"))
     assert done["unix_millis_start_time"] <= done["unix_millis_finish_time"]
     await server.wait_for("task_log_update", lambda data: "running" in data["log"][-1]["text"])

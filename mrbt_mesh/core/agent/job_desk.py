@@ -77,7 +77,7 @@ class JobDesk:
         if known is not None and (job is not None or known.end is not None):
             return _state(known)
         if self._jobs.is_archived(name):
-            return {"id": name, "state": "ended"}
+            return {"id": name, "state": "ended", "stamp": 0}
         if problem := types[kind].problem(arguments):
             raise _RefusedError(problem)
         if self._jobs.count_open() >= MAX_OPEN:
@@ -141,10 +141,18 @@ class JobDesk:
         return _state(known)
 
     def _kept(self, given: Mapping[str, Any], _: int) -> dict[str, Any]:
-        """`{"ids": [...]}`: those whose newest facts are in this robot's journal, as `"kept"`."""
-        known, is_archived = self._jobs.known, self._jobs.is_archived
-        names = (name for name in _texts(given, "ids") if name in known or is_archived(name))
-        return {"kept": [name for name in names if self._context.is_kept(name)]}
+        """`{"ids": {id: stamp}}`: those of which this robot's journal has all facts up to the
+        stamp, as `"kept"`. A robot that has not heard of a change yet has not kept it.
+        """
+        wanted, known = given.get("ids"), self._jobs.known
+        if not isinstance(wanted, dict) or not all(type(each) is int for each in wanted.values()):
+            raise _RefusedError("ids is missing, or has no stamp for each id")
+        heard = (
+            name
+            for name, stamp in wanted.items()
+            if (name in known and known[name].stamp >= stamp) or self._jobs.is_archived(name)
+        )
+        return {"kept": [name for name in heard if self._context.is_kept(name)]}
 
     def _write(self, name: str, fact: Fact, now_us: int) -> None:
         self._context.note_kept(name, self._context.promise([fact], now_us))
@@ -152,7 +160,9 @@ class JobDesk:
 
 def _state(known: KnownJob) -> dict[str, Any]:
     job, end = known.job, known.end
-    state: dict[str, Any] = {"id": known.id, "state": "held" if known.change.is_held else "open"}
+    is_held = known.change.is_held
+    state: dict[str, Any] = {"id": known.id, "state": "held" if is_held else "open"}
+    state["stamp"] = known.stamp
     if job is not None:
         arguments = list(job.arguments)
         state |= {"type": job.type, "arguments": arguments, "priority": known.priority}

@@ -95,6 +95,13 @@ class KnownJob:
         return self.ends[min(found)[2]] if found else None
 
     @property
+    def stamp(self) -> int:
+        """The newest of what operators have said of it, and of its end; 0: nothing is known."""
+        jobs, changes, ends = self.submitted.values(), self.changes.values(), self.ends.values()
+        stamps = [*(j.stamp for j in jobs), *(c.stamp for c in changes), *(e.stamp for e in ends)]
+        return max(stamps, default=0)
+
+    @property
     def priority(self) -> int:
         """Its priority now."""
         job, changed = self.job, self.change.priority

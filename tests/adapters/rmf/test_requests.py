@@ -62,7 +62,7 @@ class Desk(TeamClient):
             raise JobRefusedError(answer["refused"], answer["cause"])
         return answer
 
-    async def _await_kept(self, name: str, safe: int | None) -> None:
+    async def _await_kept(self, name: str, stamp: int, safe: int | None) -> None:
         pass
 
 

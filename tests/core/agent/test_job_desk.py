@@ -36,9 +36,11 @@ def asked(found: JobDesk, command: str, **given: Any) -> Any:
 def test_a_job_is_kept_once_the_disk_has_it_and_the_same_id_is_the_same_job() -> None:
     found, context = desk()
     assert asked(found, SUBMIT, **JOB)["state"] == "open"
-    assert asked(found, KEPT_JOBS, ids=["a", "b"]) == {"kept": []}
+    assert asked(found, KEPT_JOBS, ids={"a": 1, "b": 1}) == {"kept": []}
     context.durability.note_synced(context.durability.take_number())
-    assert asked(found, KEPT_JOBS, ids=["a", "b"]) == {"kept": ["a"]}
+    assert asked(found, KEPT_JOBS, ids={"a": 1, "b": 1}) == {"kept": ["a"]}
+    # A change that another robot has taken, and of which this one has not heard yet.
+    assert asked(found, KEPT_JOBS, ids={"a": 2}) == {"kept": []}
     assert asked(found, SUBMIT, **JOB)["state"] == "open"
     (job,) = (entry for entry in context.facts.map if entry.parts[0] == "job")
     assert job.record.to_value() == ["inspect", ["shelf_1"], 0, 0, 0, "me", 1]
