@@ -7,6 +7,7 @@ import dataclasses
 import errno
 import functools
 import importlib
+import keyword
 import os
 import sys
 from collections import Counter
@@ -111,7 +112,8 @@ class LateGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in self._own:
             module = self._modules.get(cmd_name, cmd_name)
-            found = getattr(importlib.import_module(f"mrbt_mesh.cli.commands.{module}"), cmd_name)
+            name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
+            found = getattr(importlib.import_module(f"mrbt_mesh.cli.commands.{module}"), name)
             assert isinstance(found, click.Command)
             return found
         return self._plugin(cmd_name) if cmd_name in self.list_commands(ctx) else None

@@ -16,7 +16,7 @@ SECTIONS = {
     },
     "Act on a running team": {
         "kill freeze thaw leave": "Stop, freeze, thaw or release a robot",
-        "join fault": "Start one more robot; break or mend a capability",
+        "join borrow return fault": "Start, borrow, return, break or mend a robot",
         "submit jobs job": "Hand in a job; list them; change one",
         "pause resume abort decide": "Pause or end the mission; decide a doubt",
     },
@@ -27,7 +27,7 @@ SECTIONS = {
 }
 # The modules of commands that share one; others have one of their own name.
 MODULES = {
-    "operate": "kill freeze thaw leave join fault pause resume abort decide",
+    "operate": "kill freeze thaw leave join borrow return fault pause resume abort decide",
     "runs": "ls down logs",
     "jobs": "submit job",
     "plan": "validate",

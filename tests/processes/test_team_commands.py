@@ -209,3 +209,25 @@ def test_with_two_teams_commands_ask_which_one_is_meant(team: Team) -> None:
     for folder in ("first", "second"):
         team.mrbt("down", "--run-dir", str(team.folder / folder))
     assert [run["alive"] for run in json.loads(team.mrbt("ls", "--json"))["runs"]] == [0, 0]
+
+
+def test_a_borrowed_robot_is_replaced_and_stays_borrowed_when_it_starts_again(team: Team) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_events(2, "explore")
+    assert "R1 is borrowed by " in team.mrbt("borrow", "R1")
+    team.wait_for_event("explore", "cancel", robot="R1")
+    assert "R1 is not borrowed" not in team.mrbt("status")
+
+    def reasons() -> set[str]:
+        return set(team.status()["robots"]["R1"]["pending"].values())
+
+    team.wait_until(lambda: any("borrowed by " in each for each in reasons()), "it is seen")
+    team.mrbt("join", "R1", "--takeover")
+    team.wait_until(lambda: any("borrowed by " in each for each in reasons()), "it still is")
+    assert "R1 works for the team again" in team.mrbt("return", "R1")
+    again = team.command("return", "R1")
+    assert (again.returncode, "R1 is not borrowed" in again.stderr) == (1, True)
+    team.wait_for_events(3, "explore")
+    team.release()
+    assert team.end()[0] == 0, team.logs()

@@ -107,6 +107,38 @@ def leave(robot: str, team: TeamOptions, as_json: bool) -> None:
 
 @click.command(cls=MrbtCommand)
 @robot_argument
+@click.option("--after", is_flag=True, help="After the task that it has, in place of at once.")
+@team_options
+@json_option
+def borrow(robot: str, after: bool, team: TeamOptions, as_json: bool) -> None:
+    """Take a robot out of the team's work, to drive it yourself until `mrbt return`.
+
+    It stays a member and is seen; its work is handed over. This outlives a restart of the robot.
+
+    Example: mrbt borrow A1
+    """
+    from mrbt_mesh.core.agent.commands import AFTER_TASK, AT_ONCE, BORROW
+    from mrbt_mesh.runtime.team_client import user_name
+
+    _command(team, as_json, robot, BORROW, f"{AFTER_TASK if after else AT_ONCE} {user_name()}")
+
+
+@click.command("return", cls=MrbtCommand)
+@robot_argument
+@team_options
+@json_option
+def return_(robot: str, team: TeamOptions, as_json: bool) -> None:
+    """Give a borrowed robot back to the team.
+
+    Example: mrbt return A1
+    """
+    from mrbt_mesh.core.agent.commands import RETURN
+
+    _command(team, as_json, robot, RETURN)
+
+
+@click.command(cls=MrbtCommand)
+@robot_argument
 @click.argument("capability", metavar="CAPABILITY", help="A local task, or `all` of them.")
 @click.option(
     "--performance", metavar="X", help="Change how well the robot does it; 0 is a minor fault."

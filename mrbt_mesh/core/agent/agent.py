@@ -34,6 +34,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.agent.withdrawal import Withdrawal
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.description import PROGRAM
@@ -77,7 +78,8 @@ class Agent:
         self._scheduler = scheduler = Scheduler(context) if mission.travel is not None else None
         self._lifecycle = Lifecycle(context, planner, self._leased, duplicates, schedule)
         self._heartbeats = Heartbeats(context, schedule, tree, self._leased)
-        self._commands = Commands(context, planner, reports, health)
+        self._withdrawal = withdrawal = Withdrawal(context, health)
+        self._commands = Commands(context, planner, reports, health, withdrawal)
         inbound = Inbound(context, planner, self._leased, duplicates, schedule, self._commands)
         jobs = context.facts.jobs
         self._wall_clock = clock = context.wall_clock
@@ -215,6 +217,7 @@ class Agent:
         if context.joining is not None and self._lifecycle.try_to_join(now_us):
             self._reports.joined(now_us)
             self._health.joined(now_us)
+            self._withdrawal.joined(now_us)
         if context.joining is None:
             self._plan_and_perform(events, now_us)
         self._ask_who_is_due(now_us)
@@ -233,6 +236,8 @@ class Agent:
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
         mission, leased = self._context.mission, self._leased
+        if self._withdrawal.waiting:
+            self._withdrawal.check(now_us)
         passed = self._job_clock.passed(now_us) if self._job_clock is not None else []
         if passed:
             self._context.write(passed, now_us)

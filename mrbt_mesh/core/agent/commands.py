@@ -14,15 +14,20 @@ from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.job_desk import JOB_COMMANDS, JobDesk
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.agent.withdrawal import Withdrawal
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import LATCH, CoalitionId, CommandKind
 from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import micro_performance
 
 FAULT, RESTORE, LEAVE, TEAM, DECIDE = "fault", "restore", "leave", "team", "decide"
 PERFORM = "perform"
+BORROW, RETURN = "borrow", "return"
+# Of BORROW: before or after the task that the robot has.
+AT_ONCE, AFTER_TASK = "at_once", "after_task"
 REFUSALS = "refusals"
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
@@ -53,17 +58,25 @@ class Commands:
     """Carries out an operator's commands on one robot."""
 
     def __init__(
-        self, context: Context, planner: Planner, reports: Reports, health: Health
+        self,
+        context: Context,
+        planner: Planner,
+        reports: Reports,
+        health: Health,
+        withdrawal: Withdrawal,
     ) -> None:
         self._context = context
         self._planner = planner
         self._reports = reports
         self._health = health
+        self._withdrawal = withdrawal
         self._known: dict[str, Callable[[str, int], Answer]] = {
             FAULT: lambda names, now_us: self._change_capability(names, True, now_us),
             RESTORE: lambda names, now_us: self._change_capability(names, False, now_us),
             PERFORM: self._perform,
             LEAVE: self._leave,
+            BORROW: self._borrow,
+            RETURN: self._return,
             TEAM: self._team,
             REFUSALS: self._refusals,
             DECIDE: self._decide,
@@ -100,6 +113,23 @@ class Commands:
     def _leave(self, _: str, now_us: int) -> Answer:
         self._reports.leave(now_us)
         return True, f"{self._context.me} leaves"
+
+    def _borrow(self, argument: str, now_us: int) -> Answer:
+        """`argument`: `at_once anna` or `after_task anna`."""
+        when, _, by = argument.partition(" ")
+        by = one_line(by)
+        if when not in (AT_ONCE, AFTER_TASK) or not by:
+            return False, f"{argument!r:.80}: at_once NAME or after_task NAME expected"
+        if self._context.is_new:
+            return False, f"{self._context.me} is still joining the team: ask again"
+        problem = self._withdrawal.borrow(by, when == AFTER_TASK, now_us)
+        text = f"{self._context.me} is borrowed by {by}"
+        is_after = problem is None and self._withdrawal.waiting
+        return problem is None, problem or (f"{text} after its task" if is_after else text)
+
+    def _return(self, _: str, now_us: int) -> Answer:
+        problem = self._withdrawal.take_back(now_us)
+        return problem is None, problem or f"{self._context.me} works for the team again"
 
     def _refusals(self, _: str, now_us: int) -> Answer:
         """The most frequent refusals, as JSON: "source: reason" -> how often."""

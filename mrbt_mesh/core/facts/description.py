@@ -13,7 +13,7 @@ from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance
 from mrbt_mesh.core.mission.names import ALL, type_name
 
 # The sources of losses. One does not take back a loss by another, except that the operator takes
-# back everything.
+# back the program's too.
 PROGRAM, OPERATOR = "program", "operator"
 
 
@@ -95,7 +95,7 @@ class Description:
         return problem
 
     def restore(self, local_task: str, source: str = OPERATOR) -> str | None:
-        """The end of what `source` has said; of the operator, of what anybody has said.
+        """The end of what `source` has said; of the operator, of what the program has said too.
 
         A type restores its ground local tasks too.
         """
@@ -104,7 +104,7 @@ class Description:
             self._losses = {
                 (name, said_by): loss
                 for (name, said_by), loss in self._losses.items()
-                if source not in (OPERATOR, said_by)
+                if said_by not in (source, PROGRAM if source == OPERATOR else source)
                 or (local_task not in (ALL, name) and type_name(name) != local_task)
             }
         return problem

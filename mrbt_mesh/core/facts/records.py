@@ -444,6 +444,13 @@ class TeamCommand(Record):
 
 
 @dataclass(frozen=True, slots=True)
+class Borrowed(Record):
+    """The operator who has borrowed the author; empty: it was returned."""
+
+    by: _Reason
+
+
+@dataclass(frozen=True, slots=True)
 class Attempt(Record):
     """How many attempts of a Retry or Repeat are used up; joins by maximum."""
 
@@ -603,6 +610,8 @@ class Latch(Record):
 
 LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
+# An operator drives the author.
+BORROWED = "borrowed"
 MEMBER, CLAIM, TEAM_COMMAND, RESULT = "member", "claim", "command", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
 # LATCHED_FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
@@ -643,6 +652,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     CLAIM: (parse_claim, (1,)),
     TEAM_COMMAND: (TeamCommand.parse, (1,)),
     RESULT: (MissionResult.parse, (1,)),
+    BORROWED: (Borrowed.parse, (1,)),
     OUTCOME: (Outcome.parse, (3, 4)),
     CONDITION: (ConditionValue.parse, (2,)),
     EXPRESSION: (ExpressionRevision.parse, (2,)),

@@ -17,6 +17,7 @@ from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
 from mrbt_mesh.core.facts.jobs import Jobs
 from mrbt_mesh.core.facts.records import (
+    Borrowed,
     Claim,
     CoalitionId,
     CommandKind,
@@ -111,6 +112,8 @@ class TeamFacts:
         # (robot, its type) -> its table of travel times, of robots that have published some.
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
         self._commands: dict[str, TeamCommand] = {}
+        # Robot -> the operator who has borrowed it.
+        self.borrowers: dict[str, str] = {}
         self._results: dict[str, MissionResult] = {}
         # What `prune` has to look at: all activations, if the reach of some may have changed, or
         # those that are new.
@@ -439,6 +442,8 @@ class TeamFacts:
                 self.jobs.add_archive(entry, record)
             case Proposal() | TravelTimes():
                 self._add_about_ways(author, record)
+            case Borrowed(by):
+                self.borrowers[author] = by
             case TeamCommand():
                 self._commands[author] = record
                 self._see_stamp(record.stamp)

@@ -194,6 +194,8 @@ def assign_agents(
     idle = _why_idle(robots, demands, offered, served, held, found.unset)
     if found.ahead is not None:
         idle |= _what_is_next(found.ahead, idle)
+    if facts.borrowers:
+        idle |= {r: f"borrowed by {by}" for r, by in facts.borrowers.items() if by and r in idle}
     return Plan(
         evaluation,
         command,
