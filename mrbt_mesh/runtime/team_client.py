@@ -24,7 +24,7 @@ import anyio
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOBS, SUBMIT
 from mrbt_mesh.core.agent.wall_clock import earlier_median
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
+from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
 from mrbt_mesh.errors import InputError, lone, nearest
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run, is_running
@@ -89,6 +89,7 @@ class TeamClient:
 
     def __init__(self, watcher: Watcher) -> None:
         self.watcher = watcher
+        self._rows = JobRows()
         self._news = anyio.Event()
         self._awaited: list[_Awaited] = []
         self._is_awaiting = anyio.Event()
@@ -110,7 +111,7 @@ class TeamClient:
     def jobs(self) -> list[JobRow]:
         """All jobs that are known: open ones in their order, then those that have ended."""
         observer = self.watcher.observer
-        return job_rows(observer.facts, observer.plan, observer.membership.members())
+        return self._rows.update(observer.facts, observer.plan, observer.membership.members())
 
     @property
     def robots(self) -> list[str]:

@@ -54,9 +54,11 @@ class KnownJob:
 
     `keys`: (author, name) of its entries, and of guards in its tree. `activations`: those of its
     tree that there are facts of; `claims`: how many robots work on it. With either it is begun.
+    `version`: how often its facts have changed.
     """
 
     id: str
+    version: int = 0
     keys: dict[tuple[str, str], None] = field(default_factory=dict)
     submitted: dict[str, Job] = field(default_factory=dict)
     changes: dict[str, JobChange] = field(default_factory=dict)
@@ -234,6 +236,7 @@ class Jobs:
         if not name:
             return
         known = self._of(name)
+        known.version += 1
         known.keys[entry.author, entry.name] = None
         match entry.record:
             case Job():
@@ -255,6 +258,7 @@ class Jobs:
     def remove(self, entry: Entry) -> None:
         """A fact of a job was dropped, or of a guard in its tree."""
         known = self.known[job_of(entry)]
+        known.version += 1
         del known.keys[entry.author, entry.name]
         self.obsolete.pop((entry.author, entry.name), None)
         match entry.record:

@@ -37,26 +37,54 @@ class JobRow:
     deadline_us: int = 0
 
 
-def job_rows(facts: TeamFacts, plan: Plan | None, alive: Collection[str]) -> list[JobRow]:
-    """All jobs that are known: those that are open in their order, then those that have ended."""
-    if facts.jobs is None:
-        return []
-    working: dict[str, list[str]] = {}
-    for robot in sorted(alive):
-        claim = facts.valid_claim(robot)
-        if claim is not None and claim.phase is not Phase.CLAIMED:
-            working.setdefault(parse_activation(claim.activation).job, []).append(robot)
-    reasons = _reasons(plan)
-    in_tree = {job.id for job in facts.jobs.in_tree()}
-    types, rows, ended = facts.mission.jobs, [], []
-    for known in facts.jobs:
-        if known.end is not None:
-            ended.append((-known.end.stamp, _ended(known, types)))
-        elif known.job is not None:
-            arguments = types[known.job.type].values_of(known.job.arguments)
-            row = _open(known, arguments, working.get(known.id, []), reasons, known.id in in_tree)
-            rows.append(((-known.priority, known.job.stamp, known.id), row))
-    return [row for _, row in sorted(rows)] + [row for _, row in sorted(ended, key=lambda e: e[0])]
+class JobRows:
+    """The rows of one observer. Those of which nothing has changed are the same objects as before,
+    so 10,000 open jobs cost little while a few are worked on.
+    """
+
+    def __init__(self) -> None:
+        # Id -> what a row was made of: the job, its version; its place among all; the row.
+        self._made: dict[str, tuple[KnownJob, int, tuple[int, ...], JobRow]] = {}
+        # Those whose rows depend on more than their own facts.
+        self._lively: frozenset[str] = frozenset()
+
+    def update(self, facts: TeamFacts, plan: Plan | None, alive: Collection[str]) -> list[JobRow]:
+        """All jobs that are known: open ones in their order, then those that have ended, the newest
+        first.
+        """
+        if facts.jobs is None:
+            return []
+        working: dict[str, list[str]] = {}
+        for robot in sorted(alive):
+            claim = facts.valid_claim(robot)
+            if claim is not None and claim.phase is not Phase.CLAIMED:
+                working.setdefault(parse_activation(claim.activation).job, []).append(robot)
+        reasons = _reasons(plan)
+        in_tree = {job.id for job in facts.jobs.in_tree()}
+        before, types = self._made, facts.mission.jobs
+        made: dict[str, tuple[KnownJob, int, tuple[int, ...], JobRow]] = {}
+        lively = frozenset((*working, *reasons, *in_tree))
+        for name, known in facts.jobs.known.items():
+            found = before.get(name)
+            if (
+                found is not None
+                and found[0] is known
+                and found[1] == known.version
+                and name not in lively
+                and name not in self._lively
+            ):
+                made[name] = found
+            elif known.end is not None:
+                when = (1, -known.end.stamp)
+                made[name] = known, known.version, when, _ended(known, types)
+            elif known.job is not None:
+                arguments = types[known.job.type].values_of(known.job.arguments)
+                row = _open(known, arguments, working.get(name, []), reasons, name in in_tree)
+                place = (0, -known.priority, known.job.stamp)
+                made[name] = known, known.version, place, row
+        self._made, self._lively = made, lively
+        order = sorted((place, name) for name, (_, _, place, _) in made.items())
+        return [made[name][3] for _, name in order]
 
 
 def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:

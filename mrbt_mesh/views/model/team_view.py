@@ -12,7 +12,7 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
-from mrbt_mesh.core.observer.job_rows import JobRow, job_rows
+from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
@@ -70,6 +70,7 @@ class TeamState:
         self._activations: dict[int, tuple[int, dict[str, None]]] = {}
         self._counted: Plan | None = None
         self._places = told_places(observer.mission)
+        self._rows = JobRows()
         # Each with the time in s since when it has been in its state; None: not known.
         self._jobs: dict[str, tuple[JobRow, float | None]] = {}
         # What tasks and nodes follow from; a new plan follows from a change of the others.
@@ -118,18 +119,21 @@ class TeamState:
             self.changes.put(f"place/{name}", state)
 
     def _put_jobs(self, now_us: int) -> None:
-        observer, record, before = self.observer, self.observer.record, self._jobs
+        observer, record, shown = self.observer, self.observer.record, self._jobs
         now_s = None if record.is_catching_up else record.seconds(now_us)
-        self._jobs = {}
-        for row in job_rows(observer.facts, observer.plan, observer.membership.members()):
-            known, since_s = before.get(row.id, (None, None))
-            if known is None or known.state != row.state:
+        rows = self._rows.update(observer.facts, observer.plan, observer.membership.members())
+        for row in rows:
+            before, since_s = shown.get(row.id, (None, None))
+            if before is row:
+                continue
+            if before is None or before.state != row.state:
                 since_s = now_s
-            self._jobs[row.id] = row, since_s
-            if known != row:
-                self.changes.put(f"job/{row.id}", asdict(row) | {"since_s": since_s})
-        for name in before.keys() - self._jobs.keys():
-            self.changes.put(f"job/{name}", None)
+            shown[row.id] = row, since_s
+            self.changes.put(f"job/{row.id}", asdict(row) | {"since_s": since_s})
+        if len(shown) > len(rows):
+            for name in shown.keys() - {row.id for row in rows}:
+                del shown[name]
+                self.changes.put(f"job/{name}", None)
 
     def _team(self) -> dict[str, Any]:
         record = self.observer.record
