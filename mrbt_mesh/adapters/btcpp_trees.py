@@ -66,7 +66,8 @@ class BtcppTrees:
             for entry, condition in tree.outputs:
                 value = made.blackboard.get(entry)
                 if conditions[declared_name(condition)].values is not None:
-                    task.set_value(condition, value)
+                    if value is not None:
+                        task.set_value(condition, value)
                     continue
                 try:
                     task.set_condition(condition, as_truth(value))

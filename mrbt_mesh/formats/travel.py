@@ -11,6 +11,7 @@ from mrbt_mesh.core.mission.travel import MAX_PLACES, Travel
 from mrbt_mesh.core.scheduling.problem import Objective
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.expand import (
+    EntryArgument,
     LocalCalls,
     Placeholder,
     argument_text,
@@ -184,6 +185,10 @@ class TravelBuilder:
                 place = argument_text(substitute(self._at[name], self._model.parameters | bound))
             except ValueError as error:
                 self._report.add(path, f"{ground}: {error}")
+                continue
+            if isinstance(place, EntryArgument):
+                message = f"a place is known from the start, but {place} only when it is read"
+                self._report.add(path, f"{ground}: {message}; leave out at")
                 continue
             if isinstance(place, Placeholder) or self._check_place(place, path, ground):
                 found[ground] = place

@@ -168,8 +168,7 @@ class ActionRunner:
         # A way has no outcome with which conditions could be set.
         ticket = None if effect.travel_to else effect.ticket
         tree = None if effect.travel_to else local_tree(self._mission, effect.local_task)
-        job = parse_activation(effect.activation).job
-        port = self._port(ticket, job=job)
+        port = self._port(ticket, job=self._job_of(effect))
         end: Input = ActionStopped(effect.ticket)
         with scope:
             if tree is None:
@@ -192,7 +191,7 @@ class ActionRunner:
 
         async def run_leaf(local_task: str) -> LeafEnd:
             nonlocal reason
-            inner = self._port(effect.ticket, port, parse_activation(effect.activation).job)
+            inner = self._port(effect.ticket, port, self._job_of(effect))
             end = await self._call(replace(effect, local_task=local_task), inner)
             port.conditions |= inner.conditions
             inner.close()
@@ -390,6 +389,10 @@ class ActionRunner:
     def _port(self, ticket: int | None, whole: AgentPort | None = None, job: str = "") -> AgentPort:
         renew = self._renew_travel_times
         return AgentPort(self._host, self._mission, ticket, self._own, renew, whole, job)
+
+    def _job_of(self, effect: StartAction) -> str:
+        """The job whose blackboard entries the task sets and reads; empty: none."""
+        return parse_activation(effect.activation).job if self._mission.has_blackboard else ""
 
     def robot_context(self) -> RobotContext:
         """A context that belongs to no task."""

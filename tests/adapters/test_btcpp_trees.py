@@ -20,6 +20,7 @@ from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.core.agent.effects import CancelAction, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, ActionStopped
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.blackboard import ValueType
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.program_trees import ProgramTree
@@ -61,15 +62,21 @@ def program_of(told: list[str], answer: bool | str = True) -> RobotProgram:
     return robot
 
 
-def carried_out(mission: Mission, program: RobotProgram, cancel_s: float = 0) -> tuple[Any, float]:
+def carried_out(
+    mission: Mission, program: RobotProgram, cancel_s: float = 0, activation: str = "g#0"
+) -> tuple[Any, float]:
     """How the local task `look` ends, and when."""
     clock = VirtualClock()
-    (said,) = run_look(mission, program, clock, cancel_s).said
+    (said,) = run_look(mission, program, clock, cancel_s, activation).said
     return said, clock.now_us / 1e6
 
 
 def run_look(
-    mission: Mission, program: RobotProgram, clock: VirtualClock, cancel_s: float = 0
+    mission: Mission,
+    program: RobotProgram,
+    clock: VirtualClock,
+    cancel_s: float = 0,
+    activation: str = "g#0",
 ) -> Host:
     """Carry the local task `look` out, in virtual time."""
     loop = VirtualLoop(clock)
@@ -79,7 +86,7 @@ def run_look(
         async with anyio.create_task_group() as group:
             identity = RobotIdentity("A1", "a", 1, 1.0)
             runner = ActionRunner(group, program, mission, identity, host)
-            start = StartAction(7, "g#0", "g", "look", (), MICRO, Incarnation(1, "n"))
+            start = StartAction(7, activation, "g", "look", (), MICRO, Incarnation(1, "n"))
             runner.carry_out(start)
             if cancel_s:
                 await anyio.sleep(cancel_s)
@@ -108,6 +115,16 @@ def test_ports_come_from_the_mission_and_outputs_go_with_the_outcome() -> None:
     assert end.conditions == (("far_away", True), ("found", True))
     assert told == ["A1 drives to 3"]
     assert at_s == 1.0
+
+
+@pytest.mark.parametrize(("most", "is_set"), [(9, True), (2, False)])
+def test_an_output_may_be_an_entry_of_the_blackboard(most: int, is_set: bool) -> None:
+    mission = mission_of(outputs=(("goal", "count"), ("gone", "count")))
+    count = ConditionType("count", default=None, values=ValueType(low=0, high=most))
+    mission = replace(mission, conditions={"count": count})
+    end = carried_out(mission, program_of([]), activation="r:0:look::0")[0]
+    assert (end.success, end.conditions) == (is_set, (("count", 3),) if is_set else ())
+    assert is_set or "count is not set: it is a whole number from 0 to 2, not" in end.reason
 
 
 def test_a_tree_may_read_what_only_the_program_knows() -> None:
