@@ -18,6 +18,7 @@ from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library, library_of
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec
 from mrbt_mesh.errors import FileError
+from tests.support.build import sequence
 from tests.support.strategies import tree_specs
 
 MOVE = '<Action ID="Move"><input_port name="goal"/><input_port name="speed" default="1"/></Action>'
@@ -316,3 +317,12 @@ def test_trees_that_contain_themselves_do_not_expand() -> None:
     found = library_of(parse_document(text, "m.xml"), Findings())
     with pytest.raises(FileError, match="A -> A"):
         expand(found, "A")
+
+
+def test_values_of_a_blackboard_are_scripts_and_pointers() -> None:
+    leaves = (condition("found == red"), condition("battery@A1 >= 2.5"), action("get($found)"))
+    tree = sequence(*leaves)
+    text = team_tree_document(tree, "m.yaml").text()
+    assert "found == 'red'" in text
+    assert "battery_A1 &gt;= 2.5" in text
+    assert 'arg_1="{found}"' in text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from pathlib import Path
 
 import anyio
@@ -107,6 +108,26 @@ ends: never
     behave = "look@R1: {values: {battery: 12.5}}, charge: {values: {battery: 100}}"
     result = run(tree, behave, expect="failure")  # then it has become full, and looks again
     assert starts(result)[:2] == [("R1", "look"), ("R1", "charge")]
+
+
+def test_what_a_dead_robot_has_set_of_its_own_is_no_longer_set() -> None:
+    """R1 is killed while it charges: nobody has a low battery, until it is back and says so."""
+    tree = """
+tree:
+  Parallel:
+    - look
+    - Fallback: [{Sequence: [{Condition: battery < 30}, charge]}, wait]
+ends: never
+"""
+    behave = "look@R1: {values: {battery: 12.5}}, charge: {seconds: 9}"
+    schedule = ((3 * S, Kill("R1")), (12 * S, Restart("R1")))
+    result = run(tree, behave, schedule, expect="success")
+    facts = result.observer.facts
+    assert starts(result).count(("R1", "charge")) >= 2
+    assert {robot for robot, task in starts(result) if task == "charge"} == {"R1"}
+    gone = [value for _, name, value in result.observer.record.conditions if name == "battery@R1"]
+    assert [value for value, _ in groupby(gone)] == [125, None, 125]
+    assert facts.conditions.entry("battery@R2") is None
 
 
 JOBS = """

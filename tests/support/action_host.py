@@ -18,6 +18,8 @@ class Host:
         self.said: list[Input] = []
         self.ticked: list[bytes] = []
         self.logged: list[dict[str, Any]] = []
+        # Blackboard entries, with the jobs that own them.
+        self.values: dict[tuple[str, str], Any] = {}
 
     def submit(self, event: Input) -> None:
         if isinstance(event, TreeTicked):
@@ -27,6 +29,9 @@ class Host:
 
     def read_condition(self, name: str) -> bool:
         return False
+
+    def read_value(self, name: str, job: str) -> Any:
+        return self.values.get((name, job))
 
     def record_event(self, event: Any) -> None:
         raise AssertionError(event)

@@ -241,6 +241,52 @@ def test_plan_refuses_unknown_robots_and_missing_files(tmp_path: Path) -> None:
     assert "there is no such file" in problems
 
 
+SORTING = """
+mission: sorting
+local_tasks: {look: {sets: [found]}, fetch: {parameters: [what]}, charge: {}}
+blackboard:
+  found: {values: [red, blue]}
+  battery: {min: 0, max: 100, decimals: 1, per: robot, default: 100}
+robot_types: {cart: {capabilities: {look: 1, fetch: 1, charge: 1}}}
+robots: {R1: cart, R2: cart}
+global_tasks:
+  look: {needs: {look: {}}}
+  get: {parameters: [what], needs: {fetch($what): {}}}
+  charge: {needs: {charge: {}}}
+tree:
+  Parallel: [{Sequence: [look, get($found)]}, {Sequence: [{Condition: battery < 30}, charge]}]
+"""
+
+
+def test_plan_has_the_values_of_the_blackboard(tmp_path: Path) -> None:
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(SORTING)
+    facts = write(tmp_path, 'done: [look]\nblackboard: {found: red, "battery@R2": 12.5}\n')
+    data = plan(str(mission), "--facts", facts)
+    assert data["lines"]["R1"]["values"] == {"found": "red"}
+    assert data["lines"]["R2"]["global_task"] == "charge", "its battery is low"
+    output = done(mrbt("plan", str(mission), "--facts", facts))
+    assert "with found = red" in " ".join(output.split())
+    facts = write(tmp_path, 'done: [look]\nblackboard: {"battery@R2": 12.5}\n')
+    waiting = plan(str(mission), "--facts", facts)
+    assert waiting["waiting"][0]["reason"] == "waiting: found is not set"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("blackboard: {fund: red}", "no blackboard entry; did you mean 'found'?"),
+        ("blackboard: {battery: 3}", "no blackboard entry; say whose, as in battery@A1"),
+        ("blackboard: {found: pink}", "it is one of red, blue, not 'pink'"),
+        ("conditions: {found: true}", "no condition"),
+    ],
+)
+def test_plan_says_what_is_wrong_with_values(tmp_path: Path, text: str, message: str) -> None:
+    mission = tmp_path / "mission.yaml"
+    mission.write_text(SORTING)
+    assert message in refused(mrbt("plan", str(mission), "--facts", write(tmp_path, text)))
+
+
 DRIVING = """
 mission: driving
 travel: {places: {dock: [0, 0], near: [2, 0], far: [6, 0]}, speed: 2, start: dock}
