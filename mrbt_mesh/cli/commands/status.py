@@ -14,7 +14,9 @@ from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 
 if TYPE_CHECKING:
+    from mrbt_mesh.core.facts.records import Claim
     from mrbt_mesh.core.membership.peer import State
+    from mrbt_mesh.core.observer.observer import Observer
     from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.watcher import Watcher
@@ -117,6 +119,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
             name: {"status": str(task.state), "robots": working.get(name, [])}
             for name, task in observer.record.task_log.tasks.items()
         },
+        "blackboard": observer.facts.conditions.entries(),
         "forecast": forecast.to_json() if forecast is not None else None,
         "bounds": [bounds.to_json() for bounds in plan.bounds] if plan else [],
         "blocked": [
@@ -162,6 +165,7 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "type": member[0].type if member else None,
         "local_task": claim.local_task if claim else None,
         "global_task": claim.global_task if claim else None,
+        "values": _values(observer, claim),
         "phase": claim.phase.name.lower() if claim else None,
         "under_way": observer.facts.under_way(robot),
         "lost": dict(member[0].lost) if member else {},
@@ -169,6 +173,15 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "problems": problems,
         "performances": {name: value / MICRO for name, value in changed.items()},
     }
+
+
+def _values(observer: Observer, claim: Claim | None) -> dict[str, str | None]:
+    """What a robot's task reads from the blackboard."""
+    task = observer.facts.task_of(claim.activation) if claim is not None else None
+    if claim is None or task is None or not task.reads:
+        return {}
+    read = observer.facts.values_read(claim.activation, task)
+    return dict(zip(task.reads, read, strict=True))
 
 
 def _here(run_dir: RunDir, robot: str, state: State) -> tuple[int | None, State]:

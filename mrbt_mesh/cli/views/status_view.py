@@ -17,6 +17,7 @@ from mrbt_mesh.cli.views.summary_view import (
     capability_changes,
     failure_line,
 )
+from mrbt_mesh.core.mission.names import with_entries
 
 # Reasons of refusals that are named for each robot; `--json` has all.
 MOST_REASONS = 5
@@ -45,6 +46,9 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
         names = [name for name, row in data["global_tasks"].items() if row["status"] == status]
         if names:
             parts.append(Text.assemble((f"{status}:", "dim"), f" {', '.join(names)}"))
+    if data["blackboard"]:
+        values = ", ".join(f"{name} = {value}" for name, value in data["blackboard"].items())
+        parts.append(Text.assemble(("blackboard:", "dim"), f" {values}"))
     if data["bounds"]:
         parts.append(render_bounds(data["bounds"]))
     latest = data["failures"][-MOST_FAILURES:]
@@ -61,7 +65,8 @@ def _works_on(row: Mapping[str, Any]) -> Text:
     if not row["local_task"]:
         return Text("nothing", "dim")
     place = row["under_way"]
-    return Text.assemble(row["local_task"], (f" (on its way to {place})" if place else "", "dim"))
+    task = with_entries(row["local_task"], {n: v for n, v in row["values"].items() if v})
+    return Text.assemble(task, (f" (on its way to {place})" if place else "", "dim"))
 
 
 def _refused(robot: str, counts: Mapping[str, int]) -> Text:

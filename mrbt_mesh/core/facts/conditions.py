@@ -170,6 +170,15 @@ class Conditions:
             return revision if value else 0
         return revision // 2 if value == self._default(name) else (revision + 1) // 2
 
+    def entries(self) -> dict[str, str]:
+        """The blackboard entries that are set, but for conditions; their values for people."""
+        found = {}
+        for name in sorted(filter(self._mission.holds_value, self._standing)):
+            value = self.entry(name)
+            if value is not None:
+                found[name] = self._mission.entry_text(name, value)
+        return found
+
     def names(self) -> list[str]:
         """The conditions that somebody has set, and expressions that have turned."""
         return [*self._standing, *self._noted]

@@ -18,6 +18,8 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.capacity import Machine, overload
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import ChangePerformance, Kill, Lose, SimulationResult, simulate
+from tests.support import behaviour
+from tests.support.behaviour import mission_of
 from tests.support.paths import ROOT
 
 REPAIR = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
@@ -111,6 +113,31 @@ def test_the_summary_and_the_status_tell_why_something_failed() -> None:
     assert "5 earlier failures" in text
     assert text.count("no tools") == 20
     assert "and 5 other failures" in drawn(render_summary({**result.summary, "failures": many}))
+
+
+def test_the_status_shows_the_blackboard_and_what_is_read_from_it() -> None:
+    mission = mission_of(
+        """
+mission: m
+parameters: {behave: {look: {values: {found: red}}, fetch: {seconds: 60}}}
+local_tasks: {look: {sets: [found]}, fetch: {parameters: [what]}}
+blackboard: {found: {values: [red, blue]}, never_set: {text: 9}}
+robot_types: {T: {capabilities: {look: 1, fetch: 1}}}
+robots: {R1: T}
+global_tasks:
+  look: {needs: {look: {}}}
+  get: {parameters: [what], needs: {fetch($what): {}}}
+tree: {Sequence: [look, get($found)]}
+"""
+    )
+    result = simulate(mission, behaviour.robot, seed=1, timeout_us=5 * SECOND)
+    address = SimpleNamespace(run_dir=None, keys=None)
+    data = status_data(cast("Any", SimpleNamespace(observer=result.observer, address=address)))
+    assert data["blackboard"] == {"found": "red"}
+    assert data["robots"]["R1"]["values"] == {"found": "red"}
+    text = drawn(render_status(data))
+    assert "blackboard: found = red" in text
+    assert "fetch(red)" in line_of(text, "R1 ")
 
 
 def test_the_status_shows_how_often_and_why_messages_are_refused() -> None:
