@@ -197,9 +197,10 @@ class Watcher:
         waiting, at_us = [*self._inbox.take(), *self._gate.take_refused()], boottime_us()
         timed: list[tuple[Input, int]] = []
         for event in reversed(waiting):
-            # Other inputs arrived before the message that follows them.
+            # Other inputs arrived before the message that follows them. A message has its own time:
+            # one that was put behind it may have arrived before, in a thread that had to wait.
             if isinstance(event, MessageReceived):
-                at_us = min(at_us, event.arrived_us or at_us)
+                at_us = event.arrived_us or at_us
             timed.append((event, at_us))
         for event, at_us in reversed(timed):
             self._take(event, max(self._taken_us, at_us))

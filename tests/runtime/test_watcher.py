@@ -168,6 +168,8 @@ def test_messages_of_a_burst_are_taken_in_together_each_at_its_time(desk: Desk) 
         # When a token came is not known, but for what followed it.
         desk.wire.deliver(TokenChanged("R2", Incarnation(1, "n"), True, ""), None)
         arrives("R2", 2_000)
+        # The thread that received this one had to wait, and puts it behind a later one.
+        arrives("R1", 1_500)
         await anyio.lowlevel.checkpoint()
         assert list(joined_us) == ["R1"]
         desk.now_us = 50_000
