@@ -31,7 +31,7 @@ from typing import Any
 
 import anyio
 
-from benchmarks.report import run_program
+from benchmarks.report import run_program, say
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.agent.effects import Effect, Publish
 from mrbt_mesh.core.agent.inputs import Input
@@ -139,6 +139,7 @@ class Figures(Inspection):
                 "plan_us": round(mean(self._plans_us)),
             }
         )
+        say(f"{len(self.tenths)}/{TENTHS}: {self.tenths[-1]}")
         self._sizes.clear()
         self._plans_us.clear()
 

@@ -26,7 +26,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.blackboard import comparison_of, is_argument
-from mrbt_mesh.core.mission.conditions import entry_reader
+from mrbt_mesh.core.mission.conditions import any_of, entry_reader
 from mrbt_mesh.core.mission.jobs import task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 from mrbt_mesh.core.mission.names import is_job_id
@@ -100,9 +100,11 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     expression = mission.per_robot.guard_expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
     job, comparison = job_in_guard(name), comparison_of(name)
-    if guard is None and comparison is not None and mission.knows_condition(name):
+    if guard is None and comparison and mission.jobs and mission.knows_condition(name):
         # Of a job, with its id or one of its arguments.
-        expression = guard = entry_reader(name, comparison.entry) if mission.jobs else None
+        own = mission.per_robot
+        reader = entry_reader(name, comparison.entry)
+        expression = guard = any_of(name, own.robots) if name in own else reader
     elif job and guard is None:
         # Of a job, which may not be known here yet: the guard of its type.
         name = name.replace(f"@{job}", "", 1)

@@ -109,8 +109,10 @@ class ValueType:
         return f"{'-' if value < 0 else ''}{whole}.{part:0{self.decimals}}"
 
     def holds(self, comparison: EntryComparison, value: Value | None) -> bool:
-        """Whether a comparison holds for a value of this type; none does for an entry not set."""
-        if value is None:
+        """Whether a comparison holds for a value of this type; none does for an entry not set, nor
+        with a job's parameter that has no value yet.
+        """
+        if value is None or "{" in comparison.literal:
             return False
         return OPERATORS[comparison.operator](value, self.value(comparison.literal))
 

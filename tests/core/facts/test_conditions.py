@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import ARGUMENTS, CONDITION, EXPRESSION
+from mrbt_mesh.core.facts.records import ARGUMENTS, CONDITION, EXPRESSION, JOB, Job
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -214,3 +214,32 @@ def test_who_knows_less_of_two_values_of_one_revision_waits() -> None:
     third.facts.map.merge([blue])
     assert third.note() == []
     assert third.facts.conditions.revision("found == red") == 2
+
+
+def test_comparisons_with_the_parameters_of_jobs_wait_for_a_job() -> None:
+    """Facts may come before any job is in the tree."""
+    text = f"""{HEAD}
+ends: never
+jobs:
+  bring:
+    parameters: {{most: {{min: 1, max: 9}}}}
+    tree:
+      Sequence:
+        - Fallback: [look, {{Condition: count < $most}}, {{Condition: battery < $most}}]
+        - charge
+tree: {{Jobs: all}}
+"""
+    mission = mission_from_yaml(text, "m", Path())
+    first = Replica("R1", TeamFacts(mission, RUN))
+    first.put("count", 7)
+    first.put("battery@R1", 600)
+    assert not first.facts.condition("count < {most}")
+    job = Job("bring", ("6",), 0, 0, 0, "me", 1)
+    first.write(f"{JOB}/j1", job.to_value())
+    assert first.facts.mission.tree.nodes[0].children
+    assert not first.facts.condition("count < 6")
+    first.put("battery@R2", 15)
+    notes = first.note()
+    assert {"expression/count < 6", "expression/battery < 6"} <= {each.name for each in notes}
+    late = TeamFacts(mission, RUN)  # which does not know of the job
+    assert [refusal(late, each) for each in notes if "#" not in each.name] == [None] * 3
