@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 from typing import Any
 
 import anyio
@@ -12,16 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.adapters.rmf.requests import TaskApi
-from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.job_desk import JobDesk
-from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.team_client import JobRefusedError, TeamClient
-from tests.support.paths import mission_file
+from tests.support.one_robot import DeskClient
 from tests.support.rmf import ALL, messages, perhaps_wrong, response_to, validator
 
-MISSION = load_mission(mission_file("deliveries"))
 REQUESTS = sorted(name for name in ALL if name.endswith("_request") and name != "task_request")
 IDS = st.sampled_from(["one", "two", "never seen", ""])
 ARGUMENTS = st.fixed_dictionaries(
@@ -37,33 +29,6 @@ DISPATCHES = st.fixed_dictionaries(
         "fleet_name": st.sampled_from(["depot", "other"]),
     },
 )
-
-
-class Desk(TeamClient):
-    """A client of one robot, which answers at once; `silent`: jobs of which it does not."""
-
-    def __init__(self) -> None:
-        config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver)
-        context = Context(MISSION, config, 0)
-        context.replica.next_incarnation(0)
-        assert context.facts.jobs is not None
-        assert context.wall_clock is not None
-        context.wall_clock.read(1_000_000_000, 0)
-        self._desk = JobDesk(context, context.facts.jobs)
-        members = SimpleNamespace(members=lambda: ["D1"])
-        facts = {"mission": MISSION, "facts": context.facts, "plan": None, "membership": members}
-        super().__init__(SimpleNamespace(observer=SimpleNamespace(**facts)))  # type: ignore[arg-type]
-
-    async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
-        if given["id"] == "silent":
-            raise TimeoutError("D1 does not answer")
-        answer: dict[str, Any] = json.loads(self._desk.answer(command, json.dumps(given), 0))
-        if "refused" in answer:
-            raise JobRefusedError(answer["refused"], answer["cause"])
-        return answer
-
-    async def _await_kept(self, name: str, stamp: int, safe: int | None) -> None:
-        pass
 
 
 def asked(api: TaskApi, *messages: Any) -> tuple[dict[str, Any], str]:
@@ -85,7 +50,7 @@ def dispatch(**request: Any) -> dict[str, Any]:
 
 @pytest.fixture
 def api() -> TaskApi:
-    return TaskApi(Desk(), "depot", lambda: 5)
+    return TaskApi(DeskClient(), "depot", lambda: 5)
 
 
 def test_a_task_from_dispatch_to_cancellation(api: TaskApi) -> None:
@@ -143,7 +108,7 @@ def test_the_types_of_jobs_are_discovered(api: TaskApi) -> None:
 def test_any_request_has_a_valid_answer_and_is_wrong_only_if_its_schema_or_the_text_says_so(
     data: st.DataObject,
 ) -> None:
-    api = TaskApi(Desk(), "depot", lambda: 5)
+    api = TaskApi(DeskClient(), "depot", lambda: 5)
     asked(api, dispatch())
     name = data.draw(st.sampled_from(REQUESTS))
     message = data.draw(

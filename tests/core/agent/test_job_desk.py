@@ -7,26 +7,11 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOBS, SUBMIT, JobDesk
-from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.formats.mission_file import load_mission
-from tests.support.paths import mission_file
+from tests.support.one_robot import desk
 
-MISSION = load_mission(mission_file("deliveries"))
 S = 1_000_000
 JOB = {"id": "a", "type": "inspect", "arguments": ["shelf_1"], "operator": "me"}
-
-
-def desk() -> tuple[JobDesk, Context]:
-    config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver)
-    context = Context(MISSION, config, 0)
-    context.replica.next_incarnation(0)
-    assert context.facts.jobs is not None
-    assert context.wall_clock is not None
-    context.wall_clock.read(1_000 * S, 0)
-    return JobDesk(context, context.facts.jobs), context
 
 
 def asked(found: JobDesk, command: str, **given: Any) -> Any:
