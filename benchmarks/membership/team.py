@@ -18,7 +18,6 @@ from mrbt_mesh.core.agent.effects import (
     Effect,
     Publish,
     Reply,
-    RequestBid,
     StartAction,
 )
 from mrbt_mesh.core.agent.inputs import (
@@ -33,7 +32,7 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.runtime.actions import ActionRunner
+from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim.world.network import Network, NetworkKnobs
 from mrbt_mesh.sim.world.process import Inspection, SimProcess
@@ -202,7 +201,7 @@ class _HeldActions(ActionRunner):
     def start_background(self) -> None:
         pass
 
-    def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
+    def carry_out(self, effect: ProgramEffect) -> None:
         match effect:
             case StartAction(ticket):
                 self.action = ticket

@@ -20,7 +20,7 @@ from mrbt_mesh.cli.terminal import errors, labelled, lose_output_rather_than_end
 from mrbt_mesh.cli.watching import Session, print_refusals
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.capacity import (
     BEAT_COST_S,
@@ -61,7 +61,7 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     running = [robot for robot in found.robots() if found.process(robot) is not None]
     if running:
         raise InputError(f"{found.path}: {', '.join(running)} still run; see `mrbt watch`")
-    if load_mission(found.mission_path).digest != mission.digest:
+    if not found.is_run_of(mission):
         raise InputError(f"{found.path} is a run of another mission, or of another version of it")
     before = found.info()
     if info.options.insecure != before.options.insecure:

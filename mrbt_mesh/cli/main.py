@@ -18,7 +18,7 @@ SECTIONS = {
         "kill freeze thaw leave": "Stop, freeze, thaw or release a robot",
         "join borrow return fault": "Start, borrow, return, break or mend a robot",
         "submit jobs job": "Hand in a job; list them; change one",
-        "pause resume abort decide": "Pause or end the mission; decide a doubt",
+        "pause resume abort decide revise": "Pause, end, decide, revise the mission",
     },
     "Prepare and try out": {
         "new validate plan": "Write a mission, check it, plan for given facts",

@@ -182,7 +182,7 @@ class DrillInjector:
             fault_log.killed.append(robot)
         died_s = time.time()
         run_dir, info = self._team.run_dir, self._team.info
-        held = read(run_dir.path, processes, self._team.mission.digest, info.run)
+        held = read(run_dir.path, processes, self._team.mission.team_digest, info.run)
         self.injected.journals_at_death.append(JournalsAtDeath(died_s, held))
 
     async def _stop(self, fault: str, robots: Sequence[str]) -> None:

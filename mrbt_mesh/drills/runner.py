@@ -125,7 +125,7 @@ async def run_drill(
     evidence.events = read_events(run_dir.path / EVENTS_FILE)
     ran = run_dir.robots()
     evidence.links = read_links(run_dir.path, ran)
-    evidence.journals = read(run_dir.path, ran, drill.mission.digest, info.run)
+    evidence.journals = read(run_dir.path, ran, drill.mission.team_digest, info.run)
     return DrillRun(
         drill.label,
         profile,
@@ -199,7 +199,7 @@ class _Run:
                 )
             ],
             blocked=frozenset(episode.request for episode in record.blocked),
-            is_obsolete=lambda activation: observer.evaluator.is_obsolete(
+            is_obsolete=lambda activation: observer.mission.evaluator.is_obsolete(
                 parse_activation(activation), observer.facts
             ),
         )

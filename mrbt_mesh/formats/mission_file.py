@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.errors import FileError, Problem, read_limited, whole_file_error
-from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
 __all__ = ["FileError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.recording.channels import FORMAT
 
 # The name of the record of metadata.

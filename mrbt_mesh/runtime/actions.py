@@ -14,19 +14,26 @@ from enum import Enum
 from functools import partial
 from itertools import product
 from numbers import Real
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import anyio
 import anyio.abc
 import anyio.lowlevel
 
-from mrbt_mesh.core.agent.effects import CancelAction, RequestBid, StartAction
+from mrbt_mesh.core.agent.effects import (
+    CancelAction,
+    CheckMission,
+    RequestBid,
+    StartAction,
+    UseMission,
+)
 from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
     ActionStopped,
     BidMade,
     BidsMade,
     Input,
+    MissionChecked,
     ProblemFound,
     TravelTimesMade,
 )
@@ -50,6 +57,7 @@ from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
 from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskFunction, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramFunction
+from mrbt_mesh.runtime.program_loader import check_program
 from mrbt_mesh.runtime.task_port import AgentPort, Host
 from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, shown, wrong_result
 
@@ -58,6 +66,7 @@ EXPECTED = (
     "return None or True for success, False for failure, "
     "or {condition: bool} for success with conditions"
 )
+ProgramEffect: TypeAlias = StartAction | CancelAction | RequestBid | CheckMission | UseMission
 # After so long, code that was cancelled and still runs is named.
 CANCEL_LIMIT_S = 5.0
 # No mission waits longer for a bid.
@@ -137,12 +146,12 @@ class ActionRunner:
         # With the ticket of the action for which they run; None: for none.
         self._calls: dict[UserCall, int | None] = {}
         self._bids: list[BidMade] = []
-        self._own = LocalConditions(mission.local_condition_default)
+        self._own = LocalConditions(lambda name: self._mission.local_condition_default(name))
         # How many of the program's sensors run.
         self.backgrounds = 0
         self._are_times_old = asyncio.Event()
 
-    def carry_out(self, effect: StartAction | CancelAction | RequestBid) -> None:
+    def carry_out(self, effect: ProgramEffect) -> None:
         """Do what the agent wants of the program."""
         match effect:
             case StartAction(ticket):
@@ -155,6 +164,27 @@ class ActionRunner:
                     loop.call_later(CANCEL_LIMIT_S, self._look_whether_stopped, ticket)
             case RequestBid():
                 self._group.start_soon(self._bid, effect)
+            case CheckMission(mission):
+                self._group.start_soon(self._check, mission)
+            case UseMission(mission):
+                self._use(mission)
+
+    async def _check(self, mission: Mission) -> None:
+        own = mission.robots[self._identity.robot].capabilities
+        problems = check_program(self._program, mission, own)
+        text = f"its program does not fit: {'; '.join(problems)}" if problems else ""
+        self._host.submit(MissionChecked(mission.digest, text))
+
+    def _use(self, mission: Mission) -> None:
+        """What begins from now on is of this revision of the mission."""
+        is_new_to_places = self._mission.travel is None and mission.travel is not None
+        self._mission, known = mission, mission.robots.get(self._identity.robot)
+        if known is not None:
+            own = tuple(sorted(known.capabilities))
+            self._identity = replace(self._identity, type=known.type, capabilities=own)
+        if is_new_to_places:
+            self._group.start_soon(self._publish_travel_times)
+        self._are_times_old.set()
 
     def start_background(self) -> None:
         """Start the program's sensors, and the evaluation of its travel times."""

@@ -23,6 +23,7 @@ from mrbt_mesh.core.agent.effects import (
     Ask,
     AskRouter,
     CancelAction,
+    CheckMission,
     DeclareToken,
     Effect,
     Forget,
@@ -35,6 +36,7 @@ from mrbt_mesh.core.agent.effects import (
     SearchSchedule,
     StartAction,
     Stop,
+    UseMission,
 )
 from mrbt_mesh.core.agent.inputs import (
     Input,
@@ -147,7 +149,6 @@ class Driver:
         self._last_us = self._drained_us = 0
         # What the wall clock shows more than `boottime_us`, as the agent knows it; in missions with
         # jobs.
-        self._reads_wall_clock = bool(setup.mission.jobs)
         self._wall_clock_offset_us: int | None = None
         # Set once it hears its team.
         self.begun = asyncio.Event()
@@ -266,7 +267,7 @@ class Driver:
     def _step(self, event: Input, now_us: int) -> None:
         if self._stop is not None or not self._is_ready:
             return
-        if self._reads_wall_clock:
+        if self._agent.view.reads_wall_clock:
             self._read_wall_clock(now_us)
         self._last_us = now_us
         if self._meter is not None:
@@ -426,7 +427,7 @@ class Driver:
 
     def _carry_out(self, effect: Effect) -> None:
         match effect:
-            case StartAction() | CancelAction() | RequestBid():
+            case StartAction() | CancelAction() | RequestBid() | CheckMission() | UseMission():
                 self._runner.carry_out(effect)
             case Publish(kind, data, to):
                 self._transport.publish(kind, data, to)

@@ -165,7 +165,7 @@ def open_journal(
     def log(level: str, event: str, **fields: Any) -> None:
         getattr(logger, level)(event, **fields)
 
-    return Journal(journal_path(run_dir, robot), mission.digest, run, robot, log)
+    return Journal(journal_path(run_dir, robot), mission.team_digest, run, robot, log)
 
 
 def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> str:

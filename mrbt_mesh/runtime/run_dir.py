@@ -2,6 +2,7 @@
 
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
+revision.json       the last revision of it that was taken up
 launcher.lock       locked by the process that launched the robots, as long as it lives, with its
                     pid and start time
 keys/               the keys of all members (see `key_folder`)
@@ -29,13 +30,15 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import psutil
 
 from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.recording.messages import pack_death, unpack_death
@@ -43,6 +46,7 @@ from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+REVISION_FILE = "revision.json"
 DEATHS_FILE, COMMANDS_FILE = "deaths.json", "commands.jsonl"
 _STATE = "MRBT_STATE_DIR"
 
@@ -134,11 +138,29 @@ class RunDir:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.mission_path = path / MISSION_FILE
         self.keys_path = path / KEYS_FOLDER
         self.launcher_lock_path = path / "launcher.lock"
         self.metrics_targets_path = path / "metrics-targets.json"
         self.fork_server_output_path = path / "fork_server.out"
+
+    @property
+    def mission_path(self) -> Path:
+        """The mission that robots start with: the last revision that is known to be in force."""
+        revised = self.path / REVISION_FILE
+        return revised if revised.exists() else self.path / MISSION_FILE
+
+    def save_revision(self, mission: Mission) -> None:
+        """Robots start with this revision from now on. Raises RunDirError."""
+        try:
+            write_atomically(self.path / REVISION_FILE, compile_mission(mission))
+        except OSError as error:
+            raise RunDirError(f"cannot write the run directory: {error}") from error
+
+    def is_run_of(self, mission: Mission) -> bool:
+        """Whether the mission is the one that it began with, or the one that is in force."""
+        paths = self.mission_path, self.path / MISSION_FILE
+        known = (mission_from_compiled(path.read_text(), str(path)) for path in paths)
+        return any(replace(each, revision=None).digest == mission.digest for each in known)
 
     @classmethod
     def create(cls, path: Path, info: RunInfo, compiled_mission: str) -> RunDir:

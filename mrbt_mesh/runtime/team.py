@@ -264,7 +264,7 @@ class Team:
     def journals(self) -> dict[str, tuple[Entry, ...]]:
         """Robot -> what its journal holds."""
         robots = sorted({*self.run_dir.robots(), *self.processes})
-        return read_journals(self.run_dir.path, robots, self.mission.digest, self.info.run)
+        return read_journals(self.run_dir.path, robots, self.mission.team_digest, self.info.run)
 
     def result(self, observer: Observer, now_us: int) -> str:
         """The run's result if it ends now, by what the observer knows and the journals.

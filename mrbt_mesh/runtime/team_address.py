@@ -53,7 +53,7 @@ def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> Te
         multicast = "auto"
     return TeamAddress(
         mission,
-        options.run or mission.digest[:8],
+        options.run or mission.team_digest[:8],
         timing_of(options.beat_s, options.detection_s, mission),
         TransportConfig(
             options.team or mission.name,

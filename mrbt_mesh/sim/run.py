@@ -13,6 +13,7 @@ import anyio
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.engine import Engine
+from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
@@ -24,7 +25,7 @@ from mrbt_mesh.runtime.user_code import UserCall, place_of
 from mrbt_mesh.sim.checkers.checkers import Checkers
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.world.clock import VirtualLoop
-from mrbt_mesh.sim.world.faults import EndRouter, RobotFault, Schedule, StartRouter
+from mrbt_mesh.sim.world.faults import EndRouter, Revise, RobotFault, Schedule, StartRouter
 from mrbt_mesh.sim.world.network import NetworkKnobs
 from mrbt_mesh.sim.world.process import Inspection
 from mrbt_mesh.sim.world.scenario import Scenario
@@ -108,8 +109,9 @@ def simulate(
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
     named = {fault.robot for _, fault in steps if isinstance(fault, RobotFault)}
+    coming = {r for _, f in steps if isinstance(f, Revise) for r in read_mission(f.mission).robots}
     for robot in sorted({*team, *named}):
-        if robot not in mission.robots:
+        if robot not in mission.robots and robot not in coming:
             known = ", ".join(sorted(mission.robots))
             raise ValueError(f"the mission has no robot {robot!r}; it has {known}")
     unknown = {f.router for _, f in steps if isinstance(f, EndRouter | StartRouter)}

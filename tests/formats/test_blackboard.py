@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.blackboard import ValueType, comparison_of
@@ -15,7 +16,6 @@ from mrbt_mesh.core.mission.jobs import OpenJob, with_jobs
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
 GOOD = """\
 mission: m

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.constraints import AtMost, NeverTogether, NotAtOnce
 from mrbt_mesh.core.mission.mission import Mission, Need, SameRobotAs
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import FileError, compile_mission
 from tests.support.paths import ROOT
 

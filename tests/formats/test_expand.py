@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import CONTROLS, Kind, NodeSpec
+from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import split_call
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.expand import argument_text, call_text, split_template, to_micro
 from mrbt_mesh.formats.mission_file import FileError, compile_mission
 

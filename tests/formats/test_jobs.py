@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.jobs import OpenJob, with_jobs
 from mrbt_mesh.core.mission.mission import JobParameter, Mission, SameRobotAs
 from mrbt_mesh.errors import FileError, Problem
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.cautions import cautions
-from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.formats.mission_file import mission_warnings
 from mrbt_mesh.formats.mission_writer import tree_data
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.bt.tree import Kind
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission, mission_from_json
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.compiled import compile_mission, mission_from_compiled
 
 # Line numbers below count from the first line of this text, which is line 1.
 GOOD = """\

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind, Memory
+from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import (
     MICRO,
     AssignmentPolicy,
@@ -22,7 +23,6 @@ from mrbt_mesh.core.mission.mission import (
     performance,
 )
 from mrbt_mesh.formats.build import mission_from_yaml, resolve_program
-from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import (
     FileError,
     compile_mission,

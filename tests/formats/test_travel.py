@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.core.scheduling.problem import Objective
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.formats.compiled import mission_from_compiled
 from mrbt_mesh.formats.mission_file import FileError, compile_mission, load_mission
 from tests.support.paths import ROOT
 

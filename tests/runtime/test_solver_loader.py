@@ -165,7 +165,7 @@ def test_small_missions_need_no_libraries_and_large_ones_have_them_at_once() -> 
     code = (
         "import sys\n"
         "from dataclasses import replace\n"
-        "from mrbt_mesh.formats.compiled import mission_from_compiled\n"
+        "from mrbt_mesh.core.mission.compiled import mission_from_compiled\n"
         "from mrbt_mesh.runtime.solver_loader import solver_for\n"
         "mission = mission_from_compiled(sys.stdin.read(), 'm.json')\n"
         "solver_for(mission)\n"

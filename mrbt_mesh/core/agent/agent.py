@@ -21,7 +21,7 @@ from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
-from mrbt_mesh.core.agent.effects import Effect
+from mrbt_mesh.core.agent.effects import Effect, UseMission
 from mrbt_mesh.core.agent.executor import Executor, PlainStart, StartPolicies
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
@@ -32,11 +32,13 @@ from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.agent.withdrawal import Withdrawal
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.facts.records import CLOCK
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
@@ -61,34 +63,62 @@ class Agent:
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
         self._context = context = Context(mission, config, now_us)
-        self._schedule = schedule = HeartbeatSchedule(config.timing, now_us)
-        self._duplicates = duplicates = DuplicateIdCheck(
+        self._schedule = HeartbeatSchedule(config.timing, now_us)
+        self._duplicates = DuplicateIdCheck(
             config.robot, config.nonce, config.takeover, config.timing
         )
-        tree = RobotTree({type_name(name) for name in config.capabilities})
-        self._planner = planner = Planner(context, tree)
+        self._tree = tree = RobotTree({type_name(name) for name in config.capabilities})
+        self._planner = Planner(context, tree)
         self._leased: LeasedStart | None = None
-        if any(task.exclusive for task in mission.all_tasks()):
-            self._leased = LeasedStart(context, planner, now_us)
-        starts = StartPolicies(PlainStart(), CoalitionStart(context), self._leased)
-        self._executor = executor = Executor(context, tree, starts)
         self._health = health = Health(context)
+        self._withdrawal = Withdrawal(context, health)
+        self._bidder = Bidder(context, health)
+        self._scheduler: Scheduler | None = None
+        self._reviser = Reviser(context)
+        self._deferred = DeferredInputs()
+        self.view = AgentView(context, self._planner, tree)
+        # The one for which the parts below were composed.
+        self._mission = mission
+        self._compose(now_us)
+        self._deadline_us = now_us
+        # When time alone asks for more than asking others, and heartbeats.
+        self._step_us = now_us
+        # The changes that the last step went by, None if the next input is always followed up; and
+        # whether these include the reports of others.
+        self._seen: int | None = None
+        self._reads_reports = False
+        # Until when the robot waits for others that join, None if none do.
+        self._joining_until_us: int | None = None
+        self._most_joined = 0
+        # When the last plan was made, and before when none is made, None if one may be.
+        self._planned_us = now_us
+        self._plans_at_us: int | None = None
+        if config.resumed is not None:
+            self._lifecycle.resume(config.resumed, now_us)
+
+    def _compose(self, now_us: int) -> None:
+        """The parts that the mission in force needs."""
+        context, planner, health, bidder = self._context, self._planner, self._health, self._bidder
+        mission, schedule, duplicates = context.mission, self._schedule, self._duplicates
+        if self._leased is None and any(task.exclusive for task in mission.all_tasks()):
+            self._leased = LeasedStart(context, planner, now_us)
+        leased = self._leased
+        starts = StartPolicies(PlainStart(), CoalitionStart(context), leased)
+        self._executor = executor = Executor(context, self._tree, starts, self._reviser)
         self._reports = reports = Reports(context, planner, executor, schedule, health)
-        self._bidder = bidder = Bidder(context, health)
-        self._scheduler = scheduler = Scheduler(context) if mission.travel is not None else None
-        self._lifecycle = Lifecycle(context, planner, self._leased, duplicates, schedule)
-        self._heartbeats = Heartbeats(context, schedule, tree, self._leased)
-        self._withdrawal = withdrawal = Withdrawal(context, health)
-        self._commands = Commands(context, planner, reports, health, withdrawal)
-        inbound = Inbound(context, planner, self._leased, duplicates, schedule, self._commands)
-        jobs = context.facts.jobs
+        if self._scheduler is None and mission.travel is not None:
+            self._scheduler = Scheduler(context)
+        scheduler = self._scheduler
+        self._lifecycle = Lifecycle(context, planner, leased, duplicates, schedule)
+        self._heartbeats = Heartbeats(context, schedule, self._tree, leased)
+        withdrawal = self._withdrawal
+        self._commands = Commands(context, planner, reports, health, withdrawal, self._reviser)
+        inbound = Inbound(context, planner, leased, duplicates, schedule, self._commands)
+        jobs, work = context.facts.jobs, context.work
         self._wall_clock = clock = context.wall_clock
         self._job_clock: JobClock | None = None
         if jobs is not None and clock is not None:
             self._job_clock = JobClock(context.facts, jobs, clock)
-        self._deferred = DeferredInputs()
-        self.view = AgentView(context, planner, executor)
-        work = context.work
         self._handlers: dict[type[Input], Callable[[Any, int], object]] = {
             inputs.MessageReceived: inbound.take,
             inputs.TokenChanged: inbound.take,
@@ -113,6 +143,7 @@ class Agent:
             inputs.ProblemFound: health.problem_found,
             inputs.LeaveRequested: lambda _, now: reports.leave(now),
             inputs.PlanMade: planner.made,
+            inputs.MissionChecked: self._reviser.checked,
             inputs.JournalSynced: self._journal_synced,
             inputs.JournalReported: health.journal_reported,
             inputs.JournalOpened: health.journal_opened,
@@ -125,21 +156,41 @@ class Agent:
                 e, planner.plan, now
             )
             self._handlers[inputs.TravelTimesMade] = scheduler.travel_times_made
-        self._deadline_us = now_us
-        # When time alone asks for more than asking others, and heartbeats.
-        self._step_us = now_us
-        # The changes that the last step went by, None if the next input is always followed up; and
-        # whether these include the reports of others.
-        self._seen: int | None = None
-        self._reads_reports = False
-        # Until when the robot waits for others that join, None if none do.
-        self._joining_until_us: int | None = None
-        self._most_joined = 0
-        # When the last plan was made, and before when none is made, None if one may be.
-        self._planned_us = now_us
-        self._plans_at_us: int | None = None
-        if config.resumed is not None:
-            self._lifecycle.resume(config.resumed, now_us)
+
+    def _follow_revisions(self, now_us: int) -> None:
+        self._reviser.follow(now_us)
+        if self._context.facts.declared is not self._mission:
+            self._take_up_revision(now_us)
+            self._reviser.follow(now_us)
+
+    def _take_up_revision(self, now_us: int) -> None:
+        """Another revision of the mission is in force: compose what it needs, and go on."""
+        context, mission = self._context, self._context.facts.declared
+        was_named = context.me in self._mission.robots
+        self._mission = mission
+        context.use(mission)
+        context.log("info", "revision_taken_up", number=mission.revision_number)
+        context.emit(UseMission(mission))
+        claim, robot = context.work.claim, mission.robots.get(context.me)
+        is_dropped = claim is not None and context.facts.task_of(claim.activation) is None
+        if is_dropped:
+            context.emit(*context.work.drop())
+        if robot is not None:
+            context.description.use(robot.type, robot.capabilities)
+            self._tree.use({type_name(name) for name in robot.capabilities})
+        context.membership.set_team(mission.robots)
+        self._planner.forget()
+        self._compose(now_us)
+        if context.is_new:
+            return
+        if robot is None and was_named:
+            context.log("warning", "not_in_the_mission_any_more")
+            self._reports.leave(now_us)
+        else:
+            said = context.facts.map.get(context.me, records.CLAIM)
+            claims = [context.claim()] if is_dropped or said is None else []
+            context.write([context.member(), *claims], now_us)
+            self._withdrawal.joined(now_us)
 
     # -- the two calls ------------------------------------------------------------------------
 
@@ -157,6 +208,8 @@ class Agent:
         for each in taken:
             if not context.has_stopped:
                 self._handlers[type(each)](each, now_us)
+                if context.facts.declared is not self._mission:
+                    self._take_up_revision(now_us)
         if not context.has_stopped:
             self._follow_up(taken, now_us)
         return context.take_effects()
@@ -218,6 +271,8 @@ class Agent:
             self._reports.joined(now_us)
             self._health.joined(now_us)
             self._withdrawal.joined(now_us)
+        if context.facts.is_revised and context.joining is None:
+            self._follow_revisions(now_us)
         if context.joining is None:
             self._plan_and_perform(events, now_us)
         self._ask_who_is_due(now_us)

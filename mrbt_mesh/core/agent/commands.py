@@ -14,11 +14,12 @@ from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.job_desk import JOB_COMMANDS, JobDesk
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.withdrawal import Withdrawal
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import LATCH, CoalitionId, CommandKind
+from mrbt_mesh.core.facts.records import LATCH, MAX_MISSION, CoalitionId, CommandKind
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import micro_performance
@@ -28,6 +29,7 @@ PERFORM = "perform"
 BORROW, RETURN = "borrow", "return"
 # Of BORROW: before or after the task that the robot has.
 AT_ONCE, AFTER_TASK = "at_once", "after_task"
+REVISE, WITHDRAW = "revise", "withdraw"
 REFUSALS = "refusals"
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
@@ -64,6 +66,7 @@ class Commands:
         reports: Reports,
         health: Health,
         withdrawal: Withdrawal,
+        reviser: Reviser,
     ) -> None:
         self._context = context
         self._planner = planner
@@ -80,6 +83,8 @@ class Commands:
             TEAM: self._team,
             REFUSALS: self._refusals,
             DECIDE: self._decide,
+            REVISE: reviser.propose,
+            WITHDRAW: reviser.withdraw,
         }
         if context.facts.jobs is not None:
             desk = JobDesk(context, context.facts.jobs)
@@ -90,10 +95,14 @@ class Commands:
         if (
             not isinstance(body, list)
             or len(body) != 2
-            or not all(isinstance(part, str) and len(part) <= MAX_ARGUMENT for part in body)
+            or not all(isinstance(part, str) and len(part) <= 2 * MAX_MISSION for part in body)
         ):
             return False, "a command is a list of two texts"
         command, argument = body
+        if max(len(command), len(argument)) > MAX_ARGUMENT and command != REVISE:
+            return False, "a command is a list of two texts, and this one is too long"
+        if self._context.is_new and command in (REVISE, WITHDRAW):
+            return False, f"{self._context.me} is still joining the team: ask another robot"
         carry_out = self._known.get(command)
         return carry_out(argument, now_us) if carry_out else (False, f"no command {command!r}")
 

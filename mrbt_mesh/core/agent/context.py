@@ -46,21 +46,21 @@ class Context:
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
-        self.mission = mission
         self.config = config
         self.me = config.robot
         self.facts = TeamFacts(mission, config.run)
-        header = Header(mission.digest[:16], mission.name, config.run, config.robot)
+        header = Header(mission.team_digest[:16], mission.name, config.run, config.robot)
         read_batch = config.engine.read_batch
         self.replica = Replica(
             self.facts, header, config.timing, config.nonce, read_batch, config.keys
         )
         self.replica.restore(config.restored)
         self.durability = Durability(config.journal_problem, bool(config.journal_problem))
-        self.membership = Membership(self.me, config.timing, mission.robots)
+        # The mission in force, as its file has it: the agent follows `facts.declared`.
+        self.mission = self.facts.declared
+        self.membership = Membership(self.me, config.timing, self.mission.robots)
         self.wall_clock: WallClock | None = None
-        if mission.jobs:
-            self.wall_clock = WallClock(self.membership, config.timing.heartbeat_us)
+        self.use(self.mission)
         self.joining: Joining | None = Joining(
             config.timing, config.expected - {self.me}, now_us, gather_us=config.gather_us
         )
@@ -78,6 +78,12 @@ class Context:
         self.has_stopped = False
         self.sealing = Sealing(config.keys, config.run, config.life) if config.keys else None
         self._effects: list[Effect] = []
+
+    def use(self, mission: Mission) -> None:
+        """The mission in force, from now on."""
+        self.mission = mission
+        if mission.jobs and self.wall_clock is None:
+            self.wall_clock = WallClock(self.membership, self.config.timing.heartbeat_us)
 
     def note_position(self, position: Position) -> None:
         """The program has reported where the robot is; its heartbeats carry it."""

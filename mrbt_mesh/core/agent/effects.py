@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import with_entries
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.scheduling.dispatch import Dispatched
@@ -116,6 +117,22 @@ class SearchSchedule:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckMission:
+    """See whether the robot's program can do what a revision of the mission asks of this robot;
+    answered by MissionChecked.
+    """
+
+    mission: Mission = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class UseMission:
+    """This revision of the mission is in force: what is begun from now on is of it."""
+
+    mission: Mission = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
 class CancelAction:
     """Stop the action; answered by ActionStopped, or ActionFinished if it was quicker."""
 
@@ -170,6 +187,8 @@ Effect: TypeAlias = (
     | StartAction
     | MakePlan
     | SearchSchedule
+    | CheckMission
+    | UseMission
     | CancelAction
     | RequestBid
     | DeclareToken

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Arguments, Claim, Phase
@@ -78,10 +79,12 @@ class Executor:
     `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
     """
 
-    def __init__(self, context: Context, tree: RobotTree, starts: StartPolicies) -> None:
+    def __init__(
+        self, context: Context, tree: RobotTree, starts: StartPolicies, reviser: Reviser
+    ) -> None:
         self._context = context
+        self._reviser = reviser
         self._starts = starts
-        self._types = context.mission.local_task_types
         self._grace_us = context.config.timing.grace_us
         self.tree = tree
         self.shows_outcome = False
@@ -134,6 +137,8 @@ class Executor:
 
     def _may_start(self, plan: Plan, now_us: int) -> bool:
         """Whether all robots in good standing have the same plan, or the grace time has passed."""
+        if self._context.facts.is_revised and not self._reviser.may_begin():
+            return False
         agreed = self._context.membership.all_report_plan(plan.digest)
         return agreed or now_us >= self._grace_ends_us
 
@@ -197,4 +202,5 @@ class Executor:
         return self._starts.of(task)
 
     def _type_of(self, local_task: str) -> str:
-        return self._types.get(local_task) or type_name(local_task)  # of a job
+        types = self._context.mission.local_task_types
+        return types.get(local_task) or type_name(local_task)  # of a job

@@ -243,6 +243,14 @@ class PlanMade:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionChecked:
+    """Why the robot's program cannot do what the revision of this digest asks for, or empty."""
+
+    digest: str
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
 class ScheduleFound:
     """The schedule that SearchSchedule of this number asked for."""
 
@@ -312,6 +320,7 @@ Input: TypeAlias = (
     | TimerFired
     | PlanMade
     | ScheduleFound
+    | MissionChecked
     | JournalSynced
     | JournalReported
     | JournalOpened

@@ -80,6 +80,9 @@ class JobDesk:
             return {"id": name, "state": "ended", "stamp": 0}
         if problem := types[kind].problem(arguments):
             raise _RefusedError(problem)
+        coming = self._context.facts.revisions.pending(self._context.mission.revision_number)
+        if coming is not None and kind not in coming[1].jobs:
+            raise _RefusedError(f"a revision without jobs of type {kind} is about to be in force")
         if self._jobs.count_open() >= MAX_OPEN:
             raise _RefusedError(f"{MAX_OPEN} jobs are open; cancel some, or wait", FULL)
         not_before_us, deadline_us = self._times(given, types[kind].deadline_us, now_us)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
-from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.planner import PlanListener, Planner
+from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
@@ -26,7 +26,7 @@ class AgentView:
     input was refused, by source and reason.
     """
 
-    def __init__(self, context: Context, planner: Planner, executor: Executor) -> None:
+    def __init__(self, context: Context, planner: Planner, tree: RobotTree) -> None:
         self.robot = context.me
         self.header = context.replica.header
         self.facts = context.facts
@@ -36,7 +36,7 @@ class AgentView:
         self.refused: Mapping[str, int] = context.refused
         self._context = context
         self._planner = planner
-        self._executor = executor
+        self._tree = tree
 
     @property
     def mission(self) -> Mission:
@@ -47,6 +47,11 @@ class AgentView:
     def incarnation(self) -> Incarnation:
         """Its incarnation; counter 0 while it has never joined."""
         return self._context.replica.incarnation
+
+    @property
+    def reads_wall_clock(self) -> bool:
+        """Whether it needs WallClockRead."""
+        return self._context.wall_clock is not None
 
     @property
     def spacing_us(self) -> int:
@@ -121,7 +126,7 @@ class AgentView:
     @property
     def statuses(self) -> tuple[Status, ...]:
         """Those of T_i, T_A, T_G and T_Li after the last tick."""
-        return self._executor.tree.statuses
+        return self._tree.statuses
 
     @property
     def tree_statuses(self) -> bytes:

@@ -25,7 +25,7 @@ from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory
 class Activation(NamedTuple):
     """One activation of a node; its text is its name.
 
-    `node` and `job` are the node's `origin` and `job`. `subject` is that of the node, empty for
+    `node` and `job` are the node's `number` and `job`. `subject` is that of the node, empty for
     inner nodes. `attempts`: of the loops around it, outermost first. `turns`: how often its guards
     have turned against it, in all.
     """
@@ -89,12 +89,12 @@ class ActivationNames(Guards):
     def activation(self, node: int, attempts: Sequence[int], facts: EvaluationFacts) -> Activation:
         """The activation of `node` under these facts and attempt numbers."""
         at, turns = self.tree.nodes[node], self.turns_at(node, facts)
-        return Activation(facts.run, at.origin, at.subject, tuple(attempts), turns, at.job)
+        return Activation(facts.run, at.number, at.subject, tuple(attempts), turns, at.job)
 
     @cached_property
     def index_of(self) -> dict[tuple[int, str], int]:
-        """(origin, job) of each node -> its index."""
-        return {(node.origin, node.job): node.index for node in self.tree.nodes}
+        """(number, job) of each node -> its index."""
+        return {(node.number, node.job): node.index for node in self.tree.nodes}
 
     def memory_activation(
         self, node: int, attempts: Sequence[int], facts: EvaluationFacts

@@ -117,6 +117,10 @@ class RobotTree:
         self._local_tasks = frozenset(local_tasks)
         self._assignment = Status.SUCCESS
 
+    def use(self, local_tasks: Iterable[str]) -> None:
+        """The robot can do these local tasks, by a revision of the mission."""
+        self._local_tasks = frozenset(local_tasks)
+
     def tick_assignment(self, values: AssignmentValues) -> None:
         """Tick T_A over these values; without a trigger it keeps its last status."""
         if values.is_triggered:

@@ -8,8 +8,8 @@ others of BehaviorTree.CPP 4; `evaluator` has their rules.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 MAX_DEPTH = 64
@@ -79,7 +79,8 @@ class NodeSpec:
     `timeout_us` is the time limit of a Timeout, in microseconds. `memory` is that of a control.
     `failures`: the number of failed children that fails a Parallel; 0: only as many as put M out of
     reach (the paper's rule). `origin`: the index in the tree of the mission file, of a node that
-    belongs to a job; -1: its own index. `job`: the id of that job.
+    belongs to a job; -1: its own index. `job`: the id of that job. `number`: by which facts name
+    the node; -1: its `origin`, as in a mission that was never revised.
     """
 
     kind: Kind
@@ -92,6 +93,7 @@ class NodeSpec:
     failures: int = 0
     origin: int = -1
     job: str = ""
+    number: int = -1
 
     def contains(self, kind: Kind) -> bool:
         """Whether this node or any below it is of the kind."""
@@ -102,7 +104,8 @@ class NodeSpec:
 class Node:
     """One numbered node; `children` and `parent` are indices, parent -1 at the root.
 
-    (`origin`, `job`) names the same node in every tree of a mission, whichever jobs are open.
+    (`origin`, `job`) names the same node in every tree of a mission, whichever jobs are open, and
+    (`number`, `job`) also in its revisions.
     """
 
     index: int
@@ -117,11 +120,12 @@ class Node:
     failures: int = 0
     origin: int = -1
     job: str = ""
+    number: int = -1
 
     @property
     def key(self) -> str:
-        """(`origin`, `job`) as text: `7`, `7@morning-1`."""
-        return f"{self.origin}@{self.job}" if self.job else str(self.origin)
+        """(`number`, `job`) as text: `7`, `7@morning-1`."""
+        return f"{self.number}@{self.job}" if self.job else str(self.number)
 
     def spec(self, children: tuple[NodeSpec, ...] = ()) -> NodeSpec:
         """The node as `build_tree` takes it, with these children."""
@@ -136,6 +140,7 @@ class Node:
             self.failures,
             self.origin if self.job else -1,
             self.job,
+            self.number if self.number != self.origin else -1,
         )
 
     @property
@@ -178,6 +183,13 @@ class Tree:
             parts.append(part)
             index = node.parent
         return "/".join(reversed(parts))
+
+    def with_numbers(self, numbers: Sequence[int]) -> Tree:
+        """The same nodes under these numbers, one for each; raises ValueError otherwise."""
+        if len(set(numbers)) != len(self.nodes) or len(numbers) != len(self.nodes):
+            raise ValueError("one number for each node of the tree is expected")
+        named = zip(self.nodes, numbers, strict=True)
+        return Tree(tuple(replace(node, number=number) for node, number in named))
 
     def actions(self) -> Iterator[Node]:
         """Action leaves in tree order."""
@@ -250,6 +262,7 @@ def build_tree(spec: NodeSpec) -> Tree:
         here = f"{path}/{node.name or node.subject or node.kind}" if path else str(node.kind)
         _check(node, here, depth)
         index = len(nodes)
+        origin = node.origin if node.origin >= 0 else index
         if index >= MAX_NODES:
             raise TreeError(f"{here}: more than {MAX_NODES} nodes")
         nodes.append(None)
@@ -265,8 +278,9 @@ def build_tree(spec: NodeSpec) -> Tree:
             node.timeout_us,
             node.memory,
             node.failures,
-            node.origin if node.origin >= 0 else index,
+            origin,
             node.job,
+            node.number if node.number >= 0 else origin,
         )
         return index
 
@@ -275,7 +289,7 @@ def build_tree(spec: NodeSpec) -> Tree:
 
 
 def spec_to_json(spec: NodeSpec) -> list[Any]:
-    """A tree as plain data, for compiled missions."""
+    """A tree as plain data, for compiled missions. The numbers of nodes are not in it."""
     children = [spec_to_json(child) for child in spec.children]
     numbers = [spec.limit, spec.timeout_us, str(spec.memory), spec.failures]
     return [str(spec.kind), spec.name, spec.subject, *numbers, children]

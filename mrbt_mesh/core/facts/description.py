@@ -52,6 +52,24 @@ class Description:
         # By local task and source.
         self._losses: dict[tuple[str, str], _Loss] = {}
 
+    def use(self, kind: str, capabilities: Mapping[str, int]) -> None:
+        """What a revision of the mission says of it. What it has lost stays lost, and performances
+        that it has changed itself stay where the declared one is as before.
+        """
+        kept = {
+            name: value
+            for name, value in self._capabilities.items()
+            if name in capabilities and self._declared.get(name) == capabilities[name]
+        }
+        self._type, self._declared = kind, capabilities
+        self._capabilities = {**capabilities, **kept}
+        known = {type_name(name) for name in capabilities}
+        self._losses = {
+            (name, source): loss
+            for (name, source), loss in self._losses.items()
+            if type_name(name) in known
+        }
+
     def resume(self, known: Member) -> None:
         """Take over what the robot has said of itself before."""
         self._capabilities = dict(known.capabilities)

@@ -39,6 +39,8 @@ MAX_SUBJECT = 100
 # How many jobs one archive names, by how long a hash.
 MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
+# Of a compiled mission, in characters.
+MAX_MISSION = 250_000
 # The subject of problems with the journal; all other subjects are parts of the robot's program.
 JOURNAL, CLOCK = "journal", "clock"
 
@@ -593,6 +595,41 @@ class JobArchive(Record):
 
 
 @dataclass(frozen=True, slots=True)
+class ProposedMission(Record):
+    """A revision of the mission that an operator proposes. `text`: it, compiled. `is_forced`: also
+    if robots are at work on what it does not have.
+    """
+
+    text: Annotated[str, Plain(partial(read_text, limit=MAX_MISSION))]
+    operator: str
+    is_forced: bool
+    stamp: int
+
+    write_once: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, slots=True)
+class HeldMission(Record):
+    """Which revision the author would take up, or why it does not; empty `digest`: none.
+    `in_force`: the revision by which it acts.
+    """
+
+    number: int
+    digest: str
+    problem: _Reason
+    in_force: int
+
+
+@dataclass(frozen=True, slots=True)
+class AdoptedMission(Record):
+    """All robots have held this revision: it is in force."""
+
+    digest: str
+
+    write_once: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, slots=True)
 class Latch(Record):
     """Something that stays true once written: a latched failure, a grant, a broken coalition."""
 
@@ -641,9 +678,14 @@ JOB_ARCHIVE = "job_archive"
 JOB_KINDS = frozenset({JOB, JOB_CHANGE, JOB_DUE, JOB_END})
 # The author's proposal of a schedule, and its travel times.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
+# By number: a revision of the mission that is proposed, was withdrawn, or is in force. And which
+# one the author holds.
+MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED = "mission", "mission_withdrawn", "mission_adopted"
+MISSION_HELD = "mission_held"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
 BID_KINDS = frozenset({BID, CLOSED})
+MISSION_KINDS = frozenset({MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED, MISSION_HELD})
 
 # Kind -> its parser, and how many parts a name has:
 # kind / condition, scope or activation / local task, coalition or position / coalition
@@ -668,7 +710,11 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     JOB_END: (JobEnd.parse, (2,)),
     JOB_ARCHIVE: (JobArchive.parse, (2,)),
     TRAVEL_TIMES: (TravelTimes.parse, (1,)),
-    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE, JOB_DUE), (Latch.parse, (2,))),
+    MISSION: (ProposedMission.parse, (2,)),
+    MISSION_HELD: (HeldMission.parse, (1,)),
+    MISSION_ADOPTED: (AdoptedMission.parse, (2,)),
+    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
+    **dict.fromkeys((JOB_DUE, MISSION_WITHDRAWN), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }
 

@@ -36,9 +36,10 @@ from mrbt_mesh.core.facts.records import (
     TeamCommand,
     TravelTimes,
 )
+from mrbt_mesh.core.facts.revisions import Revisions
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, refusal_reason
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, task_of_job, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
@@ -83,7 +84,9 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
-    `declared`: the mission as its file has it. `jobs`: None if it has no types of jobs.
+    `declared`: the mission in force, as its file has it. `jobs`: None if it has no types of jobs.
+    `revisions`: what is said about missions that take its place; `is_revised`: anything is, or it
+    has taken the place of another one.
     `activations`: what is said of each activation, by name. `problems`: robot -> its journal
     or a part of its program -> what is wrong with it. `changes` counts all changes of the
     map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen
@@ -91,9 +94,22 @@ class TeamFacts:
     """
 
     def __init__(self, mission: Mission, run: str) -> None:
-        self.declared = mission
         self.run = run
         self.map = FactMap()
+        self.revisions = Revisions()
+        self.max_stamp = 0
+        self.changes = 0
+        self.outcome_changes = 0
+        # What the mission in force has no place for.
+        self._dropped: list[tuple[str, str]] = []
+        self._has_news_of_mission = False
+        self.is_revised = mission.revision is not None
+        self._begin(mission)
+        self.map.subscribe(self._index)
+
+    def _begin(self, mission: Mission) -> None:
+        """Read the facts of this mission, of which nothing is known yet."""
+        self.declared = mission
         self.members: dict[str, KnownMember] = {}
         self.claims: dict[str, KnownClaim] = {}
         self.conditions = Conditions(mission)
@@ -102,9 +118,6 @@ class TeamFacts:
         self.proposals: dict[str, Proposal] = {}
         self.jobs = Jobs(mission) if mission.jobs else None
         self.travel_times: dict[str, TravelTimes] = {}
-        self.max_stamp = 0
-        self.changes = 0
-        self.outcome_changes = 0
         self._mission = mission
         # The jobs in its tree; None: their types are.
         self._in_tree: tuple[OpenJob, ...] | None = None
@@ -119,7 +132,21 @@ class TeamFacts:
         # those that are new.
         self._has_reach_changed = False
         self._new_activations: dict[str, None] = {}
-        self.map.subscribe(self._index)
+
+    def _take_up(self, mission: Mission) -> None:
+        """A revision is in force: read all facts by it, and drop those that have no place in it."""
+        entries = list(self.map)
+        self._begin(mission)
+        self.changes += 1
+        self.outcome_changes += 1
+        for entry in entries:
+            if refusal_reason(entry, mission, self.run) is None:
+                self._add(entry)
+            else:
+                self._dropped.append((entry.author, entry.name))
+        for author, name in self._dropped:
+            self.map.drop(author, name)
+        self._has_reach_changed = True
 
     @property
     def mission(self) -> Mission:
@@ -374,6 +401,8 @@ class TeamFacts:
         keys = self.obsolete(self.activations if self._has_reach_changed else self._new_activations)
         for author, name in keys:
             self.map.drop(author, name)
+        if self._dropped:
+            keys, self._dropped = sorted([*keys, *self._dropped]), []
         self._has_reach_changed = False
         self._new_activations.clear()
         return keys
@@ -385,6 +414,8 @@ class TeamFacts:
         found = [self.activations[name] for name in activations if name in self.activations]
         obsolete = [each for each in found if self.is_obsolete(each.activation)]
         keys = [key for each in obsolete for key in each.keys]
+        if self.is_revised:
+            keys += self.revisions.obsolete(self.declared.revision_number)
         return sorted([*keys, *(self.jobs.obsolete if self.jobs is not None else ())])
 
     def is_obsolete(self, activation: Activation) -> bool:
@@ -403,6 +434,11 @@ class TeamFacts:
                 self._add(new)
             elif old is not None:
                 self._remove(old)
+        if self._has_news_of_mission:
+            self._has_news_of_mission = False
+            found = self.revisions.adopted(self.declared.revision_number)
+            if found is not None:
+                self._take_up(found)
 
     def _add(self, entry: Entry) -> None:
         kind = entry.parts[0]
@@ -412,6 +448,9 @@ class TeamFacts:
             self._add_to_job(entry, self.jobs)
         if kind in ACTIVATION_KINDS:
             self._add_to_activation(entry)
+        elif kind in records.MISSION_KINDS:
+            self.revisions.add(entry)
+            self.is_revised = self._has_news_of_mission = True
         else:
             self._add_record(entry)
 
@@ -493,7 +532,14 @@ class TeamFacts:
             self._see_stamp(CoalitionId.parse(entry.parts[2]).since)
 
     def _remove(self, entry: Entry) -> None:
-        """Only entries of activations and jobs are dropped, those of an activation together."""
+        """Dropped are entries of activations, those of one together, of jobs, about earlier
+        revisions, and what the mission in force has no place for, which is in no index.
+        """
+        if (entry.author, entry.name) in self._dropped:
+            return
+        if entry.parts[0] in records.MISSION_KINDS:
+            self.revisions.remove(entry)
+            return
         name = entry.parts[1]
         if self.jobs is not None and entry.parts[0] == records.JOB_ARCHIVE:
             self.jobs.remove_archive(entry)

@@ -22,14 +22,18 @@ from mrbt_mesh.core.facts.records import (
     JobEnd,
     NoClaim,
     Proposal,
+    ProposedMission,
     TravelTimes,
 )
+from mrbt_mesh.core.facts.revisions import MAX_DIGITS as MISSION_DIGITS
+from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.blackboard import comparison_of, is_argument
 from mrbt_mesh.core.mission.conditions import any_of, entry_reader
 from mrbt_mesh.core.mission.jobs import task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 from mrbt_mesh.core.mission.names import is_job_id
+from mrbt_mesh.errors import FileError
 
 # Of the number of an archive.
 MAX_DIGITS = 16
@@ -60,6 +64,8 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return None if fits else f"{parts[1]!r:.80} is no number of an archive of jobs"
     if parts[0] in records.JOB_KINDS:
         return _refuse_of_job(entry, parts[1], mission)
+    if parts[0] in records.MISSION_KINDS:
+        return _refuse_of_mission(entry, parts, mission)
     if parts[0] == records.SCHEDULE:
         return _refuse_proposal(entry, mission, run)
     if isinstance(entry.record, Claim | NoClaim):
@@ -71,6 +77,22 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
         return next((reason for reason in reasons if reason is not None), None)
     if parts[0] == records.RESULT and mission.ends is MissionEnd.NEVER:
         return "this mission never ends"
+    return None
+
+
+def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -> str | None:
+    """A revision is one of this team's mission, and can be read."""
+    if len(parts) > 1 and not (parts[1].isdecimal() and len(parts[1]) <= MISSION_DIGITS):
+        return f"{parts[1]!r:.80} is no number of a revision"
+    record = entry.record
+    if not isinstance(record, ProposedMission):
+        return None
+    try:
+        found = read_mission(record.text)
+    except FileError as error:
+        return f"a revision that cannot be read: {error}"
+    if found.team_digest != mission.team_digest or found.revision_number != int(parts[1]):
+        return f"revision {parts[1]} is one of another mission"
     return None
 
 
@@ -151,7 +173,7 @@ def _refuse_of_activation(
         return reason
     activation = parse_activation(text)
     if kind == records.CHILD_RESULT:
-        node = mission.tree.nodes[activation.node]
+        node = mission.tree.nodes[mission.evaluator.index_of[activation.node, ""]]
         positions = map(str, range(len(node.children)))
         if node.memory is Memory.NONE or parts[2] not in positions:
             return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
@@ -159,6 +181,11 @@ def _refuse_of_activation(
         task = _task_of(activation, mission)
         return _refuse_of_task(entry, parts, task) if task is not None else "no such task"
     return None
+
+
+def has_activation(mission: Mission, activation: str, run: str) -> bool:
+    """Whether an action of the mission could have an activation of this name."""
+    return _refuse_name(records.OUTCOME, activation, mission, run) is None
 
 
 def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None:
@@ -176,12 +203,10 @@ def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None
 
 def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
     """Whether some evaluation could use this name for an entry of this kind."""
-    nodes = mission.tree.nodes
-    if not 0 <= activation.node < len(nodes):
+    nodes, index = mission.tree.nodes, mission.evaluator.index_of.get((activation.node, ""))
+    if index is None or min((activation.turns, *activation.attempts)) < 0:
         return False
-    if min((activation.turns, *activation.attempts)) < 0:
-        return False
-    node = nodes[activation.node]
+    node = nodes[index]
     if node.kind not in ACTIVATION_KINDS[kind]:
         return False
     is_of_job = bool(mission.jobs) and type_at(mission, node.index) is not None

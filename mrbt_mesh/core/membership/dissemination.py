@@ -76,6 +76,9 @@ class Dissemination:
         self._peers = peers
         self._judged: dict[str, Peer] = {}
 
+    def set_team(self, team: Collection[str]) -> None:
+        """The robots of a revision of the mission."""
+
     # -- the robots that this one judges ------------------------------------------------------
 
     @property

@@ -63,6 +63,10 @@ class Membership:
         # Lost tokens about which a router has been asked.
         self._asked: dict[str, Incarnation] = {}
 
+    def set_team(self, team: Collection[str]) -> None:
+        """The robots of a revision of the mission. A small team does not become a large one."""
+        self.around.set_team(team)
+
     # -- what comes in ------------------------------------------------------------------------
 
     def is_new_relay(self, row: list[Any]) -> bool:

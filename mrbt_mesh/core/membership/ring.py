@@ -252,6 +252,11 @@ class RingDissemination(Dissemination):
         self._sent_broadcast = 0
         self._next_broadcast_us = 0
 
+    def set_team(self, team: Collection[str]) -> None:
+        self._mission, self._in_turn, self._agreed_from = team, None, None
+        self._group = RingGroup(self.me, team, self._peers, self._timing.reach)
+        self._plans = PlanRecipients(self._group, self._timing)
+
     # -- the robots that this one judges ------------------------------------------------------
 
     def note(self, robot: str, peer: Peer) -> None:

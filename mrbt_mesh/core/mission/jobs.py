@@ -164,10 +164,9 @@ def _bound_program(tree: ProgramTree, values: Mapping[str, str]) -> ProgramTree:
     return replace(tree, ports=ports, outputs=outputs)
 
 
-def type_at(mission: Mission, origin: int) -> JobType | None:
+def type_at(mission: Mission, index: int) -> JobType | None:
     """The job type to whose tree a node of the mission file belongs; None: to none."""
     nodes = mission.tree.nodes
-    index = origin
     while index > 0:
         parent = nodes[index].parent
         if nodes[parent].kind is Kind.JOBS:
@@ -188,13 +187,15 @@ def arguments_in(pattern: str, ground: str) -> dict[str, str] | None:
     return values if found else None
 
 
-def task_of_job(mission: Mission, origin: int, subject: str) -> GlobalTask | None:
+def task_of_job(mission: Mission, number: int, subject: str) -> GlobalTask | None:
     """The global task of a leaf of a job's tree, by its ground name; None if it cannot have it.
 
     `mission`: as its file declares it. Whether there is such a job does not matter.
     """
-    known = type_at(mission, origin)
-    pattern = mission.tree.nodes[origin].subject
+    index = mission.evaluator.index_of.get((number, ""))
+    if index is None:
+        return None
+    known, pattern = type_at(mission, index), mission.tree.nodes[index].subject
     values = arguments_in(pattern, subject) if known is not None else None
     if known is None or values is None:
         return None

@@ -422,6 +422,23 @@ def micro_performance(value: float) -> int:
     return round(value * MICRO)
 
 
+@dataclass(frozen=True, slots=True)
+class Revision:
+    """What a mission is that a running team takes up in the place of another one.
+
+    `number`: 1 for the first one. `team`: the digest of the mission with which the team was
+    started, which its messages name. `next_node`: all smaller numbers of nodes are used up.
+    """
+
+    number: int
+    team: str
+    next_node: int
+
+    def to_json(self, tree: Tree) -> list[Any]:
+        """Plain data, with the numbers of the nodes of the tree."""
+        return [self.number, self.team, self.next_node, [node.number for node in tree.nodes]]
+
+
 @dataclass(frozen=True)
 class Mission:
     """Everything that all robots of a team must agree on before they start.
@@ -432,6 +449,7 @@ class Mission:
     local tasks that are trees of others; `local_conditions`: those that these trees may read;
     `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
     where nothing is said of places. `jobs`: types of jobs, whose trees are below Jobs nodes.
+    `revision`: None, unless it takes the place of another mission while a team runs.
     """
 
     name: str
@@ -453,6 +471,7 @@ class Mission:
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
     travel: Travel | None = None
     jobs: Mapping[str, JobType] = field(default_factory=dict)
+    revision: Revision | None = None
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -467,6 +486,16 @@ class Mission:
         data.pop("solver", None)
         text = json.dumps(data, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()
+
+    @property
+    def team_digest(self) -> str:
+        """The digest that the messages of its team name."""
+        return self.digest if self.revision is None else self.revision.team
+
+    @property
+    def revision_number(self) -> int:
+        """0: the mission with which the team was started."""
+        return self.revision.number if self.revision is not None else 0
 
     @cached_property
     def robot_ids(self) -> frozenset[RobotId]:
@@ -651,6 +680,7 @@ class Mission:
             "program_trees": program_trees,
             "travel": self.travel.to_json() if self.travel is not None else None,
             "jobs": [known.to_json() for known in self.jobs.values()],
+            "revision": self.revision.to_json(self.tree) if self.revision is not None else None,
         }
         return {name: value for name, value in optional.items() if value} | {
             "compiled": COMPILED_VERSION,
@@ -687,6 +717,11 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     if type(found) is not int or found != COMPILED_VERSION:
         raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
     try:
+        tree, revision = build_tree(spec_from_json(data["tree"])), None
+        if "revision" in data:
+            *values, numbers = data["revision"]
+            revision = Revision(*values)
+            tree = tree.with_numbers(numbers)
         return Mission(
             name=data["name"],
             robots={i: Robot(i, kind, caps) for i, (kind, caps) in sorted(data["robots"].items())},
@@ -694,7 +729,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             local_tasks={n: LocalTask(n, tuple(p), w) for n, (p, w) in data["local_tasks"].items()},
             conditions=conditions_from_json(data["conditions"]),
             global_tasks={row[0]: GlobalTask.from_json(row) for row in data["global_tasks"]},
-            tree=build_tree(spec_from_json(data["tree"])),
+            tree=tree,
             assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
             ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
             parameters=data["parameters"],
@@ -710,6 +745,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             program_trees=program_trees_from_json(data.get("program_trees", {})),
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
+            revision=revision,
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

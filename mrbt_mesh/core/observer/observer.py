@@ -49,12 +49,10 @@ class Observer:
         limit: int | None = None,
     ) -> None:
         """`limit`: see `RunRecord`."""
-        self.mission = mission
         self.facts = TeamFacts(mission, run)
-        header = Header(mission.digest[:16], mission.name, run, "")
+        header = Header(mission.team_digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
         self.membership = Membership("", timing)
-        self.evaluator = mission.evaluator
         self.record = RunRecord(mission, limit)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
@@ -65,6 +63,11 @@ class Observer:
         self._recorded: tuple[Plan | None, bool] = (None, False)
         self._has_caught_up = False
         self._first_heard_us: int | None = None
+
+    @property
+    def mission(self) -> Mission:
+        """The mission in force, as its file has it."""
+        return self.facts.declared
 
     def watch_from(self, now_us: int, until_us: int) -> None:
         """The messages so far are of a time until `until_us`; from now on it hears the team.
@@ -138,6 +141,8 @@ class Observer:
                     self.record.declared_dead(suspicion.robot, suspicion.incarnation, now_us)
 
     def _facts_changed(self, changed: list[Entry], now_us: int) -> None:
+        if self.mission is not self.record.mission:
+            self.record.revised(self.mission, now_us)
         for entry in changed:
             self.record.fact(entry, now_us)
 

@@ -97,6 +97,12 @@ class RunRecord:
 
     # -- when it is watched ---------------------------------------------------------------
 
+    def revised(self, mission: Mission, now_us: int) -> None:
+        """Another revision of the mission is in force."""
+        self.mission = mission
+        self.task_log.revised(mission)
+        self.say(now_us, f"revision {mission.revision_number} of the mission is in force")
+
     def watched_from(self, now_us: int, until_us: int | None) -> None:
         """The run is watched (again) from now on; the record so far ends at `until_us`."""
         self.unwatched.append((until_us, now_us))

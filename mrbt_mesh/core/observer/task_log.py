@@ -50,6 +50,11 @@ class TaskLog:
         self._latest: dict[str, ActivationFacts] = {}
         self._failed: set[str] = set()
 
+    def revised(self, mission: Mission) -> None:
+        """Another revision of the mission is in force: its tasks are told from now on."""
+        before, self._mission = self.tasks, mission
+        self.tasks = {task: before.get(task) or TaskRecord() for task in mission.global_tasks}
+
     def took_part(self, robot: str, activation: str) -> None:
         """The robot has run a local task of this activation."""
         task = self.tasks.get(parse_activation(activation).subject)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,8 @@ from mrbt_mesh.sim.run import SimulationError, run_scenario
 from mrbt_mesh.sim.world.scenario import Scenario
 
 CRASH = "crash"
+# Of how many generated missions of a hundred the team gets revisions.
+REVISED = 0.15
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,10 @@ class Source:
 
     def scenario(self, seed: int, mission: Mission) -> Scenario:
         """The chaos of one seed."""
-        return chaos(mission, seed, draw_knobs(seed, len(mission.robots), self.knobs), self.speed)
+        knobs = draw_knobs(seed, len(mission.robots), self.knobs)
+        if self.mission is None:
+            knobs = dataclasses.replace(knobs, revisions=max(knobs.revisions, REVISED))
+        return chaos(mission, seed, knobs, self.speed)
 
 
 @functools.cache

@@ -19,8 +19,10 @@ from typing import Any
 
 from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
+from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.sim.chaos.vary import varied
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.network import Link, LinkKnobs
 from mrbt_mesh.sim.world.scenario import Scenario, Step
@@ -38,7 +40,7 @@ class ChaosKnobs:
     are dead, frozen or absent at once (`team_crashes` take all), `quiet_us`: the time of the team
     afterwards. Chances, from 0 to 1: `returns` that a killed robot is started again before the end
     of the chaos, `revived` otherwise after it, `performance_changes` that performances change,
-    `bad_disks` that disks are slow, full or locked.
+    `bad_disks` that disks are slow, full or locked, `revisions` that the mission is revised.
     """
 
     chaos_us: int = 6 * SECOND_US
@@ -69,6 +71,7 @@ class ChaosKnobs:
     garbage: float = 0.7
     performance_changes: float = 0.5
     bad_disks: float = 0.5
+    revisions: float = 0.0
 
 
 _NAMES = [field.name for field in dataclasses.fields(ChaosKnobs)]
@@ -109,6 +112,7 @@ class _Chaos:
     def __init__(self, mission: Mission, seed: int, knobs: ChaosKnobs) -> None:
         self.seed = seed
         self.knobs = knobs
+        self.mission = mission
         self.leases = any(task.exclusive for task in mission.all_tasks())
         self.job_types = sorted(mission.jobs)
         self.robots = sorted(mission.robots)
@@ -159,6 +163,7 @@ class _Chaos:
         if self.job_types:
             self._submit_jobs()
             self._set_wall_clocks()
+        self._revise()
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
         heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
@@ -202,6 +207,19 @@ class _Chaos:
             ahead_us = pick.choice([-1, 1]) * round(MS * 10 ** pick.uniform(1, 8))
             drift_ppm = pick.choice([0, pick.randint(-500, 500)])
             self.steps.append((at_us, faults.SetWallClock(robot, ahead_us, drift_ppm)))
+
+    def _revise(self) -> None:
+        """Drawn apart: up to three revisions, also back to the mission at first."""
+        pick = random.Random(f"{self.seed}/revisions")
+        if pick.random() >= self.knobs.revisions:
+            return
+        mission = self.mission
+        for _ in range(pick.randint(1, 3)):
+            mission = self.mission if pick.random() < 0.15 else varied(mission, pick)
+            revise = faults.Revise(
+                pick.choice(self.robots), compile_mission(mission), pick.random() < 0.7
+            )
+            self.steps.append((pick.randrange(self.knobs.chaos_us), revise))
 
     def _submit_jobs(self) -> None:
         """Drawn apart: jobs, some of them submitted twice, and changes of them."""

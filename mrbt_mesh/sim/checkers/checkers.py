@@ -33,6 +33,7 @@ from mrbt_mesh.sim.checkers.plans import bids_first, optimal_assignment, same_pl
 from mrbt_mesh.sim.checkers.progress import Progress
 from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
+from mrbt_mesh.sim.checkers.revisions import one_revision
 from mrbt_mesh.sim.checkers.work import (
     able_to_start,
     at_most_mu,
@@ -129,6 +130,7 @@ class Checkers(Inspection):
                 self.i3.started(agent, effect)
                 able_to_start(run, agent, effect)
                 same_arguments(run, agent, effect)
+                one_revision(run, agent, effect)
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)

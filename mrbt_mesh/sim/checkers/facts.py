@@ -14,12 +14,13 @@ from mrbt_mesh.core.facts.jobs import job_of
 from mrbt_mesh.core.facts.records import (
     DONE,
     JOB_END,
+    MISSION_KINDS,
     Outcome,
     split_name,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.core.facts.team_facts import OF_JOBS
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, refusal_reason
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.process import SimProcess
 
@@ -110,6 +111,11 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, since no evaluation can read it."""
     parts = entry.parts
+    facts = agent.facts
+    if parts[0] in MISSION_KINDS:
+        return len(parts) > 1 and int(parts[1]) < facts.declared.revision_number
+    if facts.is_revised and refusal_reason(entry, facts.declared, facts.run):
+        return True  # a revision has no place for it
     jobs = agent.facts.jobs
     name = job_of(entry) if jobs is not None and parts[0] in OF_JOBS else ""
     if jobs is not None and name:

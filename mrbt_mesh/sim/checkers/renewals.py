@@ -17,9 +17,10 @@ from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import ExpressionRevision, Revision
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import split_owner
 from mrbt_mesh.core.planning.plan import Plan
-from mrbt_mesh.sim.checkers.barriers import barriers
+from mrbt_mesh.sim.checkers.barriers import Barrier, barriers
 from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.world.process import SimProcess
 
@@ -29,9 +30,13 @@ MAX_CONDITIONS = 6
 
 @dataclass
 class _Seen:
-    """One process: its last plan, the last activation of each node, and the nodes renewed since."""
+    """One process: its last plan, the mission in force, the last activation of each node, and the
+    nodes renewed since.
+    """
 
     plan: Plan | None = None
+    mission: Mission | None = None
+    barriers: list[Barrier] = field(default_factory=list)
     requested: dict[int, str] = field(default_factory=dict)
     turned: set[int] = field(default_factory=set)
 
@@ -41,7 +46,6 @@ class Renewals:
 
     def __init__(self, run: RunFindings) -> None:
         self._run = run
-        self._barriers = list(barriers(run.world.mission.tree))
         self._seen: dict[SimProcess, _Seen] = {}
 
     def check(self, process: SimProcess, agent: AgentView) -> None:
@@ -51,6 +55,11 @@ class Renewals:
         if plan is None or plan is seen.plan or not agent.is_plan_current or agent.is_joining:
             return
         seen.plan = plan
+        if seen.mission is not agent.facts.declared:  # the first one, or another revision
+            seen.mission = agent.facts.declared
+            seen.barriers = list(barriers(seen.mission.tree))
+            seen.requested.clear()
+            seen.turned.clear()
         is_late = _has_late_news(agent.facts)
         nodes = plan.evaluation.tree.nodes
         for request in plan.evaluation.requests:
@@ -65,7 +74,7 @@ class Renewals:
             if not is_late:  # else its name may count a turn that this robot has not received yet
                 seen.requested[node] = request.activation
         if seen.requested and not is_late:
-            for barrier in self._barriers:
+            for barrier in seen.barriers:
                 if barrier.keeps_out(set(filter(agent.facts.condition, barrier.conditions))):
                     seen.turned |= barrier.behind & seen.requested.keys()
 

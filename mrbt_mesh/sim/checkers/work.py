@@ -34,7 +34,9 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
 
     `claim` is what the agent ran until now.
     """
-    facts, plan, task = agent.facts, agent.plan, agent.facts.task(claim.activation)
+    facts, plan, task = agent.facts, agent.plan, agent.facts.task_of(claim.activation)
+    if task is None:
+        return  # another revision of the mission does not have it
     if task.by_coalition or any(each.preemptive for each in facts.declared.all_tasks()):
         return  # the members of a coalition stop together
     if (

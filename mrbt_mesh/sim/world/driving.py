@@ -82,6 +82,10 @@ class Driving:
         for robot, place in places.items():
             self._spots[robot] = Leg(place, place, 0.0)
 
+    def revised(self, mission: Mission) -> None:
+        """A revision of the mission is in force."""
+        self._mission = mission
+
     async def drive(self, task: TaskContext, place: str, table: Sequence[Sequence[int]]) -> None:
         """A robot goes to a place in virtual time, by its table of ways; where it is cancelled, it
         stops.

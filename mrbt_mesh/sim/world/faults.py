@@ -5,8 +5,9 @@ Times count from the launch of the team, in microseconds.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from typing import TypeAlias
 
@@ -93,6 +94,14 @@ class Lose(RobotFault):
 
     local_task: str
     reason: str = "injected"
+
+
+@dataclass(frozen=True, slots=True)
+class Revise(RobotFault):
+    """An operator proposes to the robot that the team takes up this mission, compiled."""
+
+    mission: str = field(repr=False)
+    is_forced: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,5 +256,7 @@ def fault_text(fault: Fault) -> str:
         value = getattr(fault, name)
         if isinstance(value, frozenset):
             value = ",".join(f"{source}>{target}" for source, target in sorted(value))
+        if name == "mission":
+            value = hashlib.blake2b(value.encode(), digest_size=4).hexdigest()
         values.append(str(value))
     return " ".join([type(fault).__name__, *values])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import TEAM, command_body
+from mrbt_mesh.core.agent.commands import REVISE, TEAM, command_body
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     Input,
@@ -19,7 +20,10 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.membership.wire import MessageKind, encode
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.garbage import Forger
 from mrbt_mesh.sim.world.message_bus import MessageBus
@@ -138,7 +142,9 @@ class Injector:
         if isinstance(fault, _OF_THE_ROBOT) and self._robots.is_coming(fault.robot):
             clock.at(clock.now_us + BOOT_US, partial(self._carry_out, fault))
         elif process is not None and not process.is_over:
-            if type(fault) in self._of_a_process:
+            if isinstance(fault, faults.Revise):
+                self._revise(process, fault)
+            elif type(fault) in self._of_a_process:
                 self._of_a_process[type(fault)](process, fault)
             else:
                 process.deliver(self._input(fault))
@@ -157,6 +163,15 @@ class Injector:
         past = [message for at_us, message in published if at_us <= fault.until_us]
         for message in past[-fault.count :]:
             self._bus.deliver(fault.robot, message)
+
+    def _revise(self, process: SimProcess, fault: faults.Revise) -> None:
+        """As `mrbt revise` does it, by what the asked robot knows."""
+        if process.agent is None:
+            return
+        facts = process.agent.view.facts
+        found = revise(facts.declared, read_mission(fault.mission), facts.revisions.last_number + 1)
+        given = {"mission": compile_mission(found), "operator": "op", "force": fault.is_forced}
+        process.deliver(self._input(faults.Command(fault.robot, REVISE, json.dumps(given))))
 
     def _input(self, fault: faults.RobotFault) -> Input:
         """The input that the robot itself receives."""

@@ -16,6 +16,7 @@ from mrbt_mesh.core.agent.effects import (
     Ask,
     AskRouter,
     CancelAction,
+    CheckMission,
     DeclareToken,
     Effect,
     Forget,
@@ -28,6 +29,7 @@ from mrbt_mesh.core.agent.effects import (
     SearchSchedule,
     StartAction,
     Stop,
+    UseMission,
 )
 from mrbt_mesh.core.agent.inputs import (
     ActionFinished,
@@ -44,8 +46,9 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
-from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.sim.world.clock import MICRO, Gate, LocalClock, VirtualClock, current_gate
 from mrbt_mesh.sim.world.driving import Driving
@@ -68,6 +71,7 @@ class Surroundings(Protocol):
     """The world, as far as a process has to do with it."""
 
     setup: Setup
+    mission: Mission
     clock: VirtualClock
     bus: MessageBus
     inspection: Inspection
@@ -78,6 +82,7 @@ class Surroundings(Protocol):
     def outcome(self, process: SimProcess, event: ActionFinished) -> Input: ...
     def completed(self, process: SimProcess) -> None: ...
     def stopped(self, process: SimProcess) -> None: ...
+    def revised(self, mission: Mission) -> None: ...
     def recorder_of(self, process: SimProcess) -> RobotRecorder | None: ...
     def recorded_work(self, process: SimProcess, effect: StartAction) -> RecordedWork | None: ...
     def recorded_way_us(self, process: SimProcess) -> int: ...
@@ -144,6 +149,7 @@ class SimProcess:
     def __init__(
         self,
         world: Surroundings,
+        mission: Mission,
         identity: RobotIdentity,
         journal: SimJournal,
         local: LocalClock,
@@ -156,6 +162,7 @@ class SimProcess:
         self.killed = False
         self._world = world
         self._clock = world.clock
+        self._mission = mission
         self._identity = identity
         self._make_agent = make_agent
         self.pace = Pace(self._clock, Gate(local), self._handle)
@@ -213,7 +220,7 @@ class SimProcess:
             runner = ActionRunner(
                 group,
                 setup.program,
-                setup.mission,
+                self._mission,
                 self._identity,
                 self,
                 drive=self._drive,
@@ -287,7 +294,7 @@ class SimProcess:
         gap_us, self._ran_us = now_us - self._ran_us, now_us
         if gap_us > world.setup.timing.detection_us and not isinstance(event, TimerFired):
             self._handle(TIMER_FIRED)  # as runtime.fencing does
-        if world.setup.mission.jobs:
+        if agent.view.reads_wall_clock:
             self._read_wall_clock(now_us)
         inspection = world.inspection
         inspection.handling(self, event)
@@ -330,7 +337,7 @@ class SimProcess:
                 self._clock.at(due_us, partial(self._make_plan, effect))
             case SearchSchedule():
                 self._clock.at(self._clock.now_us + SEARCH_US, partial(self._search, effect))
-            case StartAction() | CancelAction() | RequestBid():
+            case StartAction() | CancelAction() | RequestBid() | CheckMission() | UseMission():
                 self._work(effect)
             case DeclareToken(incarnation):
                 world.bus.declare(self.robot, incarnation)
@@ -342,10 +349,12 @@ class SimProcess:
             case Log():
                 pass  # it is in the effect log
 
-    def _work(self, effect: StartAction | CancelAction | RequestBid) -> None:
+    def _work(self, effect: ProgramEffect) -> None:
         assert self._runner is not None
         now_us = self._clock.now_us
         match effect:
+            case UseMission(mission):
+                self._world.revised(mission)
             case StartAction() if effect.travel_to and effect.ticket == 1:
                 self.pace.gate.ahead_us = self._world.recorded_way_us(self)
             case StartAction(ticket) if not effect.travel_to:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
@@ -92,18 +92,20 @@ class Robots:
             self._world.inspection.lost_journal(robot)
         journal = self._journals[robot]
         setup = self._setup
-        description = setup.mission.robots[robot]
+        # One that a revision has added starts with that.
+        mission = setup.mission if robot in setup.mission.robots else self._world.mission
+        description = mission.robots[robot]
         pid = FIRST_PID + self._lives
         own = tuple(sorted(description.capabilities))
         identity = RobotIdentity(robot, description.type, pid, setup.speed, own, is_virtual=True)
-        config = self._config(identity, journal, life)
+        config = self._config(identity, description.capabilities, journal, life)
 
         def make_agent(now_us: int) -> Agent:
             self._bus.tell_tokens(robot)
-            return Agent(setup.mission, config, now_us)
+            return Agent(mission, config, now_us)
 
         local = self.local_clock(robot)
-        process = SimProcess(self._world, identity, journal, local, make_agent)
+        process = SimProcess(self._world, mission, identity, journal, local, make_agent)
         self.processes[robot] = self._bus.endpoints[robot] = process
         assert self._start_program is not None
         self._start_program(process)
@@ -120,14 +122,18 @@ class Robots:
         journal.sync_us, journal.fails, journal.is_locked = sync_us, fails, is_locked
 
     def _config(
-        self, identity: RobotIdentity, journal: SimJournal, life: ResumedLife | None
+        self,
+        identity: RobotIdentity,
+        capabilities: Mapping[str, int],
+        journal: SimJournal,
+        life: ResumedLife | None,
     ) -> AgentConfig:
         setup, robot, options = self._setup, identity.robot, self._setup.agents
         nonce = self._random_bytes("nonce", robot, self._lives).hex()
         return AgentConfig(
             robot=robot,
             type=identity.type,
-            capabilities=dict(setup.mission.robots[robot].capabilities),
+            capabilities=dict(capabilities),
             run=setup.run,
             nonce=nonce if life is None else life.version.incarnation.nonce,
             solver=options.solvers.get(robot, options.solver),

@@ -178,4 +178,4 @@ class Setup:
     @property
     def header(self) -> Header:
         """That of messages from outside of the team."""
-        return Header(self.mission.digest[:16], self.mission.name, self.run, "")
+        return Header(self.mission.team_digest[:16], self.mission.name, self.run, "")

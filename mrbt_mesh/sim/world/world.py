@@ -14,7 +14,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim, CommandKind, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
-from mrbt_mesh.core.mission.mission import MissionEnd
+from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.world.clock import VirtualClock
@@ -113,6 +113,12 @@ class World:
 
     def launched(self, process: SimProcess) -> None:
         self.failures.launched(process)
+
+    def revised(self, mission: Mission) -> None:
+        """A robot has taken up a revision of the mission."""
+        if mission.revision_number > self.mission.revision_number:
+            self.mission = mission
+            self.driving.revised(mission)
 
     def killed(self, process: SimProcess) -> None:
         self.observer.record.exited(process.robot, self.clock.now_us)

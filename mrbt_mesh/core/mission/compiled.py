@@ -38,6 +38,9 @@ from mrbt_mesh.core.mission.names import (
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS
 from mrbt_mesh.errors import FileError, Problem, whole_file_error
 
+# Of a digest in hexadecimal digits.
+DIGEST_LENGTH = 64
+
 
 def compile_mission(mission: Mission) -> str:
     """Canonical JSON text with sorted keys; equal missions give equal text.
@@ -86,6 +89,7 @@ def _check_capabilities(capabilities: Mapping[str, int], owner: str, mission: Mi
 
 def _check(mission: Mission) -> None:
     """Types, ranges and cross-references: what reading the YAML form has checked."""
+    _check_revision(mission)
     _check_jobs(mission)
     mission = with_one_of_each(mission)
     _expect(isinstance(mission.name, str), f"name {mission.name!r}")
@@ -131,6 +135,16 @@ def _check_condition(condition: ConditionType) -> None:
     _expect(0 <= values.longest <= MAX_TEXT and 0 <= values.decimals <= MAX_DECIMALS, here)
     _expect(all(map(is_argument, values.choices)) and values.low <= values.high, here)
     _expect(default is None or values.fits(default), f"{here}: default")
+
+
+def _check_revision(mission: Mission) -> None:
+    if (known := mission.revision) is None:
+        return
+    _expect(_is_integer(known.number, 1, MAX_NUMBER), f"revision {known.number!r}")
+    _expect(isinstance(known.team, str) and len(known.team) == DIGEST_LENGTH, "digest of the team")
+    numbers = [node.number for node in mission.tree.nodes]
+    _expect(all(_is_integer(each, 0, MAX_NUMBER) for each in numbers), "numbers of nodes")
+    _expect(_is_integer(known.next_node, max(numbers) + 1, MAX_NUMBER), "numbers of nodes")
 
 
 def _check_jobs(mission: Mission) -> None:

@@ -1,0 +1,115 @@
+"""Give a running team another mission."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, fail
+from mrbt_mesh.cli.commands.operate import nobody, note_command, with_team
+from mrbt_mesh.cli.options import json_option
+from mrbt_mesh.cli.team_options import TeamOptions, team_options
+from mrbt_mesh.errors import InputError
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.planning.revised import RevisionChanges
+    from mrbt_mesh.runtime.watcher import Watcher
+
+
+@click.command(cls=MrbtCommand)
+@click.argument("new", metavar="MISSION", type=PATH, help="Mission file.")
+@click.option("--dry-run", is_flag=True, help="Only say what would change.")
+@click.option("--force", is_flag=True, help="Also if work that is under way is cancelled.")
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=30.0,
+    metavar="S",
+    help="Withdraw it if it is not in force by then.",
+)
+@team_options
+@json_option
+def revise(
+    new: Path, dry_run: bool, force: bool, timeout_s: float, team: TeamOptions, as_json: bool
+) -> None:
+    """Give a running team another mission: other tasks, robots, types, places, or another tree.
+
+    What is done of tasks that have not changed stays done, and robots go on with them. No robot
+    begins anything between the proposal and the moment when all act by the new mission.
+
+    \b
+    Example: mrbt revise new.yaml --dry-run
+             mrbt revise new.yaml
+    """
+    from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.known_runs import is_running
+    from mrbt_mesh.runtime.team_revision import (
+        RevisionRefusedError,
+        next_revision,
+        take_up,
+        unserved,
+    )
+
+    after, address = load_mission(new), team.find()
+    name = address.transport.team
+    if address.run_dir is not None and not is_running(address.run_dir):
+        raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
+
+    async def act(watcher: Watcher) -> int:
+        if not watcher.observer.membership.members():
+            fail(nobody(watcher), FAILURE)
+        revision, changes = next_revision(watcher, after)
+        number, blocked = revision.revision_number, unserved(watcher, revision)
+        if not as_json:
+            click.echo("\n".join(lines(changes, blocked)), err=not dry_run)
+        if not dry_run:
+            if changes.cancelled and not force:
+                fail("work that is under way would be cancelled: wait for it, or --force", FAILURE)
+            try:
+                await take_up(
+                    watcher, revision, force, timeout_s, lambda text: click.echo(text, err=True)
+                )
+            except RevisionRefusedError as error:
+                fail(f"{name}: revision {number} is refused: {error}", FAILURE)
+            if address.run_dir is not None:
+                address.run_dir.save_revision(revision)
+                note_command(address.run_dir, "revise", f"revision {number} is in force")
+        if as_json:
+            told = {"team": name, "revision": number, "in_force": not dry_run, "blocked": blocked}
+            click.echo(json.dumps(told | changes.to_json(), indent=2))
+        elif not dry_run:
+            click.echo(f"{name}: revision {number} is in force")
+        return SUCCESS
+
+    with_team(address, act)
+
+
+def lines(changes: RevisionChanges, blocked: Sequence[str]) -> list[str]:
+    """What a revision changes, for people."""
+    from mrbt_mesh.core.bt.activation import parse_activation
+
+    def subjects(activations: Sequence[str]) -> str:
+        return ", ".join(dict.fromkeys(parse_activation(each).subject for each in activations))
+
+    def works(those: Sequence[tuple[str, str, str]]) -> str:
+        return ", ".join(f"{robot}: {local_task} for {task}" for robot, task, local_task in those)
+
+    found = {
+        "stays done": subjects(changes.kept),
+        "goes on": works(changes.going_on),
+        "begins again": subjects(changes.begun_again),
+        "is cancelled": works(changes.cancelled),
+        "is forgotten": subjects(changes.dropped),
+        "new tasks": ", ".join(changes.new_tasks),
+        "new robots": ", ".join(changes.new_robots),
+        "robots that leave": ", ".join(changes.removed_robots),
+        "jobs without a type": ", ".join(changes.lost_jobs),
+        "blocked": "; ".join(blocked),
+    }
+    shown = [f"{what + ':':<21}{text}" for what, text in found.items() if text]
+    return shown or ["nothing is done or under way, and there are no new tasks or robots"]

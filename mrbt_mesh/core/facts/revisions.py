@@ -1,0 +1,127 @@
+"""The revisions of the mission, as all robots read them from the facts.
+
+An operator proposes a mission under the next number. Every robot writes whether it holds it, and
+from then on begins nothing. Once all do, it is in force, which is a fact as well. A proposal that a
+robot refuses, or of which two were made at once, is void: the next one has another number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import lru_cache
+
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission, ProposedMission
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.mission.compiled import mission_from_compiled
+from mrbt_mesh.core.mission.mission import Mission
+
+_NONE = HeldMission(0, "", "", 0)
+# Of numbers of revisions.
+MAX_DIGITS = 9
+
+
+@lru_cache(maxsize=16)
+def read_mission(text: str) -> Mission:
+    """A compiled mission; raises FileError. Robots that are simulated read the same ones."""
+    return mission_from_compiled(text, "revision")
+
+
+class Revisions:
+    """What is said about revisions of one mission."""
+
+    def __init__(self) -> None:
+        # (number, author) -> what was proposed.
+        self._proposed: dict[tuple[int, str], ProposedMission] = {}
+        self._adopted: dict[tuple[int, str], str] = {}
+        self._withdrawn: set[tuple[int, str]] = set()
+        self._held: dict[str, HeldMission] = {}
+
+    def add(self, entry: Entry) -> None:
+        """Take in a fact about a revision."""
+        match entry.record:
+            case ProposedMission():
+                self._proposed[_key(entry)] = entry.record
+            case HeldMission():
+                self._held[entry.author] = entry.record
+            case AdoptedMission(digest):
+                self._adopted[_key(entry)] = digest
+            case _:
+                self._withdrawn.add(_key(entry))
+
+    def remove(self, entry: Entry) -> None:
+        """A fact about an earlier revision was dropped."""
+        key = _key(entry)
+        self._proposed.pop(key, None)
+        self._adopted.pop(key, None)
+        self._withdrawn.discard(key)
+
+    @property
+    def last_number(self) -> int:
+        """The greatest number that any revision has; 0: there is none."""
+        numbers = [number for number, _ in (*self._proposed, *self._adopted, *self._withdrawn)]
+        held = (max(each.number, each.in_force) for each in self._held.values())
+        return max((*numbers, *held), default=0)
+
+    def held_by(self, robot: str) -> HeldMission:
+        """Which revision a robot holds, and by which it acts."""
+        return self._held.get(robot, _NONE)
+
+    def adopted(self, after: int) -> Mission | None:
+        """The newest revision that was adopted and is known here, None if none is after `after`."""
+        digests = {(number, digest) for (number, _), digest in self._adopted.items()}
+        known = ((n, read_mission(p.text)) for (n, _), p in self._proposed.items() if n > after)
+        found = [m for n, m in known if (n, m.digest) in digests]
+        return max(found, key=lambda m: (m.revision_number, m.digest), default=None)
+
+    def pending(self, in_force: int) -> tuple[ProposedMission, Mission] | None:
+        """The proposal that waits until all robots hold it, None if there is none."""
+        if (number := self.last_number) <= in_force or self.void_reason(number):
+            return None
+        same = {author: p for (n, author), p in self._proposed.items() if n == number}
+        if not same or any(n == number for n, _ in self._adopted):
+            return None
+        first = min(same, key=lambda author: (same[author].stamp, author))
+        return same[first], read_mission(same[first].text)
+
+    def void_reason(self, number: int) -> str:
+        """Why a proposal cannot be adopted any more; empty if it can."""
+        if any(each == number for each, _ in self._withdrawn):
+            return "it was withdrawn"
+        held = {robot: each for robot, each in self._held.items() if each.number == number}
+        for robot in sorted(held):
+            if held[robot].problem:
+                return f"{robot}: {held[robot].problem}"
+        if len({each.digest for each in held.values()}) > 1:
+            return "two revisions were proposed at the same time; propose one of them again"
+        return ""
+
+    def is_held_by_all(self, mission: Mission, robots: Collection[str]) -> bool:
+        """Whether all these robots hold this revision."""
+        wanted = mission.revision_number, mission.digest
+        held = map(self.held_by, robots)
+        return all((each.number, each.digest) == wanted and not each.problem for each in held)
+
+    def all_act_by(self, number: int, robots: Collection[str]) -> bool:
+        """Whether all these robots act by this revision, or a later one."""
+        return all(self.held_by(robot).in_force >= number for robot in robots)
+
+    def obsolete(self, in_force: int) -> list[tuple[str, str]]:
+        """(author, name) of what is said about earlier revisions."""
+        if not in_force:
+            return []
+        kinds: dict[str, Collection[tuple[int, str]]] = {
+            records.MISSION: self._proposed,
+            records.MISSION_ADOPTED: self._adopted,
+            records.MISSION_WITHDRAWN: self._withdrawn,
+        }
+        return [
+            (author, f"{kind}/{number}")
+            for kind, known in kinds.items()
+            for number, author in known
+            if number < in_force
+        ]
+
+
+def _key(entry: Entry) -> tuple[int, str]:
+    return int(entry.parts[1]), entry.author

@@ -1,0 +1,101 @@
+"""Another mission for a team that runs: what would change, and the way until it is in force."""
+
+from __future__ import annotations
+
+import getpass
+import json
+from collections.abc import Callable
+
+import anyio
+
+from mrbt_mesh.core.agent.commands import REVISE, WITHDRAW
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.facts.records import MAX_MISSION
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.revisions import RevisionError, revise
+from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.watcher import Watcher
+
+
+class RevisionRefusedError(Exception):
+    """The team does not take up a revision; the text says who refuses it, and why."""
+
+
+def next_revision(watcher: Watcher, mission: Mission) -> tuple[Mission, RevisionChanges]:
+    """The mission as the next revision of the one in force, and what it would change now.
+
+    Raises InputError if no team could take it up.
+    """
+    facts = watcher.observer.facts
+    try:
+        found = revise(facts.declared, mission, facts.revisions.last_number + 1)
+    except RevisionError as error:
+        raise InputError(str(error)) from None
+    size = len(compile_mission(found))
+    if size > MAX_MISSION:
+        raise InputError(f"compiled it has {size} characters, and a revision at most {MAX_MISSION}")
+    return found, revision_changes(facts, found)
+
+
+def unserved(watcher: Watcher, mission: Mission) -> list[str]:
+    """What the robots that are alive could not do of this revision, and why."""
+    observer = watcher.observer
+    alive = {r: i for r, i in observer.membership.members().items() if r in mission.robots}
+    if not alive:
+        return []
+    plan = make_plan(facts_under(observer.facts, mission), alive, default_solver)
+    return [f"{each.global_task}: {each.reason}" for each in plan.waiting if each.shortages]
+
+
+async def take_up(
+    watcher: Watcher,
+    revision: Mission,
+    is_forced: bool,
+    timeout_s: float,
+    say: Callable[[str], None],
+) -> None:
+    """Propose a revision, and wait until it is in force and all robots act by it.
+
+    `say` is told which robots are awaited. Raises RevisionRefusedError if one refuses it, or if it
+    is not in force after `timeout_s`: then it is withdrawn.
+    """
+    observer, number = watcher.observer, revision.revision_number
+    alive = sorted(observer.membership.members())
+    if not alive:
+        raise RevisionRefusedError("no robot of the team is heard")
+    text = json.dumps(
+        {
+            "mission": compile_mission(revision),
+            "operator": getpass.getuser(),
+            "force": is_forced,
+        }
+    )
+    good, answer = await watcher.command(alive[0], REVISE, text)
+    if not good:
+        raise RevisionRefusedError(answer)
+    said = ""
+    with anyio.move_on_after(timeout_s):
+        while True:
+            facts, robots = observer.facts, observer.membership.members()
+            in_force = facts.declared.revision_number
+            if in_force >= number and facts.revisions.all_act_by(in_force, robots):
+                return
+            if in_force < number and (reason := facts.revisions.void_reason(number)):
+                raise RevisionRefusedError(reason)
+            held = facts.revisions.held_by
+            awaited = [
+                robot
+                for robot in sorted(robots)
+                if (held(robot).in_force if in_force >= number else held(robot).number) < number
+            ]
+            text = f"waiting for {', '.join(awaited)}" if awaited else "all hold it"
+            if text != said:
+                say(text)
+                said = text
+            await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
+    _, answer = await watcher.command(alive[0], WITHDRAW, str(number))
+    raise RevisionRefusedError(f"not in force after {timeout_s:g} s ({said}): {answer}")
