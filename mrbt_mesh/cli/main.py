@@ -17,8 +17,8 @@ SECTIONS = {
     "Act on a running team": {
         "kill freeze thaw leave": "Stop, freeze, thaw or release a robot",
         "join borrow return fault": "Start, borrow, return, break or mend a robot",
-        "submit jobs job": "Hand in a job; list them; change one",
-        "pause resume abort decide revise": "Pause, end, decide, revise the mission",
+        "submit jobs job revise": "Hand in, list, change jobs; another mission",
+        "pause resume abort decide": "Pause or end the mission; decide a doubt",
     },
     "Prepare and try out": {
         "new validate plan": "Write a mission, check it, plan for given facts",
