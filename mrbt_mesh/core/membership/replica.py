@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
@@ -133,6 +134,20 @@ class Replica:
         self, entries: Iterable[Entry], malformed: int, now_us: int, is_own_record: bool = False
     ) -> Received:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
+        entries = list(entries)
+        # What else there is may have a place only in a revision of the mission that comes with it.
+        missions = [entry for entry in entries if entry.parts[0] in MISSION_KINDS]
+        if missions:
+            self._merge_some(missions, received, is_own_record)
+            entries = [entry for entry in entries if entry.parts[0] not in MISSION_KINDS]
+        self._merge_some(entries, received, is_own_record)
+        if received.changed:
+            self.anti_entropy.changed_us = now_us
+        return received
+
+    def _merge_some(
+        self, entries: Iterable[Entry], received: Received, is_own_record: bool
+    ) -> None:
         fitting = []
         for entry in entries:
             reason = refusal_reason(entry, self.facts.declared, self.facts.run)
@@ -143,10 +158,7 @@ class Replica:
             else:
                 received.refused += 1
                 received.reason = reason
-        received.changed = self.facts.map.merge(fitting)
-        if received.changed:
-            self.anti_entropy.changed_us = now_us
-        return received
+        received.changed += self.facts.map.merge(fitting)
 
     def _is_authentic(self, entry: Entry) -> bool:
         if self._authorship is None:

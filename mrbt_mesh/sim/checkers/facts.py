@@ -108,14 +108,23 @@ def stands(agent: AgentView, entry: Entry) -> bool:
     return (newest.version, newest.packed) == (mine.version, mine.packed)
 
 
+def is_revised_away(agent: AgentView, entry: Entry) -> bool:
+    """Whether the mission in force has no place for this entry: it is of an earlier revision."""
+    facts, parts = agent.facts, entry.parts
+    if not facts.is_revised:
+        return False
+    if parts[0] in MISSION_KINDS:
+        return len(parts) > 1 and int(parts[1]) < facts.declared.revision_number
+    return refusal_reason(entry, facts.declared, facts.run) is not None
+
+
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     """Whether the agent may have dropped this entry, since no evaluation can read it."""
     parts = entry.parts
-    facts = agent.facts
+    if is_revised_away(agent, entry):
+        return True
     if parts[0] in MISSION_KINDS:
-        return len(parts) > 1 and int(parts[1]) < facts.declared.revision_number
-    if facts.is_revised and refusal_reason(entry, facts.declared, facts.run):
-        return True  # a revision has no place for it
+        return False
     jobs = agent.facts.jobs
     name = job_of(entry) if jobs is not None and parts[0] in OF_JOBS else ""
     if jobs is not None and name:

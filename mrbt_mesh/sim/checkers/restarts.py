@@ -10,7 +10,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import OUTCOME
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.wire import MessageKind, decode, parse_entries
-from mrbt_mesh.sim.checkers.facts import is_obsolete, stands
+from mrbt_mesh.sim.checkers.facts import is_obsolete, is_revised_away, stands
 from mrbt_mesh.sim.checkers.findings import RunFindings
 from mrbt_mesh.sim.world.journal import Changes
 from mrbt_mesh.sim.world.process import SimProcess
@@ -53,7 +53,8 @@ class Resumption:
         """`has_pruned`: it may have dropped again what its team has gone beyond meanwhile."""
         for entry in self._synced.get(process.robot, {}).values():
             self._run.checks["I9"] += 1
-            if not stands(agent, entry) and not (has_pruned and is_obsolete(agent, entry)):
+            may_lack = has_pruned and is_obsolete(agent, entry)
+            if not (stands(agent, entry) or may_lack or is_revised_away(agent, entry)):
                 text = (
                     f"{agent.robot} had synced {entry.name} {entry.version}, but starts without it"
                 )

@@ -10,6 +10,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
@@ -53,8 +54,8 @@ KNOWN_ACTIVATIONS = 100
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
-    `team`: command, rounds, whether it has started and how it ended. `headline`: how it is, the
-    worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: one robot.
+    `team`: command, rounds, revision, whether it has started, how it ended. `headline`: how it is,
+    the worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: a robot.
     `task/NAME`: a global task. `job/ID`: a job, as `JobRow`, and `since_s`: since when it has been
     in its state. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever
     ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
@@ -64,21 +65,28 @@ class TeamState:
         self.observer = observer
         self.changes = changes
         self._agreement = AgreementView()
-        self._statuses = bytes(len(observer.mission.tree.nodes))
-        self._marked: set[int] = set()
-        # Node -> how many activations it had, and the newest of them.
-        self._activations: dict[int, tuple[int, dict[str, None]]] = {}
-        self._counted: Plan | None = None
-        self._places = told_places(observer.mission)
         self._rows = JobRows()
         # Each with the time in s since when it has been in its state; None: not known.
         self._jobs: dict[str, tuple[JobRow, float | None]] = {}
         # What tasks and nodes follow from; a new plan follows from a change of the others.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
+        self._begin(observer.mission)
+
+    def _begin(self, mission: Mission) -> None:
+        """Nothing is known yet of this mission's tree, tasks and places."""
+        self._mission = mission
+        self._statuses = bytes(len(mission.tree.nodes))
+        self._marked: set[int] = set()
+        # Node -> how many activations it had, and the newest of them.
+        self._activations: dict[int, tuple[int, dict[str, None]]] = {}
+        self._counted: Plan | None = None
+        self._places = told_places(mission)
 
     def update(self, now_us: int) -> None:
         """Look at the observer, which is up to date."""
         observer = self.observer
+        if observer.mission is not self._mission:
+            self._take_up(observer.mission)
         differ = self._agreement.look(observer, now_us)
         self.changes.put("team", self._team())
         statements = headline(observer, self._agreement.differing)
@@ -90,6 +98,16 @@ class TeamState:
         if causes != self._causes:
             self._causes = causes
             self._what_follows_from_facts(now_us)
+
+    def _take_up(self, mission: Mission) -> None:
+        """A revision of the mission is in force: its nodes, tasks and places have other items."""
+        for index in range(len(self._mission.tree.nodes)):
+            self.changes.put(f"node/{index}", None)
+        for name in self._mission.global_tasks.keys() - mission.global_tasks.keys():
+            self.changes.put(f"task/{name}", None)
+        for name in told_places(self._mission).keys() - told_places(mission).keys():
+            self.changes.put(f"place/{name}", None)
+        self._begin(mission)
 
     def count_activations(self) -> None:
         """Count the plan's activations; for callers that skip `update` after some plans."""
@@ -143,6 +161,7 @@ class TeamState:
             "command": str(self.observer.facts.command()),
             "started": record.started_us is not None,
             "rounds": record.rounds.all.total,
+            "revision": self._mission.revision_number,
         }
 
     def _robot(self, robot: str, differ: dict[str, Any]) -> dict[str, Any]:

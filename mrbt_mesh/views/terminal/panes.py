@@ -63,6 +63,7 @@ class TreePane(Rows):
         super().__init__(id="tree")
         self.border_title = "tree"
         self._shown = shown
+        self._mission = shown.mission
         self._team_rows = self.tree_rows = FoldingTree(shown.mission["tree"])
         self._own: RobotRows | None = None
         # The row of T_G that was selected before.
@@ -94,6 +95,11 @@ class TreePane(Rows):
 
     def look(self) -> None:
         """Draw what is now."""
+        if self._shown.mission is not self._mission:  # another revision is in force
+            self._mission = self._shown.mission
+            self._team_rows, self._team_row = FoldingTree(self._mission["tree"]), 0
+            self.show_own(None)
+            return
         if self._own is not None and not self._own.is_of(self._shown.observer):
             if not self.show_own(self._own.robot):
                 self.show_own(None)

@@ -94,6 +94,8 @@ class ShownTeam:
         ended_us = self.observer.record.ended_us
         self.now_s = self.view.seconds(now_us if ended_us is None else ended_us) or 0.0
         self.take(changed)
+        if self.mission["revision"] != self.team["revision"]:
+            self.mission = mission_view(self.observer.mission)
         return bool(changed)
 
     def take(self, changed: Mapping[str, Any]) -> None:

@@ -108,6 +108,8 @@ async function begin() {
   offerCommands(told.commands);
   if (control) setText(byId("no-faults"), TRY_IT);
   const follow = () => {
+    // Another mission is in force: the page is made anew, with its tree, tasks and places.
+    if (!playback && (store.get("team")?.revision ?? told.revision) !== told.revision) location.reload();
     const isEnded = !!store.get("team")?.ended, statements = headline(store, playback !== null);
     if (result && !isEnded && store.state === "connected") statements.unshift({ level: "bad", text: `the run is over: ${result.replace("_", " ")}` });
     say(statements);

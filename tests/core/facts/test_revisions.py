@@ -1,0 +1,148 @@
+"""The mission in force, as it follows from the facts."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.core.facts.records import (
+    LATCH,
+    AdoptedMission,
+    HeldMission,
+    Outcome,
+    ProposedMission,
+    Record,
+)
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.formats.build import mission_from_yaml
+
+FILE = """
+mission: line
+local_tasks: {weld: {}, look: {}}
+robot_types: {arm: {capabilities: {weld: 1, look: 1}}}
+robots: {A1: arm, A2: arm, A3: arm}
+global_tasks:
+  weld: {needs: {weld: {min: 1}}}
+  look: {needs: {look: {min: 1}}}
+tree: %s
+"""
+RUN = "r"
+
+
+def mission(tree: str) -> Mission:
+    return mission_from_yaml(FILE % tree, "line.yaml", Path())
+
+
+BEFORE = mission("{Sequence: [weld, look]}")
+AFTER = revise(BEFORE, mission("{Sequence: [look, weld]}"))
+OTHER = revise(BEFORE, mission("look"))
+SECOND = revise(AFTER, mission("weld"))
+
+
+def entry(author: str, name: str, record: Record, number: int = 1) -> Entry:
+    return make_entry(author, name, Version(Incarnation(1, author), number), record)
+
+
+def proposed(found: Mission, author: str = "A1", stamp: int = 1) -> Entry:
+    record = ProposedMission(compile_mission(found), "op", False, stamp)
+    return entry(author, f"mission/{found.revision_number}", record)
+
+
+def adopted(found: Mission, author: str = "A2") -> Entry:
+    return entry(author, f"mission_adopted/{found.revision_number}", AdoptedMission(found.digest))
+
+
+def held(author: str, found: Mission, problem: str = "", by: int = 0) -> Entry:
+    record = HeldMission(found.revision_number, found.digest, problem, by)
+    return entry(author, "mission_held", record)
+
+
+def facts(*entries: Entry) -> TeamFacts:
+    found = TeamFacts(BEFORE, RUN)
+    for each in entries:
+        assert refusal_reason(each, found.declared, RUN) is None, each.name
+        found.map.merge([each])
+    return found
+
+
+DONE = entry("A3", f"outcome/{RUN}:1:weld::0/weld", Outcome(True, None))
+
+
+@pytest.mark.parametrize("order", list(permutations(range(5))))
+def test_the_same_facts_are_read_the_same_in_any_order(order: tuple[int, ...]) -> None:
+    """The second revision does without the first one, which is dropped."""
+    entries = [proposed(AFTER), adopted(AFTER), proposed(SECOND), adopted(SECOND), DONE]
+    found = facts(*(entries[number] for number in order))
+    found.prune()
+    assert found.declared == SECOND
+    assert {each.name for each in found.map} == {"mission/2", "mission_adopted/2", DONE.name}
+    assert found.has_outcome(f"{RUN}:1:weld::0")
+
+
+def test_it_is_in_force_once_that_and_the_mission_are_known() -> None:
+    assert facts(proposed(AFTER)).declared is BEFORE
+    assert facts(adopted(AFTER)).declared is BEFORE
+    assert facts(adopted(OTHER), proposed(AFTER)).declared is BEFORE
+    assert facts(adopted(AFTER), proposed(AFTER)).declared == AFTER
+
+
+def test_what_has_no_place_in_it_is_dropped() -> None:
+    look = entry("A3", f"outcome/{RUN}:2:look::0/look", Outcome(True, None))
+    weld = DONE
+    found = facts(weld, look, proposed(OTHER), adopted(OTHER))
+    assert (weld.author, weld.name) in found.prune()
+    assert found.has_outcome(f"{RUN}:2:look::0")
+    assert found.map.get("A3", weld.name) is None
+
+
+def test_all_must_hold_the_same_proposal() -> None:
+    all_hold = [held(robot, AFTER) for robot in BEFORE.robots]
+    assert facts(proposed(AFTER), *all_hold).revisions.is_held_by_all(AFTER, BEFORE.robots)
+    assert not facts(proposed(AFTER), *all_hold[1:]).revisions.is_held_by_all(AFTER, BEFORE.robots)
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ((entry("A2", "mission_withdrawn/1", LATCH),), "it was withdrawn"),
+        ((held("A2", AFTER, "it works on weld"),), "A2: it works on weld"),
+        (
+            (held("A2", AFTER), proposed(OTHER, "A3", 2), held("A3", OTHER)),
+            "two revisions were proposed at the same time; propose one of them again",
+        ),
+    ],
+)
+def test_a_proposal_can_be_void(more: tuple[Entry, ...], why: str) -> None:
+    pending = facts(proposed(AFTER)).revisions.pending(0)
+    assert pending is not None
+    assert pending[1] == AFTER
+    found = facts(proposed(AFTER), *more).revisions
+    assert found.pending(0) is None
+    assert found.void_reason(1) == why
+
+
+def test_of_two_proposals_the_earlier_one_counts() -> None:
+    pending = facts(proposed(OTHER, "A3", 1), proposed(AFTER, "A1", 2)).revisions.pending(0)
+    assert pending is not None
+    assert pending[1] == OTHER
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("mission/x", compile_mission(AFTER), "'x' is no number of a revision"),
+        ("mission/2", compile_mission(AFTER), "revision 2 is one of another mission"),
+        ("mission/1", compile_mission(BEFORE), "revision 1 is one of another mission"),
+        ("mission/1", "{}", "a revision that cannot be read"),
+    ],
+)
+def test_no_other_mission_is_accepted(name: str, text: str, why: str) -> None:
+    given = entry("A1", name, ProposedMission(text, "op", False, 1))
+    assert why in (refusal_reason(given, BEFORE, RUN) or "")
