@@ -12,11 +12,11 @@ SECTIONS = {
     "Run a team": {
         "demo up down": "Run an example; start a team; end it",
         "watch status ls logs": "Watch a team; who does what; teams; logs",
-        "agent router keys": "Run one robot or router on any machine; make keys",
+        "agent router keys attend": "Run one robot or router; make keys; be there",
     },
     "Act on a running team": {
-        "kill freeze thaw leave": "Stop, freeze, thaw or release a robot",
-        "join borrow return fault": "Start, borrow, return, break or mend a robot",
+        "kill freeze thaw fault": "Stop, freeze, thaw a robot; break a capability",
+        "join leave borrow return": "Start, release, borrow or return a robot",
         "submit jobs job revise": "Hand in, list, change jobs; another mission",
         "pause resume abort decide": "Pause or end the mission; decide a doubt",
     },
@@ -27,7 +27,7 @@ SECTIONS = {
 }
 # The modules of commands that share one; others have one of their own name.
 MODULES = {
-    "operate": "kill freeze thaw leave join borrow return fault pause resume abort decide",
+    "operate": "kill freeze thaw leave join borrow return attend fault pause resume abort decide",
     "runs": "ls down logs",
     "jobs": "submit job",
     "plan": "validate",

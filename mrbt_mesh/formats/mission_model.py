@@ -240,14 +240,30 @@ class EntryModel(FileModel):
         return self
 
 
+class LostContactModel(FileModel):
+    """What a robot does that has heard nobody for `after_s`: no robot of the `team`, no `majority`
+    of the robots, or no `operator`.
+
+    `then`: `finish` its task and begin no other, `hold` (cancel it), or `return`: cancel it and
+    perform a local task.
+    """
+
+    after_s: Annotated[float, Field(ge=1, le=86_400)]
+    of: Literal["team", "majority", "operator"] = "team"
+    then: Literal["go_on", "finish", "hold", "return"]
+    local_task: GroundText | None = Field(default=None, alias="return")
+
+
 class RobotTypeModel(FileModel):
     """A kind of robot: what it can do, and how well.
 
-    `cost`: what one more robot costs, for `mrbt analyze`.
+    `cost`: what one more robot costs, for `mrbt analyze`. `on_lost_contact`: without it a robot
+    goes on with its work.
     """
 
     capabilities: dict[GroundText, Performance]
     cost: Cost = 1
+    on_lost_contact: LostContactModel | None = None
 
 
 class RobotModel(FileModel):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 CONNECT_TIMEOUT_S = 10.0
 JOIN_TIMEOUT_S = 30.0
+ATTEND_S = 1.0
 
 
 def report(as_json: bool, team: str, robots: Iterable[str], command: str, result: str) -> None:
@@ -135,6 +136,37 @@ def return_(robot: str, team: TeamOptions, as_json: bool) -> None:
     from mrbt_mesh.core.agent.commands import RETURN
 
     _command(team, as_json, robot, RETURN)
+
+
+@click.command(cls=MrbtCommand)
+@team_options
+def attend(team: TeamOptions) -> None:
+    """Tell robots every second that an operator is here, until Ctrl-C.
+
+    For missions whose robots stop without an operator (`on_lost_contact: {of: operator}`).
+
+    Example: mrbt attend
+    """
+    import anyio
+
+    from mrbt_mesh.core.agent.commands import ATTEND
+
+    async def act(watcher: Watcher) -> int:
+        if not watcher.observer.mission.on_lost_contact:
+            raise InputError("robots of this mission wait for no operator (on_lost_contact)")
+
+        async def tell(robot: str) -> None:
+            with anyio.move_on_after(ATTEND_S):
+                await watcher.command(robot, ATTEND)
+
+        click.echo("attending; Ctrl-C ends it")
+        while True:
+            async with anyio.create_task_group() as group:
+                for robot in watcher.observer.membership.members():
+                    group.start_soon(tell, robot)
+                await anyio.sleep(ATTEND_S)
+
+    with_team(team.find(), act)
 
 
 @click.command(cls=MrbtCommand)

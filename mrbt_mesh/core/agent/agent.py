@@ -19,6 +19,7 @@ from mrbt_mesh.core.agent.bidder import Bidder
 from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
 from mrbt_mesh.core.agent.effects import Effect, UseMission
@@ -74,6 +75,7 @@ class Agent:
         self._withdrawal = Withdrawal(context, health)
         self._bidder = Bidder(context, health)
         self._scheduler: Scheduler | None = None
+        self._contact: ContactWatch | None = None
         self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
         self.view = AgentView(context, self._planner, tree)
@@ -114,6 +116,13 @@ class Agent:
         withdrawal = self._withdrawal
         self._commands = Commands(context, planner, reports, health, withdrawal, self._reviser)
         inbound = Inbound(context, planner, leased, duplicates, schedule, self._commands)
+        if self._contact is not None:
+            self._contact.end(now_us)
+        self._contact = None
+        if mission.on_lost_contact:
+            watch = self._contact = ContactWatch(context, withdrawal, planner, now_us)
+            executor.contact = inbound.contact = watch
+            self._heartbeats.contact = self._commands.contact = watch
         jobs, work = context.facts.jobs, context.work
         self._wall_clock = clock = context.wall_clock
         self._job_clock: JobClock | None = None
@@ -243,6 +252,9 @@ class Agent:
         if clock is not None and self._planner.awaited is None and clock.compare(now_us):
             self._health.problem_found(inputs.ProblemFound(CLOCK, clock.problem), now_us)
             self._seen = None
+        contact = self._contact
+        if contact is not None and self._planner.awaited is None and contact.check(now_us):
+            self._seen = None
         if self._planner.awaited is not None:
             self._detect_failures(now_us)
             self._ask_who_is_due(now_us)
@@ -293,7 +305,8 @@ class Agent:
         mission, leased = self._context.mission, self._leased
         if self._withdrawal.waiting:
             self._withdrawal.check(now_us)
-        passed = self._job_clock.passed(now_us) if self._job_clock is not None else []
+        clock = self._job_clock if self._planner.decides else None
+        passed = clock.passed(now_us) if clock is not None else []
         if passed:
             self._context.write(passed, now_us)
         if leased is not None:
@@ -314,6 +327,8 @@ class Agent:
         if self._scheduler is not None:
             self._scheduler.follow(plan, now_us)
         self._executor.perform(plan, now_us)
+        if self._contact is not None:
+            self._contact.perform_return()
         if leased is not None:
             leased.request()
 
@@ -393,6 +408,7 @@ class Agent:
             planner.next_deadline_us(),
             leases.next_deadline_us() if leases is not None else None,
             self._job_clock.next_deadline_us() if self._job_clock is not None else None,
+            self._contact.next_us(now_us) if self._contact is not None else None,
             self._joining_until_us,
             self._plans_at_us,
             joining.deadline_us if joining is not None else None,

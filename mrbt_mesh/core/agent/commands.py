@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeAlias
 
+from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
@@ -27,6 +28,8 @@ from mrbt_mesh.core.mission.mission import micro_performance
 FAULT, RESTORE, LEAVE, TEAM, DECIDE = "fault", "restore", "leave", "team", "decide"
 PERFORM = "perform"
 BORROW, RETURN = "borrow", "return"
+# A sign of life of an operator.
+ATTEND = "attend"
 # Of BORROW: before or after the task that the robot has.
 AT_ONCE, AFTER_TASK = "at_once", "after_task"
 REVISE, WITHDRAW = "revise", "withdraw"
@@ -73,6 +76,7 @@ class Commands:
         self._reports = reports
         self._health = health
         self._withdrawal = withdrawal
+        self.contact: ContactWatch | None = None
         self._known: dict[str, Callable[[str, int], Answer]] = {
             FAULT: lambda names, now_us: self._change_capability(names, True, now_us),
             RESTORE: lambda names, now_us: self._change_capability(names, False, now_us),
@@ -80,6 +84,7 @@ class Commands:
             LEAVE: self._leave,
             BORROW: self._borrow,
             RETURN: self._return,
+            ATTEND: self._attend,
             TEAM: self._team,
             REFUSALS: self._refusals,
             DECIDE: self._decide,
@@ -139,6 +144,11 @@ class Commands:
     def _return(self, _: str, now_us: int) -> Answer:
         problem = self._withdrawal.take_back(now_us)
         return problem is None, problem or f"{self._context.me} works for the team again"
+
+    def _attend(self, _: str, now_us: int) -> Answer:
+        if self.contact is not None:
+            self.contact.operator_is_here(now_us)
+        return True, ""
 
     def _refusals(self, _: str, now_us: int) -> Answer:
         """The most frequent refusals, as JSON: "source: reason" -> how often."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.bt.robot_tree import RobotTree
@@ -76,6 +77,7 @@ class StartPolicies(NamedTuple):
 class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
+    `contact`: what else a start waits for, in missions that say what robots do without contact.
     `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
     """
 
@@ -88,6 +90,7 @@ class Executor:
         self._grace_us = context.config.timing.grace_us
         self.tree = tree
         self.shows_outcome = False
+        self.contact: ContactWatch | None = None
 
     def perform(self, plan: Plan, now_us: int) -> None:
         """Follow the plan: cancel, claim, get ready and start."""
@@ -107,6 +110,7 @@ class Executor:
             and assignment is not None
             and claim is not None
             and self._may_start(plan, now_us)
+            and (self.contact is None or self._has_contact(self.contact, claim, now_us))
         ):
             start = self._start_of(claim)
             if start.needs_ready and claim.phase is Phase.CLAIMED and not travel_to:
@@ -141,6 +145,10 @@ class Executor:
             return False
         agreed = self._context.membership.all_report_plan(plan.digest)
         return agreed or now_us >= self._grace_ends_us
+
+    def _has_contact(self, contact: ContactWatch, claim: Claim, now_us: int) -> bool:
+        task = self._context.facts.task_of(claim.activation)
+        return contact.may_begin(claim.local_task, task is not None and task.exclusive, now_us)
 
     @property
     def _grace_ends_us(self) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Publish
 from mrbt_mesh.core.agent.leased_start import LeasedStart
@@ -37,6 +38,7 @@ class Heartbeats:
         self._tree = tree
         self._leased = leased
         self._last: Urgent | None = None
+        self.contact: ContactWatch | None = None
 
     def send_if_due(self, plan: Plan | None, now_us: int) -> None:
         """Send one if it is time, or if others must hear something at once."""
@@ -101,6 +103,8 @@ class Heartbeats:
         number = self._schedule.mark_sent(urgent, now_us, plan_only)
         if self._leased is not None:
             self._leased.heartbeat_sent(number, now_us)
+        if self.contact is not None:
+            self.contact.sent(number, now_us)
         requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         waiting = None if plan is None else partial(who_waits, plan, context.facts)

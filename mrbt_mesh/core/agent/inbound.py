@@ -6,6 +6,7 @@ A message that is malformed or of another run is counted and logged once per sou
 from __future__ import annotations
 
 from mrbt_mesh.core.agent.commands import Commands, answer_body
+from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import AskRouter, Persist, Reply
 from mrbt_mesh.core.agent.inputs import (
@@ -56,6 +57,7 @@ class Inbound:
         self._duplicates = duplicates
         self._schedule = schedule
         self._commands = commands
+        self.contact: ContactWatch | None = None
 
     def take(self, event: FromOutside, now_us: int) -> None:
         """Take in one message."""
@@ -121,6 +123,8 @@ class Inbound:
                 incarnation = str(beat.report.incarnation)
                 context.log("info", "robot_heard", robot=source, incarnation=incarnation)
             self._compare_digest(source, beat, now_us)
+            if self.contact is not None:
+                self.contact.heard(source, beat)
             # Every heartbeat repeats it. While a plan is made the facts stay as they are.
             has_leases = beat.lease_request is not None or beat.lease_grants
             if self._leased is not None and has_leases and self._planner.awaited is None:

@@ -46,6 +46,7 @@ class Awaited:
 class Planner:
     """Ticks T_A: each change of facts or of the alive set leads to a new plan.
 
+    `decides`: whether it writes the facts that follow; a robot without contact does not.
     `plan`: the newest one, None while this robot has never joined. `awaited`: the one that is being
     made elsewhere, if there is one; until then the facts must stay as they are. Each of the
     `listeners` is called while the facts are those that the plan follows from.
@@ -54,6 +55,7 @@ class Planner:
     def __init__(self, context: Context, robot_tree: RobotTree) -> None:
         timing = context.config.timing
         self.plan: Plan | None = None
+        self.decides = True
         self.awaited: Awaited | None = None
         self.deadlines = Deadlines(timing.bid_wait_us, timing.failure_latch_us)
         self.listeners: list[PlanListener] = []
@@ -132,6 +134,8 @@ class Planner:
             if self.awaited is not None:
                 break
             assert self.plan is not None
+            if not self.decides:
+                break
             latches = self._latches(self.plan, context.alive()) if is_new else []
             latches += self.deadlines.expired(self.plan, facts, now_us, self._is_agreed)
             latches += self._end(self.plan)
@@ -157,7 +161,7 @@ class Planner:
         if awaited is not None and event.number == awaited.number:
             self.awaited = None
             self._take_up(event.plan, awaited.alive, awaited.state, awaited.values)
-            latches = self._latches(event.plan, awaited.alive)
+            latches = self._latches(event.plan, awaited.alive) if self.decides else []
             if latches:
                 self._context.write(latches, now_us)
 

@@ -53,6 +53,9 @@ class Reports:
         action = work.finish(event.ticket, event.success)
         if action is None:
             return
+        if not action.global_task:
+            context.log("info", "returned", success=event.success, error=event.error)
+            return
         name = f"{records.OUTCOME}/{action.activation}/{action.local_task}"
         if action.coalition:
             name += f"/{action.coalition}"

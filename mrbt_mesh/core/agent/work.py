@@ -111,6 +111,18 @@ class Work:
         )
         return self.action
 
+    def start_alone(
+        self, activation: str, local_task: str, performance: int, incarnation: Incarnation
+    ) -> StartAction:
+        """Begin an action that nobody has asked for: it has no claim, and no outcome for others."""
+        self._tickets += 1
+        self._stopping = False
+        self._clear_progress()
+        self.action = StartAction(
+            self._tickets, activation, "", local_task, (), performance, incarnation
+        )
+        return self.action
+
     def arrive(self, action: StartAction, now_us: int) -> None:
         """The way has led to its place: wait there for agreement, also if it was to be cancelled.
 

@@ -25,6 +25,7 @@ from mrbt_mesh.core.mission.conditions import (
     conditions_from_json,
 )
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
+from mrbt_mesh.core.mission.contact import LostContact
 from mrbt_mesh.core.mission.names import (
     bound,
     declared_name,
@@ -450,6 +451,7 @@ class Mission:
     `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
     where nothing is said of places. `jobs`: types of jobs, whose trees are below Jobs nodes.
     `revision`: None, unless it takes the place of another mission while a team runs.
+    `on_lost_contact`: what robots do without contact, by robot type.
     """
 
     name: str
@@ -472,6 +474,7 @@ class Mission:
     travel: Travel | None = None
     jobs: Mapping[str, JobType] = field(default_factory=dict)
     revision: Revision | None = None
+    on_lost_contact: Mapping[str, LostContact] = field(default_factory=dict)
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -681,6 +684,7 @@ class Mission:
             "travel": self.travel.to_json() if self.travel is not None else None,
             "jobs": [known.to_json() for known in self.jobs.values()],
             "revision": self.revision.to_json(self.tree) if self.revision is not None else None,
+            "on_lost_contact": {name: p.to_json() for name, p in self.on_lost_contact.items()},
         }
         return {name: value for name, value in optional.items() if value} | {
             "compiled": COMPILED_VERSION,
@@ -746,6 +750,10 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
             revision=revision,
+            on_lost_contact={
+                name: LostContact.from_json(row)
+                for name, row in sorted(data.get("on_lost_contact", {}).items())
+            },
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"compiled mission is damaged: {error!r}") from error

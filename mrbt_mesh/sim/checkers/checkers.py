@@ -119,6 +119,8 @@ class Checkers(Inspection):
             elif isinstance(effect, Stop):
                 run.fault_came()  # the others have to notice
         is_fenced = agent.incarnation != self._life
+        # What a robot does alone, without contact, is no work of the team.
+        effects = [e for e in effects if not isinstance(e, StartAction) or e.global_task]
         for effect in effects:
             if isinstance(effect, CancelAction) and before and self._is_running and not is_fenced:
                 not_taken_off(run, agent, before)

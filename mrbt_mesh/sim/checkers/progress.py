@@ -93,6 +93,8 @@ class Progress:
         action = agent.action
         if not isinstance(event, ActionFinished) or action is None or action.travel_to:
             return
+        if not action.global_task:
+            return  # without contact, alone
         if action.ticket == event.ticket:
             need = agent.facts.task(action.activation).need(action.local_task)
             most = need.max_robots if need is not None else 0

@@ -1,0 +1,203 @@
+"""A robot's contact with its team or an operator, and what it does without (`on_lost_contact`).
+
+Contact is two-way: another robot relays, in its heartbeats, the newest heartbeat of this robot that
+it knows. Contact with it lasts from when that heartbeat was *sent*, so no other robot can have
+heard this one earlier. `after_us` later this robot stops. Others that have heard nothing of it for
+`after_us` and one detection time more know that it has, and begin what must not be done at two
+places at once: exclusive tasks, and local tasks that have a place.
+"""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.planner import Planner
+from mrbt_mesh.core.agent.withdrawal import Withdrawal
+from mrbt_mesh.core.bt.activation import Activation
+from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.membership.timing import NEVER_US
+from mrbt_mesh.core.membership.wire import Heartbeat
+from mrbt_mesh.core.mission.contact import ContactOf, OnLostContact
+from mrbt_mesh.core.mission.jobs import place_at
+from mrbt_mesh.core.mission.mission import performance
+
+CONTACT = "contact"
+# So many of its own heartbeats a robot remembers.
+KEPT_BEATS = 1_000
+
+
+class ContactWatch:
+    """One robot's contact; in missions where robots of some type do something without it.
+
+    `is_lost`: this robot has lost its contact, and has acted on it.
+    """
+
+    def __init__(
+        self, context: Context, withdrawal: Withdrawal, planner: Planner, now_us: int
+    ) -> None:
+        mission, me = context.mission, context.me
+        self.is_lost = False
+        self._context = context
+        self._withdrawal = withdrawal
+        self._planner = planner
+        self._began_us = now_us
+        self._policy = mission.on_lost_contact.get(context.config.type)
+        # Others that stop without contact, and what they can do.
+        self._stopping = {
+            robot.id: (robot.capabilities, policy)
+            for robot in mission.robots.values()
+            if robot.id != me and (policy := mission.on_lost_contact.get(robot.type)) is not None
+            if policy.is_promise
+        }
+        self._margin_us = context.config.timing.detection_us
+        # When heartbeats were sent, by number; by robot, when the newest one was that it knows.
+        self._sent_us: dict[int, int] = {}
+        self._known_us: dict[str, int] = {}
+        self._operator_us: int | None = None
+        self._has_had = False
+        self._returns = False
+        # When a start that was put off may begin.
+        self._begins_us: int | None = None
+
+    # -- signs of life ------------------------------------------------------------------------
+
+    def sent(self, number: int, now_us: int) -> None:
+        """This robot sends a heartbeat of this number."""
+        self._sent_us[number] = now_us
+        self._sent_us.pop(number - KEPT_BEATS, None)
+
+    def heard(self, robot: str, beat: Heartbeat) -> None:
+        """Another robot's heartbeat has come."""
+        mine = beat.relays.get(self._context.me)
+        if mine is not None and mine.incarnation == self._context.replica.incarnation:
+            sent_us = self._sent_us.get(mine.number)
+            if sent_us is not None:
+                self._known_us[robot] = max(sent_us, self._known_us.get(robot, sent_us))
+
+    def operator_is_here(self, now_us: int) -> None:
+        """An operator attends."""
+        self._operator_us = now_us
+
+    def _last_us(self, now_us: int) -> int | None:
+        """When there was contact last; None: never."""
+        assert self._policy is not None
+        match self._policy.of:
+            case ContactOf.OPERATOR:
+                return self._operator_us
+            case ContactOf.TEAM:
+                return max(self._known_us.values(), default=None)
+        wanted = majority(self._context.mission.robot_ids) - 1
+        known_us = sorted(self._known_us.values(), reverse=True)
+        if not wanted:
+            return now_us
+        return known_us[wanted - 1] if len(known_us) >= wanted else None
+
+    # -- this robot ---------------------------------------------------------------------------
+
+    def next_us(self, now_us: int) -> int | None:
+        """When contact is lost if nothing is heard, or a start is not put off any more."""
+        times_us = [self._begins_us] if self._begins_us is not None else []
+        if self._policy is not None and not self.is_lost:
+            last_us = self._last_us(now_us)
+            since_us = self._began_us if last_us is None else last_us
+            times_us.append(since_us + self._policy.after_us)
+        return min(times_us, default=None)
+
+    def check(self, now_us: int) -> bool:
+        """Act on contact that is lost or back; whether anything follows from that."""
+        if self._policy is None:
+            return False
+        last_us = self._last_us(now_us)
+        since_us = self._began_us if last_us is None else last_us
+        is_lost = now_us >= since_us + self._policy.after_us
+        is_first = last_us is not None and not self._has_had
+        self._has_had |= is_first
+        if is_lost != self.is_lost:
+            self.is_lost = is_lost
+            if is_lost:
+                self._lose(now_us)
+            else:
+                self._regain(now_us)
+            return True
+        return is_first or (self._returns and self._context.work.action is None)
+
+    def _lose(self, now_us: int) -> None:
+        policy = self._policy
+        assert policy is not None
+        self._context.log("warning", "contact_lost", of=str(policy.of), then=str(policy.then))
+        self._returns = policy.then is OnLostContact.RETURN
+        # What follows from the silence of others is for those to write that have contact.
+        self._planner.decides = policy.of is ContactOf.OPERATOR
+        is_after = policy.then is OnLostContact.FINISH
+        reason = f"no contact with {_WITH[policy.of]}"
+        self._withdrawal.withdraw(CONTACT, reason, now_us, after_task=is_after)
+
+    def _regain(self, now_us: int) -> None:
+        self._context.log("info", "contact_back")
+        self._returns, self._planner.decides = False, True
+        self._planner.forget()
+        self._withdrawal.give_back(CONTACT, now_us)
+
+    def end(self, now_us: int) -> None:
+        """Another mission is in force, with a watch of its own."""
+        if self.is_lost:
+            self._regain(now_us)
+
+    def perform_return(self) -> None:
+        """Begin the local task of RETURN, once nothing else runs."""
+        context, work, policy = self._context, self._context.work, self._policy
+        if not self._returns or work.action is not None or policy is None:
+            return
+        self._returns = False
+        value = context.description.performance(policy.local_task)
+        assert value is not None
+        activation = str(Activation(context.config.run, -1, policy.local_task, (), 0))
+        start = work.start_alone(activation, policy.local_task, value, context.replica.incarnation)
+        context.emit(start)
+        context.log("info", "returns", local_task=policy.local_task)
+
+    # -- others -------------------------------------------------------------------------------
+
+    def may_begin(self, local_task: str, is_exclusive: bool, now_us: int) -> bool:
+        """Whether this robot may begin: it has contact, and no robot that has lost its own may
+        still be doing this.
+        """
+        self._begins_us = None
+        if self._policy is not None and (self.is_lost or self._last_us(now_us) is None):
+            return False
+        mission = self._context.mission
+        if not self._stopping or not (is_exclusive or place_at(mission, local_task)):
+            return True
+        begins_us = max((self._stops_us(r) for r in self._may_be_at(local_task)), default=now_us)
+        if begins_us > now_us:
+            self._begins_us = begins_us
+        return begins_us <= now_us
+
+    def _may_be_at(self, local_task: str) -> list[str]:
+        """The silent robots that stop without contact and can do this."""
+        found, peers = [], self._context.membership.peers
+        for robot, (capabilities, _) in self._stopping.items():
+            peer = peers.get(robot)
+            is_silent = peer is None or peer.state is State.DEAD
+            if is_silent and performance(capabilities, local_task) is not None:
+                found.append(robot)
+        return found
+
+    def _stops_us(self, robot: str) -> int:
+        """When a silent robot has stopped for certain; a majority without this robot: never."""
+        _, policy = self._stopping[robot]
+        membership = self._context.membership
+        if policy.of is ContactOf.MAJORITY:
+            heard = 1 + sum(peer.state.is_healthy for peer in membership.peers.values())
+            if heard < majority(self._context.mission.robot_ids):
+                return NEVER_US
+        peer = membership.peers.get(robot)
+        since_us = self._began_us if peer is None else peer.last_heard_us
+        return since_us + policy.after_us + self._margin_us
+
+
+_WITH = {
+    ContactOf.TEAM: "any other robot",
+    ContactOf.MAJORITY: "a majority of the robots",
+    ContactOf.OPERATOR: "an operator",
+}

@@ -1,0 +1,60 @@
+"""What robots do that have lost contact."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any
+
+# A day.
+MAX_CONTACT_US = 86_400_000_000
+# The most robots that all hear one another, by the default timing.
+MAX_MAJORITY = 7
+
+
+class ContactOf(enum.StrEnum):
+    """Whom a robot has to hear: any other robot, a majority of the mission's robots, itself
+    included, or an operator.
+    """
+
+    TEAM = "team"
+    MAJORITY = "majority"
+    OPERATOR = "operator"
+
+
+class OnLostContact(enum.StrEnum):
+    """FINISH ends its task and begins no other; HOLD cancels it; RETURN cancels it and then
+    performs a local task.
+    """
+
+    FINISH = "finish"
+    HOLD = "hold"
+    RETURN = "return"
+
+
+@dataclass(frozen=True)
+class LostContact:
+    """What robots of a type do that have been without contact for `after_us`.
+
+    `local_task`: the ground one that RETURN performs, else empty.
+    """
+
+    after_us: int
+    of: ContactOf
+    then: OnLostContact
+    local_task: str = ""
+
+    @property
+    def is_promise(self) -> bool:
+        """Whether others can count on it that the robot has stopped."""
+        return self.then is not OnLostContact.FINISH and self.of is not ContactOf.OPERATOR
+
+    def to_json(self) -> list[Any]:
+        """Plain data."""
+        return [self.after_us, str(self.of), str(self.then), self.local_task]
+
+    @classmethod
+    def from_json(cls, data: list[Any]) -> LostContact:
+        """The inverse of `to_json`; raises ValueError or TypeError."""
+        after_us, of, then, local_task = data
+        return cls(after_us, ContactOf(of), OnLostContact(then), local_task)
