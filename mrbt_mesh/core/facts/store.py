@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import msgpack
@@ -51,9 +52,13 @@ class BatchProof:
     signature: bytes = b""
 
 
+# What a value's bytes stand for.
+plain_value = partial(msgpack.unpackb, strict_map_key=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One fact: `value` is plain data as on the wire, `record` what it means.
+    """One fact: `packed` is its value as on the wire, `record` what it means.
 
     `parts` are those of its name, the kind first. `hash`: 128 bits over author, name, version and
     value. `proof` is that of its batch, in a team with keys; it is no part of the fact.
@@ -63,11 +68,15 @@ class Entry:
     name: str
     parts: tuple[str, ...]
     version: Version
-    value: Any
     record: Record
     packed: bytes
     hash: int
     proof: BatchProof | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def value(self) -> Any:
+        """Its value as plain data."""
+        return plain_value(self.packed)
 
 
 def parse_entry(
@@ -98,7 +107,7 @@ def make_entry(
     digest = hashlib.blake2b(head + packed, digest_size=16).digest()
     number = int.from_bytes(digest, "big")
     parts = split_name(name)
-    return Entry(author, name, parts, version, value, record, packed, number, proof)
+    return Entry(author, name, parts, version, record, packed, number, proof)
 
 
 def join(mine: Entry | None, other: Entry) -> Entry:

@@ -22,6 +22,7 @@ from mrbt_mesh.core.facts.store import (
     Incarnation,
     Version,
     parse_entry,
+    plain_value,
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
@@ -439,7 +440,7 @@ def pack_entries(entries: Iterable[Entry]) -> list[Any]:
     proofs: dict[tuple[str, Version], list[bytes]] = {}
     for entry in entries:
         batch = (entry.author, entry.version)
-        groups.setdefault(batch, []).append([entry.name, entry.value])
+        groups.setdefault(batch, []).append([entry.name, plain_value(entry.packed)])
         if entry.proof is not None:
             proofs[batch] = [entry.proof.hashes, entry.proof.signature]
     return [
