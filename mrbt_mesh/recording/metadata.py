@@ -43,6 +43,12 @@ class RunMetadata:
     speed: float = 1.0
     is_observed: bool = False
 
+    @property
+    def team_digest(self) -> str:
+        """The digest of the mission with which the team was started."""
+        revision = json.loads(self.mission).get("revision")
+        return self.mission_digest if revision is None else str(revision[1])
+
     @staticmethod
     def of(
         mission: Mission, robot: str, run: str, timing: Timing, epoch_ns: int, version: str

@@ -29,10 +29,7 @@ class Recorder:
     def __init__(self, sink: MessageSink, mission: Mission, facts: TeamFacts) -> None:
         self._sink = sink
         self._facts = facts
-        # The places of the map that conditions describe, and what their states were made from.
-        self._places = told_places(mission)
-        self._places_from: tuple[object, ...] = ()
-        self._scene = TeamScene(mission, sink.epoch_ns)
+        self._use(mission)
         self._plans = 0
         self._alive: dict[str, Incarnation] = {}
         self._heads: dict[str, RecordingHead] = {}
@@ -42,7 +39,17 @@ class Recorder:
         self._facts_changed([(None, entry) for entry in facts.map])
         facts.map.subscribe(self._facts_changed)
 
+    def _use(self, mission: Mission) -> None:
+        """The mission in force, from now on."""
+        self._mission = mission
+        # The places of the map that conditions describe, and what their states were made from.
+        self._places = told_places(mission)
+        self._places_from: tuple[object, ...] = ()
+        self._scene = TeamScene(mission, self._sink.epoch_ns)
+
     def _facts_changed(self, changes: Sequence[Change]) -> None:
+        if self._facts.declared is not self._mission:
+            self._use(self._facts.declared)
         for old, new in changes:
             self._changes += 1
             topic = channels.DROPPED if new is None else channels.FACTS

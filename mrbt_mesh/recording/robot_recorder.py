@@ -19,7 +19,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind, RecordingHead
-from mrbt_mesh.core.mission.mission import MICRO
+from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording import channels
@@ -49,7 +49,6 @@ class RobotRecorder(Recorder):
     def __init__(
         self, sink: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
-        self._declared = view.facts.declared.tree
         self._tasks = TaskLog(view.facts.declared)
         super().__init__(sink, view.facts.declared, view.facts)
         self._writer, self._view = sink, view
@@ -67,10 +66,14 @@ class RobotRecorder(Recorder):
         self._write(self._noted(), now_us)
         sink.flush(now_us)
 
+    def _use(self, mission: Mission) -> None:
+        super()._use(mission)
+        self._tasks.revised(mission)
+
     def _planned(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
         self._add_plan(plan, alive)
         self._is_alive_known = False  # a plan that was made elsewhere is for those of before
-        self._nodes = pack_statuses(plan.evaluation.declared_statuses(self._declared))
+        self._nodes = pack_statuses(plan.evaluation.declared_statuses(self._mission.tree))
         if self._places:
             self._tasks.plan(plan)
 

@@ -144,6 +144,8 @@ class Driver:
         self._timer: asyncio.TimerHandle | None = None
         self._timer_us = 0
         self._stop: Stop | None = None
+        # What the agent has raised: a fault of ours.
+        self._broken: Exception | None = None
         self._is_ready = False
         # When the agent had its last input, and when those of others were taken in last.
         self._last_us = self._drained_us = 0
@@ -228,6 +230,8 @@ class Driver:
                 with loop_watchdog(self, config, self._run_dir, selector.step):
                     await self._stopped.wait()
                 group.cancel_scope.cancel()
+                if self._broken is not None:
+                    raise self._broken
                 self._loop.call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
         finally:
             if self._timer is not None:
@@ -272,7 +276,13 @@ class Driver:
         self._last_us = now_us
         if self._meter is not None:
             self._meter.take(event)
-        effects = self._agent.handle(event, now_us)
+        try:
+            effects = self._agent.handle(event, now_us)
+        except Exception as error:
+            # A callback of the loop would go on: the robot ends, whoever called.
+            self._broken = error
+            self._stopped.set()
+            raise
         if self._recording is not None:
             # Recorded before it is sent, whatever becomes of this process.
             self._recording.do(lambda recorder: recorder.step(event, effects, now_us))

@@ -51,7 +51,7 @@ def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]
     """
     recording = open_recording(path)
     said = recording.metadata
-    is_of_run = (said.run, said.mission_digest) == (observer.facts.run, observer.mission.digest)
+    is_of_run = (said.run, said.team_digest) == (observer.facts.run, observer.mission.team_digest)
     if not is_of_run or not recording.records:
         return None
     # It may be of another machine, or of before this one was started again.

@@ -56,7 +56,7 @@ def test_a_team_takes_up_another_mission_while_it_works(team: Team, tmp_path: Pa
     assert jobs == {"before": "succeeded", "after": "succeeded"}
     starts = [each for each in team.events() if each["event"] == "start"]
     assert sum(each["args"] == ["shelf_2"] for each in starts if each["local_task"] == "look") == 1
-    team.kill_all()
+    team.mrbt("down")
     assert "proved" in team.mrbt("recording", "verify", str(team.run_dir))
 
 
@@ -68,7 +68,7 @@ def test_a_robot_at_work_refuses_what_would_cancel_it(team: Team, tmp_path: Path
     team.wait_for_event("look", args=["shelf_2"])
     text = DELIVERIES.read_text().replace("../../agents", str(ROOT / "agents"))
     new = tmp_path / "other.yaml"
-    new.write_text(text.replace("tree: watch($where)", "tree: {ForceSuccess: [watch(dock_1)]}"))
+    new.write_text(text.replace("tree: watch($where)", "tree: {ForceSuccess: watch(dock_1)}"))
     refused = team.command("revise", str(new))
     assert refused.returncode == 1
     assert "would be cancelled" in refused.stderr

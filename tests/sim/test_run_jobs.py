@@ -11,16 +11,17 @@ import pytest
 
 from mrbt_mesh import TaskContext
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
+from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import Revise
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 
 S = 1_000_000
 AT_US = LAUNCH_UNIX_US
-MISSION = mission_from_yaml(
-    """
+FILE = """
 mission: deliveries
 ends: never
 local_tasks:
@@ -48,7 +49,9 @@ jobs:
     priority: 5
     tree: check($where)
 tree: {Jobs: {types: [deliver, inspect], at_most: 3}}
-""",
+"""
+MISSION = mission_from_yaml(
+    FILE,
     "m.yaml",
     Path(),
 )
@@ -190,3 +193,22 @@ def test_a_job_waits_for_its_time_and_expires_at_its_deadline() -> None:
         "never": "expired",
     }
     assert min(float(t) for t, _, _, args in works(result) if args[0] == "1") > 23
+
+
+def test_a_revision_adds_a_type_of_jobs_to_a_team_with_open_ones() -> None:
+    text = FILE.replace("[deliver, inspect]", "[deliver, inspect, recheck]").replace(
+        "tree: {Jobs:",
+        "  recheck:\n    parameters: {where: [dock_1, dock_2]}\n    tree: "
+        "{Sequence: [check($where), 'fetch(7)']}\ntree: {Jobs:",
+    )
+    after = compile_mission(mission_from_yaml(text, "deliveries.yaml", Path()))
+    _, ends = run(
+        (3, submit("A1", "one", "deliver", "7", "dock_1")),
+        (3, submit("A1", "two", "inspect", "dock_1")),
+        (3.5, Revise("A1", after)),
+        (4, submit("A2", "three", "recheck", "dock_2")),
+        (5, Kill("A1")),
+    )
+    assert {name: state for name, (state, _) in ends.items()} == dict.fromkeys(
+        ("one", "two", "three"), "succeeded"
+    )

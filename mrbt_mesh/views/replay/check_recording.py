@@ -57,7 +57,11 @@ class RecordingCheck(CheckedRecording):
     def __init__(
         self, recording: Recording, plans: PlanAgain, authorship: Authorship | None
     ) -> None:
-        super().__init__(recording, plans.mission)
+        # A robot may have started with a revision of the mission.
+        said, mission = recording.metadata, plans.mission
+        if said.mission_digest != mission.digest:
+            mission = said.read_mission(str(recording.path))
+        super().__init__(recording, mission)
         self._plans = plans
         self._authorship = authorship
         self._work = WorkCheck(self) if self.robot else None
@@ -163,6 +167,6 @@ class RecordingCheck(CheckedRecording):
         self.counts["statuses"] += 1
         if self.plan is None or data["plan"] != self._made:
             raise ValueError("statuses of a plan that was not made just before")
-        statuses = self.plan.evaluation.declared_statuses(self._plans.mission.tree)
+        statuses = self.plan.evaluation.declared_statuses(self.state.facts.declared.tree)
         if data["nodes"] != pack_statuses(statuses):
             raise ValueError("the statuses of T_G's nodes do not follow from the facts")

@@ -75,9 +75,8 @@ def verify(
     )
 
 
-def _run(recording: Recording) -> tuple[str, str, str]:
-    metadata = recording.metadata
-    return metadata.run, metadata.mission_digest, metadata.mission
+def _run(recording: Recording) -> tuple[str, str]:
+    return recording.metadata.run, recording.metadata.team_digest
 
 
 def _contradictions(checks: Sequence[RecordingCheck]) -> None:
