@@ -1,0 +1,67 @@
+"""What is foretold of a revision is what comes of it."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from mrbt_mesh.core.facts.records import AdoptedMission, ProposedMission, Record
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.core.planning.revised import is_at_work, revision_changes
+from mrbt_mesh.sim import simulate
+from mrbt_mesh.sim.chaos.generate import generate_mission
+from mrbt_mesh.sim.chaos.vary import varied
+from tests.support.effort import seeds
+
+HALFWAY_US = 4_000_000
+
+
+@pytest.mark.parametrize("seed", seeds(12))
+def test_a_dry_run_says_what_stays_and_what_does_not(seed: int) -> None:
+    """Of a team in the middle of its work: its facts, with the revision in force."""
+    before = generate_mission(seed)
+    result = simulate(before.mission, before.program, seed=seed, timeout_us=HALFWAY_US)
+    facts = next(iter(result.agents.values())).view.facts
+    after = revise(before.mission, varied(before.mission, random.Random(seed)))
+    told = revision_changes(facts, after)
+    done = {
+        name
+        for name, said in facts.activations.items()
+        if said.has_outcome and not said.activation.job
+    }
+
+    now = TeamFacts(before.mission, facts.run)
+    now.map.merge(facts.map)
+    version = Version(Incarnation(9, "n"), 1)
+    proposed = ProposedMission(compile_mission(after), "op", False, 1)
+    records: dict[str, Record] = {
+        "mission/1": proposed,
+        "mission_adopted/1": AdoptedMission(after.digest),
+    }
+    now.map.merge([make_entry("op", name, version, each) for name, each in records.items()])
+    assert now.declared == after
+    assert {name for name in done if now.has_outcome(name)} == {
+        *told.kept,
+        *(
+            name
+            for name in done
+            if facts.activations[name].activation.job and now.has_outcome(name)
+        ),
+    }
+    assert not any(now.has_outcome(name) for name in (*told.begun_again, *told.dropped))
+    requests = now.mission.evaluator.evaluate(now).requests
+    requested = {request.activation for request in requests}
+    for robot, task, local_task in (*told.going_on, *told.cancelled):
+        claim = facts.valid_claim(robot)
+        assert claim is not None
+        assert is_at_work(claim)
+        assert (claim.global_task, claim.local_task) == (task, local_task)
+        goes_on = claim.activation in requested and robot in after.robots
+        assert goes_on is ((robot, task, local_task) in told.going_on)
+    assert told.new_tasks == tuple(
+        sorted(after.global_tasks.keys() - before.mission.global_tasks.keys())
+    )
