@@ -16,7 +16,7 @@ settings.register_profile(
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
     # `make test-long` tries more.
-    max_examples=int(os.environ.get("MRBT_EXAMPLES", "15")),
+    max_examples=int(os.environ.get("MRBT_EXAMPLES", "10")),
 )
 settings.load_profile("project")
 

@@ -14,14 +14,14 @@ from tests.support.effort import seeds
 
 @pytest.mark.parametrize("seed", seeds(10))
 def test_every_job_of_a_stream_is_done_expired_or_cancelled(seed: int) -> None:
-    found = run(60, 240, seed)
+    found = run(30, 120, seed)
     assert (found["broken"], found["open_at_the_end"]) == ([], 0), f"seed {seed}"
     assert found["died_at_work"], "no robot died at work"
 
 
 def test_jobs_that_go_on_after_their_end_are_found() -> None:
     with mock.patch.object(JobClock, "passed", return_value=[]):
-        assert run(60, 240, 1)["broken"]
+        assert run(30, 120, 1)["broken"]
 
 
 def event(task: str, at_s: float, outcome: str | None = "success") -> Any:

@@ -14,7 +14,7 @@ from tests.support.paths import ROOT
 @pytest.fixture
 def mission(tmp_path: Path) -> Path:
     page = (ROOT / "docs/how-to/conditions.md").read_text()
-    text = page.partition("### Example: charge")[2].partition("## Reasons")[0]
+    text = page.partition("### Example: charge")[2].partition("\n## ")[0]
     blocks = dict(re.findall(r"```(yaml|python)\n(.*?)```", text, re.DOTALL))
     (tmp_path / "robot.py").write_text(blocks["python"])
     (tmp_path / "mission.yaml").write_text(blocks["yaml"])
