@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.blackboard import ValueType, comparison_of
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.jobs import OpenJob, with_jobs
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import FileError
