@@ -66,9 +66,14 @@ async def served(
             http=LimitedHttp,
             timeout_graceful_shutdown=CLOSE_TIMEOUT_S,
         )
-        server = _Server(config)
+        server, ended = _Server(config), anyio.Event()
+
+        async def serve() -> None:
+            await server.serve([opened])
+            ended.set()
+
         async with anyio.create_task_group() as group:
-            group.start_soon(server.serve, [opened])
+            group.start_soon(serve)
             while not server.started:
                 await anyio.sleep(0.01)
             shown = f"[{options.host}]" if ":" in options.host else options.host
@@ -78,8 +83,7 @@ async def served(
                 close()
                 server.must_end.set()
                 with anyio.CancelScope(shield=True), anyio.move_on_after(2 * CLOSE_TIMEOUT_S):
-                    while server.servers and any(s.is_serving() for s in server.servers):
-                        await anyio.sleep(0.01)
+                    await ended.wait()  # the last messages of streams are sent
                 group.cancel_scope.cancel()
 
 

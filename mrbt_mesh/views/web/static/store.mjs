@@ -7,6 +7,8 @@ const RETRY_MS = 1000;
 // The server says something every second.
 const SILENCE_MS = 4000;
 
+const epochOf = (event) => event.lastEventId.split(".")[0];
+
 export class Store {
   constructor(run) {
     this._run = run;
@@ -20,6 +22,8 @@ export class Store {
     this._now = { s: null, at: 0 };
     this._frame = 0;
     this._heardAt = 0;
+    // The epoch of the server that has said that it is over: it may answer once more before it ends.
+    this._over = "";
   }
 
   // `view(keys)` is called with the keys that have changed, at most once per frame.
@@ -64,19 +68,19 @@ export class Store {
       this._now = { s: news.now_s, at: this._heardAt };
       this._take(news.items, isFresh);
       this._become("connected");
-      this._isOver = false;
+      if (this._over !== epochOf(event)) this._over = "";
     };
     source.addEventListener("begin", (event) => take(event, true));
     source.addEventListener("news", (event) => take(event, false));
-    source.addEventListener("over", () => { this._isOver = true; this._become("over"); });
+    source.addEventListener("over", (event) => { this._over = epochOf(event); this._become("over"); });
     // After the end too: the next run may be served here.
     const again = () => {
       source.close();
       clearInterval(watch);
-      this._become(this._isOver ? "over" : "lost");
+      this._become(this._over ? "over" : "lost");
       setTimeout(() => this.connect(), RETRY_MS);
     };
-    source.onerror = () => { if (source.readyState === EventSource.CLOSED || this._isOver) again(); else this._become("lost"); };
+    source.onerror = () => { if (source.readyState === EventSource.CLOSED || this._over) again(); else this._become("lost"); };
     this._heardAt = performance.now();
     const watch = setInterval(() => {
       if (performance.now() - this._heardAt > SILENCE_MS) again();
