@@ -153,7 +153,7 @@ def drawn(count: int, seconds: float, seed: int) -> tuple[list[Submitted], list[
 
 
 def run(count: int = 600, seconds: float = 3_600, seed: int = 1) -> dict[str, Any]:
-    """Hand in `count` jobs within so many virtual seconds."""
+    """Hand in `count` jobs over a span of virtual seconds."""
     mission, program = mission_from_yaml(MISSION, __file__, Path()), RobotProgram(record_work=True)
     for name in mission.local_tasks:
         program.local_task(name)(_work)

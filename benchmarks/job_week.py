@@ -74,7 +74,7 @@ tree: {Jobs: all}
 US = 1_000_000
 BEGIN_S = 10.0
 TENTHS = 10
-# One plan in so many is timed.
+# Of this many plans one is timed.
 SAMPLED = 50
 # A robot that is heard every minute is enough where none dies.
 TIMING = Timing(heartbeat_us=60 * US, detection_us=240 * US)
@@ -160,7 +160,7 @@ async def _work(task: TaskContext, *arguments: str) -> dict[str, str]:
 
 
 def run(count: int = 200_000, seconds: float = 604_800, seed: int = 1) -> dict[str, Any]:
-    """Hand in `count` jobs within so many virtual seconds."""
+    """Hand in `count` jobs over a span of virtual seconds."""
     mission, program, pick = (
         mission_from_yaml(MISSION, "job_week", Path()),
         RobotProgram(),

@@ -205,8 +205,8 @@ class ConditionModel(FileModel):
 class EntryModel(FileModel):
     """An entry of the team's blackboard; until it is set it has its `default`, if it has one.
 
-    It holds one of `values`; or a number from `min` to `max`, with up to so many `decimals`; or a
-    `text` of up to so many characters: letters, digits, _, ., + and -. `per: robot`: every robot
+    It holds one of `values`; or a number from `min` to `max`, with at most `decimals` decimals; or
+    a text of at most `text` characters: letters, digits, _, ., + and -. `per: robot`: every robot
     has its own. `per: job`: every job has its own.
     """
 

@@ -279,7 +279,7 @@ class Driver:
         try:
             effects = self._agent.handle(event, now_us)
         except Exception as error:
-            # A callback of the loop would go on: the robot ends, whoever called.
+            # Raised in a callback of the loop it would only be logged: the robot must end.
             self._broken = error
             self._stopped.set()
             raise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import json
 from collections.abc import Callable
 
@@ -18,6 +17,7 @@ from mrbt_mesh.core.mission.revisions import RevisionError, revise
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.team_client import user_name
 from mrbt_mesh.runtime.watcher import Watcher
 
 
@@ -60,8 +60,8 @@ async def take_up(
 ) -> None:
     """Propose a revision, and wait until it is in force and all robots act by it.
 
-    `say` is told which robots are awaited. Raises RevisionRefusedError if one refuses it, or if it
-    is not in force after `timeout_s`: then it is withdrawn.
+    `say` gets which robots are awaited, when that changes. Raises RevisionRefusedError if one
+    refuses it, or if it is not in force after `timeout_s`: then it is withdrawn.
     """
     observer, number = watcher.observer, revision.revision_number
     alive = sorted(observer.membership.members())
@@ -70,7 +70,7 @@ async def take_up(
     text = json.dumps(
         {
             "mission": compile_mission(revision),
-            "operator": getpass.getuser(),
+            "operator": user_name(),
             "force": is_forced,
         }
     )

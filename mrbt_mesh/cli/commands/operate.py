@@ -92,18 +92,21 @@ thaw = _signal(
 # -- commands ----------------------------------------------------------------------------------
 
 
-@click.command(cls=MrbtCommand)
-@robot_argument
-@team_options
-@json_option
-def leave(robot: str, team: TeamOptions, as_json: bool) -> None:
-    """Have a robot leave on purpose: its work is handed over at once.
+def _robot_command(name: str, text: str) -> click.Command:
+    """A command that gives the command of its name to one robot."""
 
-    Example: mrbt leave B1
-    """
-    from mrbt_mesh.core.agent.commands import LEAVE
+    @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name} B1")
+    @robot_argument
+    @team_options
+    @json_option
+    def give(robot: str, team: TeamOptions, as_json: bool) -> None:
+        _command(team, as_json, robot, name)
 
-    _command(team, as_json, robot, LEAVE)
+    return give
+
+
+leave = _robot_command("leave", "Have a robot leave on purpose: its work is handed over at once.")
+return_ = _robot_command("return", "Give a borrowed robot back to the team.")
 
 
 @click.command(cls=MrbtCommand)
@@ -124,20 +127,6 @@ def borrow(robot: str, after: bool, team: TeamOptions, as_json: bool) -> None:
     _command(team, as_json, robot, BORROW, f"{AFTER_TASK if after else AT_ONCE} {user_name()}")
 
 
-@click.command("return", cls=MrbtCommand)
-@robot_argument
-@team_options
-@json_option
-def return_(robot: str, team: TeamOptions, as_json: bool) -> None:
-    """Give a borrowed robot back to the team.
-
-    Example: mrbt return A1
-    """
-    from mrbt_mesh.core.agent.commands import RETURN
-
-    _command(team, as_json, robot, RETURN)
-
-
 @click.command(cls=MrbtCommand)
 @team_options
 def attend(team: TeamOptions) -> None:
@@ -155,9 +144,17 @@ def attend(team: TeamOptions) -> None:
         if not watcher.observer.mission.on_lost_contact:
             raise InputError("robots of this mission wait for no operator (on_lost_contact)")
 
+        problems: dict[str, str] = {}
+
         async def tell(robot: str) -> None:
+            good, problem = False, "does not answer"
             with anyio.move_on_after(ATTEND_S):
-                await watcher.command(robot, ATTEND)
+                good, problem = await watcher.command(robot, ATTEND)
+            problem = "" if good else problem
+            if problem != problems.get(robot, ""):
+                text = f"not heard: {problem}" if problem else "hears the operator again"
+                click.echo(f"{WARNING} {robot} {text}", err=True)
+            problems[robot] = problem
 
         click.echo("attending; Ctrl-C ends it")
         while True:
@@ -166,7 +163,7 @@ def attend(team: TeamOptions) -> None:
                     group.start_soon(tell, robot)
                 await anyio.sleep(ATTEND_S)
 
-    with_team(team.find(), act)
+    with_team(team.find_running(), act)
 
 
 @click.command(cls=MrbtCommand)
@@ -248,12 +245,8 @@ def _command(
     team: TeamOptions, as_json: bool, robot: str | None, command: str, argument: str = ""
 ) -> NoReturn:
     """Give a command to a robot (None: any live one), print its answer, and end the process."""
-    from mrbt_mesh.runtime.known_runs import is_running
-
-    address = team.find()
+    address = team.find_running()
     name = address.transport.team
-    if address.run_dir is not None and not is_running(address.run_dir):
-        raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
 
     async def act(watcher: Watcher) -> int:
         living = list(watcher.observer.membership.members())

@@ -13,7 +13,6 @@ from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, fail
 from mrbt_mesh.cli.commands.operate import nobody, note_command, with_team
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
-from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.planning.revised import RevisionChanges
@@ -47,7 +46,6 @@ def revise(
              mrbt revise new.yaml
     """
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.runtime.known_runs import is_running
     from mrbt_mesh.runtime.team_revision import (
         RevisionRefusedError,
         next_revision,
@@ -55,10 +53,8 @@ def revise(
         unserved,
     )
 
-    after, address = load_mission(new), team.find()
+    after, address = load_mission(new), team.find_running()
     name = address.transport.team
-    if address.run_dir is not None and not is_running(address.run_dir):
-        raise InputError(f"team {name} does not run any more; `mrbt ls` lists those that do")
 
     async def act(watcher: Watcher) -> int:
         if not watcher.observer.membership.members():

@@ -22,7 +22,7 @@ from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import performance
 
 CONTACT = "contact"
-# So many of its own heartbeats a robot remembers.
+# How many of its own heartbeats a robot remembers.
 KEPT_BEATS = 1_000
 
 

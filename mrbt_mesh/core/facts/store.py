@@ -52,7 +52,7 @@ class BatchProof:
     signature: bytes = b""
 
 
-# What a value's bytes stand for.
+# The value that bytes decode to.
 plain_value = partial(msgpack.unpackb, strict_map_key=False)
 
 

@@ -97,7 +97,7 @@ class ValueType:
         return len(value) <= self.longest and is_argument(value)
 
     def samples(self) -> tuple[str, ...]:
-        """Arguments that stand for all values: all choices, a text, the ends of a range."""
+        """Arguments to check for all values: all choices, a text, the ends of a range."""
         ends = self.text(self.low), self.text(self.high)
         return self.choices or (("text"[: self.longest],) if self.longest else ends)
 

@@ -34,7 +34,7 @@ class Clock:
         self.clock.read(UNIX_US + ahead_us, self.now_us)
 
     def hear(self, *ahead_us: int, delay_us: int = 0) -> bool:
-        """One heartbeat of each of so many others later: whether anything has changed."""
+        """One heartbeat of each of the others later: whether anything has changed."""
         self.now_us += 250_000
         for robot, each_us in enumerate(ahead_us):
             report = dataclasses.replace(BEAT.report, number=self.now_us)

@@ -72,7 +72,7 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
 
 
 def pause(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
-    """The message and the entries with which a robot notes an command."""
+    """The message and the entries with which a robot notes a command."""
     command = TeamCommand(CommandKind.PAUSE, stamp)
     return inside.context(process.agent).replica.write([("command", command)], 0)
 

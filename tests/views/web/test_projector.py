@@ -107,7 +107,7 @@ def test_a_recording_is_told_and_takes_no_commands(shown: ShownRecording) -> Non
 
 
 async def test_it_is_played_while_somebody_looks(shown: ShownRecording) -> None:
-    """To the end, in the command of time; what is told last is how the run went."""
+    """To the end, in the order of time; what is told last is how the run went."""
     shown.playback.set_speed(1000)
     projector = RecordingProjector(shown)
     async with anyio.create_task_group() as group:
