@@ -55,7 +55,7 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.scheduling.problem import Schedule
-from mrbt_mesh.runtime.actions import ActionRunner, RobotIdentity
+from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
 from mrbt_mesh.runtime.blocked_loop import loop_watchdog
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
@@ -71,7 +71,7 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.recording import robot_recording
 from mrbt_mesh.runtime.robot_loop import RobotLoop
 from mrbt_mesh.runtime.robot_options import RobotOptions
-from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
@@ -439,6 +439,7 @@ class Driver:
         match effect:
             case StartAction() | CancelAction() | RequestBid() | CheckMission() | UseMission():
                 self._runner.carry_out(effect)
+                self._save_revision(effect)
             case Publish(kind, data, to):
                 self._transport.publish(kind, data, to)
             case Persist() | Forget():
@@ -464,6 +465,14 @@ class Driver:
                 level, code = "error" if effect.code else "info", effect.code
                 self.log(level, "stopped", code=code, reason=effect.reason)
                 self._stopped.set()
+
+    def _save_revision(self, effect: ProgramEffect) -> None:
+        """Robots that are started from the run directory begin with the revision in force."""
+        if isinstance(effect, UseMission) and self._run_dir is not None:
+            try:
+                self._run_dir.save_revision(effect.mission)
+            except RunDirError as error:
+                self.log("error", "revision_not_saved", reason=str(error))
 
     async def _make_plan(self, effect: MakePlan) -> None:
         try:

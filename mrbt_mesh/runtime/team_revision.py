@@ -20,6 +20,9 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.team_client import user_name
 from mrbt_mesh.runtime.watcher import Watcher
 
+# An operator who interrupts waits no longer for an answer.
+WITHDRAW_S = 2.0
+
 
 class RevisionRefusedError(Exception):
     """The team does not take up a revision; the text says who refuses it, and why."""
@@ -77,25 +80,44 @@ async def take_up(
     good, answer = await watcher.command(alive[0], REVISE, text)
     if not good:
         raise RevisionRefusedError(answer)
-    said = ""
-    with anyio.move_on_after(timeout_s):
-        while True:
-            facts, robots = observer.facts, observer.membership.members()
-            in_force = facts.declared.revision_number
-            if in_force >= number and facts.revisions.all_act_by(in_force, robots):
-                return
-            if in_force < number and (reason := facts.revisions.void_reason(number)):
-                raise RevisionRefusedError(reason)
-            held = facts.revisions.held_by
-            awaited = [
-                robot
-                for robot in sorted(robots)
-                if (held(robot).in_force if in_force >= number else held(robot).number) < number
-            ]
-            text = f"waiting for {', '.join(awaited)}" if awaited else "all hold it"
-            if text != said:
-                say(text)
-                said = text
-            await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
-    _, answer = await watcher.command(alive[0], WITHDRAW, str(number))
-    raise RevisionRefusedError(f"not in force after {timeout_s:g} s ({said}): {answer}")
+    awaited: list[str] = []
+    try:
+        with anyio.move_on_after(timeout_s):
+            await _until_in_force(watcher, number, awaited, say)
+            return
+    except anyio.get_cancelled_exc_class():
+        with anyio.move_on_after(WITHDRAW_S, shield=True):
+            await withdraw(watcher, number)
+        raise
+    answer = await withdraw(watcher, number)
+    late = f"waited for {', '.join(awaited) or 'a majority of the robots'}"
+    raise RevisionRefusedError(f"not in force after {timeout_s:g} s, {late}: {answer}")
+
+
+async def withdraw(watcher: Watcher, number: int) -> str:
+    """Take a proposal back; what the robot that was asked says of it."""
+    robots = sorted(watcher.observer.membership.members())
+    if not robots:
+        return "no robot of the team is heard, so it is still proposed"
+    _, answer = await watcher.command(robots[0], WITHDRAW, str(number))
+    return answer
+
+
+async def _until_in_force(
+    watcher: Watcher, number: int, awaited: list[str], say: Callable[[str], None]
+) -> None:
+    """Wait until all robots act by a revision; `awaited`: the robots without which they do not."""
+    observer, said = watcher.observer, ""
+    while True:
+        revisions, robots = observer.facts.revisions, observer.membership.members()
+        in_force = observer.facts.declared.revision_number
+        if in_force >= number and revisions.all_act_by(in_force, robots):
+            return
+        if in_force < number and (reason := revisions.void_reason(number)):
+            raise RevisionRefusedError(reason)
+        awaited[:] = revisions.awaited(number, in_force, robots)
+        text = f"waiting for {', '.join(awaited)}" if awaited else "all hold it"
+        if text != said:
+            say(text)
+            said = text
+        await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)

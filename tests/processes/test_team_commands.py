@@ -171,7 +171,7 @@ def test_a_team_is_ended_by_its_name(team: Team) -> None:
     team.up(EXPLORE)
     team.wait_for_events(2, "explore")
     name = json.loads((team.run_dir / "run.json").read_text())["options"]["team"]
-    expected = f"{name}: 2 robots ended, mission timeout\n"
+    expected = f"{name}: 2 robots ended, mission not finished\n"
     assert team.mrbt("down", name) == expected
     assert "mrbt down" in (team.run_dir / COMMANDS_FILE).read_text()
     code, summary = team.end()

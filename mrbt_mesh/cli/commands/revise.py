@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, fail
-from mrbt_mesh.cli.commands.operate import nobody, note_command, with_team
+from mrbt_mesh.cli.commands.operate import nobody, note_command, report, with_team
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
+from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.planning.revised import RevisionChanges
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=MrbtCommand)
-@click.argument("new", metavar="MISSION", type=PATH, help="Mission file.")
+@click.argument("new", metavar="[MISSION]", type=PATH, required=False, help="Mission file.")
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
+@click.option("--withdraw", is_flag=True, help="Take a proposal back that is not in force.")
 @click.option("--force", is_flag=True, help="Also if work that is under way is cancelled.")
 @click.option(
     "--timeout",
@@ -34,7 +36,13 @@ if TYPE_CHECKING:
 @team_options
 @json_option
 def revise(
-    new: Path, dry_run: bool, force: bool, timeout_s: float, team: TeamOptions, as_json: bool
+    new: Path | None,
+    dry_run: bool,
+    withdraw: bool,
+    force: bool,
+    timeout_s: float,
+    team: TeamOptions,
+    as_json: bool,
 ) -> None:
     """Give a running team another mission: other tasks, robots, types, places, or another tree.
 
@@ -53,12 +61,17 @@ def revise(
         unserved,
     )
 
-    after, address = load_mission(new), team.find_running()
+    if withdraw is (new is not None):
+        raise InputError("give the new mission's file, or --withdraw")
+    after = load_mission(new) if new is not None else None
+    address = team.find_running()
     name = address.transport.team
 
     async def act(watcher: Watcher) -> int:
         if not watcher.observer.membership.members():
             fail(nobody(watcher), FAILURE)
+        if after is None:
+            return await _withdraw(watcher, name, as_json)
         revision, changes = next_revision(watcher, after)
         number, blocked = revision.revision_number, unserved(watcher, revision)
         if not as_json:
@@ -73,7 +86,6 @@ def revise(
             except RevisionRefusedError as error:
                 fail(f"{name}: revision {number} is refused: {error}", FAILURE)
             if address.run_dir is not None:
-                address.run_dir.save_revision(revision)
                 note_command(address.run_dir, "revise", f"revision {number} is in force")
         if as_json:
             told = {"team": name, "revision": number, "in_force": not dry_run, "blocked": blocked}
@@ -83,6 +95,19 @@ def revise(
         return SUCCESS
 
     with_team(address, act)
+
+
+async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
+    from mrbt_mesh.runtime.team_revision import withdraw
+
+    facts = watcher.observer.facts
+    pending = facts.revisions.pending(facts.declared.revision_number)
+    if pending is None:
+        fail(f"{team}: no revision is proposed", FAILURE)
+    number = pending[1].revision_number
+    answer = await withdraw(watcher, number)
+    report(as_json, team, [*watcher.observer.membership.members()], "revise", answer)
+    return SUCCESS
 
 
 def lines(changes: RevisionChanges, blocked: Sequence[str]) -> list[str]:

@@ -93,7 +93,9 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
         fail(f"{info.team}: {', '.join(left)} cannot be ended", FAILURE)
     summary = summary_of_finished(found)
     ended = "1 robot" if len(robots) == 1 else f"{len(robots)} robots"
-    result = f", mission {summary['result']}" if summary else ""
+    # Without robots any other mission counts as blocked: here that is what was asked for.
+    has_ended = summary is not None and summary["result"] in ("success", "failure")
+    result = f", mission {summary['result']}" if summary and has_ended else ", mission not finished"
     report(as_json, info.team, robots, "down", f"{ended} ended{result}")
 
 

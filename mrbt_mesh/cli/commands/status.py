@@ -111,6 +111,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
             working.setdefault(row["global_task"], []).append(robot)
     return {
         "mission": observer.mission.name,
+        "revision": observer.mission.revision_number,
         "headline": [statement.to_json() for statement in statements],
         "result": plan.result.name.lower() if plan else None,
         "ends": str(observer.mission.ends),

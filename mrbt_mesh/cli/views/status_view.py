@@ -37,7 +37,8 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
             _works_on(row),
             capability_changes(row),
         )
-    parts: list[RenderableType] = [Text(data["mission"], "bold")]
+    name = data["mission"] + (f", revision {data['revision']}" if data["revision"] else "")
+    parts: list[RenderableType] = [Text(name, "bold")]
     parts += [Text.assemble("  ", statement_text(each)) for each in data["headline"]]
     parts.append(robots)
     if data["forecast"] is not None:

@@ -102,6 +102,12 @@ class Revisions:
         held = map(self.held_by, robots)
         return all((each.number, each.digest) == wanted and not each.problem for each in held)
 
+    def awaited(self, number: int, in_force: int, robots: Collection[str]) -> list[str]:
+        """The robots that have to hold this revision first, or to act by it; sorted."""
+        held = ((robot, self.held_by(robot)) for robot in sorted(robots))
+        is_in_force = in_force >= number
+        return [r for r, each in held if (each.in_force if is_in_force else each.number) < number]
+
     def all_act_by(self, number: int, robots: Collection[str]) -> bool:
         """Whether all these robots act by this revision, or a later one."""
         return all(self.held_by(robot).in_force >= number for robot in robots)

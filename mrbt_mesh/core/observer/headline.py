@@ -77,13 +77,31 @@ def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
     found = [*_blocked(observer), *_dead(observer)]
     if observer.record.result is None:
         found += [*_silent(observer), *_faulty(observer), *_agreement(observer, differing)]
-        found += _open_jobs(observer)
+        found += [*_revision(observer), *_open_jobs(observer)]
     order = list(Level)
     is_bad = any(statement.level is Level.BAD for statement in found)
     result = list(_result(observer, is_bad))
     if observer.record.result is not None:
         return [*result, *found]
     return sorted([*result, *found], key=lambda statement: order.index(statement.level))
+
+
+def _revision(observer: Observer) -> Iterator[Statement]:
+    """Another mission that is on its way: until then nobody begins anything."""
+    facts, robots = observer.facts, observer.membership.members()
+    if not facts.is_revised:
+        return
+    in_force = facts.declared.revision_number
+    if (pending := facts.revisions.pending(in_force)) is not None:
+        number = pending[1].revision_number
+        awaited = shortened(facts.revisions.awaited(number, in_force, robots)) or "a majority"
+        yield Statement(
+            Level.WARN,
+            f"revision {number} is proposed by {pending[0].operator}, no robot begins anything: "
+            f"waiting for {awaited} (`mrbt revise --withdraw` ends it)",
+        )
+    elif awaited := shortened(facts.revisions.awaited(in_force, in_force, robots)):
+        yield Statement(Level.WARN, f"revision {in_force} is in force, waiting for {awaited}")
 
 
 def _open_jobs(observer: Observer) -> Iterator[Statement]:

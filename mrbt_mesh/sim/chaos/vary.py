@@ -29,7 +29,7 @@ def _with_tree(mission: Mission, spec: NodeSpec) -> Mission:
         return mission
 
 
-def _paths(mission: Mission) -> Iterator[Node]:
+def _controls(mission: Mission) -> Iterator[Node]:
     """Controls whose children may be changed: none with or in a Jobs node."""
     has_jobs = mission.tree.containing(Kind.JOBS)
     for node in mission.tree.nodes:
@@ -49,7 +49,7 @@ def _changed(mission: Mission, at: int, children: tuple[NodeSpec, ...]) -> Missi
 
 
 def _control(mission: Mission, pick: random.Random) -> tuple[Node, list[NodeSpec]] | None:
-    found = list(_paths(mission))
+    found = list(_controls(mission))
     if not found:
         return None
     node = pick.choice(found)

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission, ProposedMission
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.core.observer.episodes import after_text
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
@@ -71,9 +77,31 @@ def test_all_are_dead() -> None:
 @pytest.mark.parametrize(
     ("what", "says"), [("pause", "paused: `mrbt resume` goes on"), ("abort", "failure")]
 )
-def test_orders(what: str, says: str) -> None:
+def test_commands(what: str, says: str) -> None:
     _, observer = watched(WELD, f"tell A team {what}", "pass 300")
     assert says in said(observer)[0]
+
+
+def test_a_revision_that_is_not_held_by_all_says_whom_it_waits_for() -> None:
+    _, observer = watched(WELD)
+    after = revise(observer.mission, observer.mission)
+    held = HeldMission(1, after.digest, "", 0)
+    facts = {
+        ("op", "mission/1"): ProposedMission(compile_mission(after), "anna", False, 1),
+        ("B", "mission_held"): held,
+    }
+    version = Version(Incarnation(9, "n"), 1)
+    observer.facts.map.merge([make_entry(a, n, version, r) for (a, n), r in facts.items()])
+    assert said(observer)[0] == (
+        "warn revision 1 is proposed by anna, no robot begins anything: waiting for A "
+        "(`mrbt revise --withdraw` ends it)"
+    )
+    adopted = AdoptedMission(after.digest)
+    acts = replace(held, in_force=1)
+    later = Version(Incarnation(9, "n"), 2)
+    observer.facts.map.merge([make_entry("A", "mission_adopted/1", version, adopted)])
+    observer.facts.map.merge([make_entry("B", "mission_held", later, acts)])
+    assert said(observer)[0] == "warn revision 1 is in force, waiting for A"
 
 
 def test_the_end_comes_with_the_robots_that_it_cost() -> None:
