@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -27,7 +28,7 @@ BLOCK = 20
 EVERYWHERE = {"I1", "I2", "I3", "I4", "I6", "I7", "I9"}
 ALL = EVERYWHERE | {"I5", "I8", "I10", "I11"}
 # A few quick seeds in which there is everything; the same whatever MRBT_CHAOS_SEEDS says.
-SAMPLE = range(220, 240)
+SAMPLE = (223, 225, 226, 228, 235, 237, 239, 243, 246, 249, 256, 257)
 # Slow missions are run faster, and get fewer seeds.
 EXAMPLE_SEEDS = {
     "assembly": 0.5,
@@ -40,7 +41,7 @@ EXAMPLE_SEEDS = {
 }
 
 
-def check(name: str | None, tried: range) -> Counter[str]:
+def check(name: str | None, tried: Sequence[int]) -> Counter[str]:
     """Run seeds; a failure names the seed and the command that shows it. Returns what was checked:
     in how many seeds for each invariant."""
     where = f"examples/{name}/mission.yaml --speed 2" if name else "--generated"

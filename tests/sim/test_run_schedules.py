@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from mrbt_mesh.core.agent import agent
+from mrbt_mesh.core.agent import agent, scheduler
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.facts import records
@@ -21,7 +21,14 @@ from tests.support.effort import seeds
 from tests.support.runs import example
 
 SECOND_US = 1_000_000
+# Of each search; what is found need not be good here.
+EVALUATIONS = 100
 LEFT, RIGHT = ("C1", "C2", "L1"), ("C3", "L2", "S1")
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scheduler, "evaluations_of", lambda _: EVALUATIONS)
 
 
 @pytest.mark.parametrize("seed", seeds(3))
@@ -69,10 +76,10 @@ def test_false_proposals_do_not_harm_the_team(seed: int, monkeypatch: pytest.Mon
     kill = [(6 * SECOND_US, Kill("C2"))]
     honest = simulate(mission, program, seed=seed, schedule=kill, inspect=False)
 
-    def scheduler(context: Context) -> Scheduler:
+    def some_lie(context: Context) -> Scheduler:
         return Liar(context) if context.me == "C1" else Scheduler(context)
 
-    monkeypatch.setattr(agent, "Scheduler", scheduler)
+    monkeypatch.setattr(agent, "Scheduler", some_lie)
     result = simulate(mission, program, seed=seed, schedule=kill)
     assert (result.result, result.violations) == ("success", []), f"seed {seed}"
     # Its schedules are in force until others have found a better one, for 0.3 s of a search.

@@ -28,9 +28,9 @@ from tests.support.runs import source
 
 pytestmark = pytest.mark.timeout(900)
 
-# With MRBT_LONG=1 so many; a part of them otherwise.
-CHAOS_SEEDS, SOME_CHAOS_SEEDS = 200, 8
-FALSIFICATIONS, SOME_FALSIFICATIONS = 200, 20
+# All of them with MRBT_LONG=1, else some.
+CHAOS_SEEDS, SOME_CHAOS_SEEDS = 200, 4
+FALSIFICATIONS, SOME_FALSIFICATIONS = 200, 12
 FAULTS: dict[str, Schedule] = {
     "none": (),
     "death": ((12_500_000, Kill("A1")),),

@@ -30,7 +30,7 @@ from tests.support.effort import IS_LONG
 from tests.support.recorded import record_example
 from tests.support.runs import example
 
-# With MRBT_LONG=1 all moments of a run; else one in so many.
+# With MRBT_LONG=1 all moments of a run, else some of them.
 MOMENTS, SOME = 10, 5
 # The simulation draws its own delays of messages.
 NEAR_US = 50_000
