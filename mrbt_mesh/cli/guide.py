@@ -69,18 +69,26 @@ class Guide:
 
 
 def replaceable(observer: Observer) -> Iterator[str]:
-    """The robots at work whose local task a living robot without work can do, too."""
+    """The robots at work that another one can replace now, and that no global task needs later."""
     members, at_work = observer.facts.members, {}
-    free = set(observer.membership.members())
+    free = alive = set(observer.membership.members()) & set(members)
     for robot in observer.robots():
         claim = observer.claim(robot)
         if claim is not None:
-            free.discard(robot)
+            free = free - {robot}
             at_work[robot] = claim
+
+    def able(robots: set[str], local_task: str) -> int:
+        return sum(
+            performance(members[robot].member.capabilities, local_task) is not None
+            for robot in robots
+        )
+
+    needs = [need for task in observer.mission.global_tasks.values() for need in task.needs]
     for robot, claim in at_work.items():
-        task = claim.local_task
-        able = [
-            r for r in free if r in members and performance(members[r].member.capabilities, task)
-        ]
-        if claim.phase is Phase.RUNNING and able:
+        if (
+            claim.phase is Phase.RUNNING
+            and able(free, claim.local_task)
+            and all(able(alive - {robot}, need.local_task) >= need.min_robots for need in needs)
+        ):
             yield robot
