@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import select
 import socket
 import subprocess
@@ -37,6 +38,8 @@ from mrbt_mesh.runtime.team_address import certificates_of
 
 HOST = "127.0.0.1"
 PORT = 7447
+# Below the ports that Linux, macOS and Windows give to sockets that dial.
+DATAGRAM_PORTS = range(10_000, 32_768)
 # Ports of robots that were or will be started from here.
 _reserved: list[socket.socket] = []
 
@@ -44,17 +47,23 @@ _reserved: list[socket.socket] = []
 def free_endpoints(count: int, protocol: str) -> list[str]:
     """Loopback endpoints that are free now.
 
-    On Linux no other launcher gets the TCP ports while this process lives: robots take a while
-    to start, and teams may start side by side.
+    On Linux no other launcher gets the ports while this process lives: robots take a while to
+    start, and teams may start side by side. Raises OSError where none is free.
     """
-    is_stream = protocol in PROTOCOLS[WIRED]
-    kind = socket.SOCK_STREAM if is_stream else socket.SOCK_DGRAM
-    sockets = [socket.socket(type=kind) for _ in range(count)]
+    if protocol in PROTOCOLS[WIRED]:
+        ports = _stream_ports(count)
+    else:
+        ports = [_datagram_port() for _ in range(count)]
+    return [f"{protocol}/{HOST}:{port}" for port in ports]
+
+
+def _stream_ports(count: int) -> list[int]:
+    sockets = [socket.socket() for _ in range(count)]
     try:
         for item in sockets:
             item.bind((HOST, 0))
         ports = [item.getsockname()[1] for item in sockets]
-        if is_stream and sys.platform == "linux":
+        if sys.platform == "linux":
             for item in sockets:
                 # Zenoh sets this as well, and so may listen; who asks for any port may not have it.
                 item.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -63,7 +72,27 @@ def free_endpoints(count: int, protocol: str) -> list[str]:
     finally:
         for item in sockets:
             item.close()
-    return [f"{protocol}/{HOST}:{port}" for port in ports]
+    return ports
+
+
+def _datagram_port() -> int:
+    """A UDP port, reserved among launchers by the TCP port of the same number.
+
+    A bound UDP port cannot be left to the robot, and a free one among those for sockets that dial
+    might be taken by any robot that dials until then.
+    """
+    for port in random.sample(DATAGRAM_PORTS, 1000):
+        reservation = socket.socket()
+        try:
+            reservation.bind((HOST, port))
+            with socket.socket(type=socket.SOCK_DGRAM) as probe:
+                probe.bind((HOST, port))
+        except OSError:
+            reservation.close()
+        else:
+            _reserved.append(reservation)
+            return port
+    raise OSError("no UDP port is free")
 
 
 def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:

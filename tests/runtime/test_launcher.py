@@ -29,6 +29,18 @@ def test_teams_that_start_side_by_side_get_different_ports() -> None:
         robot.listen()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="the range of ports that Linux gives")
+def test_a_datagram_port_is_none_that_the_system_gives_to_who_dials() -> None:
+    found = [endpoint for _ in range(3) for endpoint in free_endpoints(20, "quic")]
+    assert len(set(found)) == len(found)
+    given = Path("/proc/sys/net/ipv4/ip_local_port_range").read_text().split()
+    for endpoint in found:
+        port = int(endpoint.rpartition(":")[2])
+        assert port < int(given[0])
+        with socket.socket(type=socket.SOCK_DGRAM) as robot:
+            robot.bind((HOST, port))
+
+
 def run_with_metrics(first: int | None) -> RunInfo:
     mission = load_mission(mission_file("explore"))
     return new_run(
