@@ -19,6 +19,7 @@ from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
+from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.assignment import canonical, problem
 from mrbt_mesh.core.bt.evaluator import Evaluator
@@ -96,6 +97,8 @@ add("per_robot_conditions_are_anybodys", (demands, "eligible", always(None)))
 add("ended_jobs_are_forgotten", (jobs, "_is_end", always(False)))
 # Operators' cancellations and ends of jobs do not keep robots from them.
 add("ended_jobs_go_on", (Jobs, "has_ended", always(False)))
+# A robot begins things while others act by another revision, or hold one that is not in force.
+add("revisions_are_not_waited_for", (Reviser, "may_begin", always(True)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 

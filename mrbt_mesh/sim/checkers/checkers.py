@@ -33,7 +33,7 @@ from mrbt_mesh.sim.checkers.plans import bids_first, optimal_assignment, same_pl
 from mrbt_mesh.sim.checkers.progress import Progress
 from mrbt_mesh.sim.checkers.renewals import Renewals
 from mrbt_mesh.sim.checkers.restarts import Resumption
-from mrbt_mesh.sim.checkers.revisions import one_revision
+from mrbt_mesh.sim.checkers.revisions import Revised
 from mrbt_mesh.sim.checkers.work import (
     able_to_start,
     at_most_mu,
@@ -66,6 +66,7 @@ class Checkers(Inspection):
         self.i6 = Progress(self.run)
         self.i9 = Resumption(self.run)
         self.i10 = KeptJobs(self.run)
+        self.i11 = Revised(self.run)
         self._log = EffectLog(keep_log)
         self.effect_log = self._log.lines
         if comparison is not None:
@@ -105,6 +106,7 @@ class Checkers(Inspection):
         agent = process.agent.view
         self.i5.handling(process, agent, event)
         self.i6.finishing(agent, event)
+        self.i11.handling(agent)
         self._claim, action = agent.claim, agent.action
         self._is_running = action is not None and not action.travel_to
         self._life = agent.incarnation
@@ -132,7 +134,7 @@ class Checkers(Inspection):
                 self.i3.started(agent, effect)
                 able_to_start(run, agent, effect)
                 same_arguments(run, agent, effect)
-                one_revision(run, agent, effect)
+                self.i11.started(agent, effect)
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)
@@ -146,6 +148,7 @@ class Checkers(Inspection):
             self.i10.handled(process, agent, effects)
         self.i3.check(process, agent)
         self.renewals.check(process, agent)
+        self.i11.handled(agent)
 
     def sample(self) -> None:
         """Check what is about the team as a whole."""

@@ -1,35 +1,77 @@
-"""I11: no two robots that hear one another act by different revisions of the mission."""
+"""I11: no two robots that hear one another act by different revisions of the mission, and what a
+dry run says of a revision is what comes of it.
+"""
 
 from __future__ import annotations
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.validation import has_activation
+from mrbt_mesh.core.facts.records import MISSION_KINDS
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.planning.revised import is_at_work, revision_changes
 from mrbt_mesh.sim.checkers.findings import RunFindings, joined
 
 
-def one_revision(run: RunFindings, agent: AgentView, start: StartAction) -> None:
-    """When a robot begins something, no other one acts by another revision."""
-    facts = agent.facts
-    if not facts.is_revised:
-        return
-    run.checks["I11"] += 1
-    number, blocked = facts.declared.revision_number, run.world.network.blocked
-    for other in joined(run.world):
-        links = {(agent.robot, other.robot), (other.robot, agent.robot)}
-        if (
-            other.action is None
-            or links & blocked
-            or other.robot not in agent.alive()
-            or agent.robot not in other.alive()
+class Revised:
+    """Looks at every robot that begins something, and at every one that takes up a revision."""
+
+    def __init__(self, run: RunFindings) -> None:
+        self._run = run
+        # Before the step, if a revision is proposed: the mission in force, and the facts.
+        self._before: tuple[Mission, list[Entry]] | None = None
+
+    def handling(self, agent: AgentView) -> None:
+        """Before a step."""
+        facts = agent.facts
+        in_force = facts.declared.revision_number
+        is_proposed = facts.revisions.last_number > in_force
+        self._before = (facts.declared, list(facts.map)) if is_proposed else None
+
+    def handled(self, agent: AgentView) -> None:
+        """After a step."""
+        facts = agent.facts
+        if self._before is None or self._before[0] is facts.declared:
+            return
+        before = TeamFacts(self._before[0], facts.run)
+        for entries in (self._before[1], facts.map):
+            before.map.merge(each for each in entries if each.parts[0] not in MISSION_KINDS)
+        told = revision_changes(before, facts.declared)
+        self._run.checks["I11"] += 1
+        lost = [name for name in told.kept if not facts.has_outcome(name)]
+        left = [name for name in (*told.begun_again, *told.dropped) if facts.has_outcome(name)]
+        at_work = {
+            (robot, claim.global_task, claim.local_task)
+            for robot in facts.claims
+            if (claim := facts.valid_claim(robot)) is not None and is_at_work(claim)
+        }
+        taken_off = sorted(set(told.going_on) - at_work)
+        for what, names in (
+            ("was to stay done and is not", lost),
+            ("was to begin again and is done", left),
+            ("was to go on and does not", taken_off),
         ):
-            continue
-        theirs, works_on = other.facts.declared, other.action.activation
-        if theirs.revision_number != number and not has_activation(
-            facts.declared, works_on, facts.run
-        ):
-            run.violation(
-                "I11",
-                f"{agent.robot} begins {start.activation} by revision {number} while "
-                f"{other.robot} is at {works_on} by revision {theirs.revision_number}",
-            )
+            if names:
+                self._run.violation("I11", f"{agent.robot} takes up a revision: {names} {what}")
+
+    def started(self, agent: AgentView, start: StartAction) -> None:
+        """When a robot begins something, no other one acts by another revision."""
+        run, number = self._run, agent.facts.declared.revision_number
+        for other in joined(run.world):
+            theirs = other.facts.declared.revision_number
+            if not number and not theirs:
+                continue
+            run.checks["I11"] += 1
+            links = {(agent.robot, other.robot), (other.robot, agent.robot)}
+            if (
+                theirs != number
+                and not links & run.world.network.blocked
+                and other.robot in agent.alive()
+                and agent.robot in other.alive()
+            ):
+                run.violation(
+                    "I11",
+                    f"{agent.robot} begins {start.activation} by revision {number} while "
+                    f"{other.robot} acts by revision {theirs}",
+                )
