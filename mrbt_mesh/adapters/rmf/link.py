@@ -47,6 +47,9 @@ class RmfLink:
     async def run(self) -> None:
         """Never returns. Raises InputError for a URI that cannot be right."""
         said = ""
+        while self._changes.version == 0:
+            await anyio.sleep(LOOK_S)
+        self._look(is_older=True)
         async with anyio.create_task_group() as group:
             group.start_soon(self._follow)
             while True:
@@ -66,24 +69,28 @@ class RmfLink:
     async def _follow(self) -> None:
         """Keep the states of tasks up to date, also without a connection."""
         while True:
-            is_older, items = self._version == 0, self._changes.since(self._version)
-            self._version = self._changes.version
-            for key, row in items.items():
-                kind, _, name = key.partition("/")
-                if kind != "job":
-                    continue
-                if row is None:
-                    for known in (self._rows, self._states, self._api.histories):
-                        known.pop(name, None)
-                else:
-                    self._rows[name] = row
-                    self._api.histories[name].follow(row, _now_ms(), is_older)
-                    self._api.touched.add(name)
-            for name in self._api.touched & self._rows.keys():
-                history = self._api.histories[name]
-                self._states[name] = task_state(self._rows[name], history, self._fleet)
-            self._api.touched.clear()
+            self._look()
             await anyio.sleep(LOOK_S)
+
+    def _look(self, is_older: bool = False) -> None:
+        """Take in what has changed. `is_older`: it was there before this program."""
+        items = self._changes.since(self._version)
+        self._version = self._changes.version
+        for key, row in items.items():
+            kind, _, name = key.partition("/")
+            if kind != "job":
+                continue
+            if row is None:
+                for known in (self._rows, self._states, self._api.histories):
+                    known.pop(name, None)
+            else:
+                self._rows[name] = row
+                self._api.histories[name].follow(row, _now_ms(), is_older)
+                self._api.touched.add(name)
+        for name in self._api.touched & self._rows.keys():
+            history = self._api.histories[name]
+            self._states[name] = task_state(self._rows[name], history, self._fleet)
+        self._api.touched.clear()
 
     async def _serve(self, connection: ClientConnection) -> None:
         """Until the connection ends."""
