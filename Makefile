@@ -80,8 +80,8 @@ docs: $(READY)
 # Teams of real processes wait most of the time: three at once, after everything else. Browsers do not:
 # beside one a team may come to run too late.
 test: lint docs
-	$(BIN)/pytest -n auto -m "not processes and not browser"
-	$(BIN)/pytest -n 3 -rs -m "processes and not docker and not slow and not browser"
+	$(BIN)/pytest -n auto -m "not processes"
+	$(BIN)/pytest -n 3 -rs -m "not slow" tests/processes
 	$(BIN)/pytest -rs -m browser tests/browser
 
 # tests/structure/test_wall.py runs some of them.

@@ -9,7 +9,7 @@ import pytest
 
 from mrbt_mesh.drills.routers import DrillRouters, RoutersError, routers
 
-pytestmark = [pytest.mark.processes, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.timeout(300)
 
 
 def children() -> set[int]:

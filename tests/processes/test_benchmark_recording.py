@@ -9,7 +9,6 @@ import pytest
 from benchmarks import recording
 
 
-@pytest.mark.processes
 @pytest.mark.timeout(300)
 def test_every_robot_is_measured(tmp_path: Path) -> None:
     found = recording.measure_in(tmp_path, robots=2, seconds=8.0)
