@@ -12,7 +12,7 @@ import re
 import struct
 import weakref
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cache
@@ -127,6 +127,10 @@ class RecordedMessages(Sequence[RecordedMessage]):
         topic = self.topics[index]
         data = _read_message(topic, self._text(index))
         return RecordedMessage(self._numbers[index], topic, self.times_us[index], data)
+
+    def of(self, *topics: str) -> Iterator[RecordedMessage]:
+        """Those of some channels; the others are not read."""
+        return (self[index] for index, topic in enumerate(self.topics) if topic in topics)
 
     def _text(self, index: int) -> bytes:
         self._file.seek(self._places[index])

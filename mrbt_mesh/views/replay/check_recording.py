@@ -93,8 +93,7 @@ class RecordingCheck(CheckedRecording):
     def _end(self) -> None:
         """The recording is whole: nothing may be missing at its end."""
         self._steps.end()
-        lives = [each for each in self.recording.records if each.topic == channels.LIFE]
-        events = [each.data["event"] for each in lives]
+        events = [each.data["event"] for each in self.recording.records.of(channels.LIFE)]
         if events[-2:] not in (["joined", "stopped"], ["caught_up", "stopped"]):
             return  # it took no part in the end, or its plan was still being made
         plan, state = self.plan, self.state

@@ -119,7 +119,8 @@ class TeamCheck:
         robot = recording.metadata.robot
         for check in self.checks:
             other = check.recording
-            for each in other.records if other is not recording else ():
+            looked_at = other.records.of(channels.ROBOTS, channels.LIFE)
+            for each in looked_at if other is not recording else ():
                 if (
                     each.topic == channels.ROBOTS
                     and each.data["robot"] == robot
@@ -188,11 +189,11 @@ class TeamCheck:
     ) -> Iterator[tuple[RecordingCheck, RecordedMessage]]:
         """What other recordings have of the heads of this one."""
         for check in self.checks:
-            for each in check.recording.records if check is not owner else ():
-                if each.topic == channels.HEADS:
-                    nonce = read_incarnation(each.data["incarnation"]).nonce
-                    if owners.get((each.data["robot"], nonce)) is owner:
-                        yield check, each
+            heads = check.recording.records.of(channels.HEADS)
+            for each in heads if check is not owner else ():
+                nonce = read_incarnation(each.data["incarnation"]).nonce
+                if owners.get((each.data["robot"], nonce)) is owner:
+                    yield check, each
 
     # -- all of them ----------------------------------------------------------------------------
 
@@ -205,11 +206,10 @@ class TeamCheck:
         }
         counted_on: dict[tuple[str, Incarnation], str] = {}
         for check in self.checks:
-            for each in check.recording.records:
-                if each.topic == channels.ALIVE:
-                    for robot, text in each.data["robots"].items():
-                        life = read_incarnation(text)
-                        counted_on.setdefault((robot, life), check.recording.name)
+            for each in check.recording.records.of(channels.ALIVE):
+                for robot, text in each.data["robots"].items():
+                    life = read_incarnation(text)
+                    counted_on.setdefault((robot, life), check.recording.name)
         for (robot, life), file in sorted(counted_on.items()):
             if (robot, life) not in there:
                 text = f"no recording of its life {life} is here, with which {file} counts"
@@ -227,8 +227,8 @@ def lives(recording: Recording) -> list[Incarnation]:
     """The incarnations that a robot had while it recorded, in order."""
     return [
         read_incarnation(record.data["incarnation"])
-        for record in recording.records
-        if record.topic == channels.LIFE and record.data["event"] == "joined"
+        for record in recording.records.of(channels.LIFE)
+        if record.data["event"] == "joined"
     ]
 
 
