@@ -9,7 +9,7 @@ from tests.support.mesh_alone import copy_mesh, run
 # Of each package some, which load and run missions; `make test-mesh` runs all.
 SOME = (
     "tests/cli/commands/test_plan.py",
-    "tests/core/agent",
+    "tests/core/agent/test_agent_scripts.py",
     "tests/formats/test_mission_file.py",
     "tests/recording/test_robot_recorder.py",
     "tests/runtime/test_program_loader.py",

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 # A launcher that has been asked to end gives its robots a few seconds to leave.
 LAUNCHER_END_S = 20.0
+LAUNCHER_LOOK_S = 0.05
 LOOK_S = 0.2
 
 
@@ -106,11 +107,17 @@ def _end_launcher(run_dir: RunDir) -> None:
     from mrbt_mesh.runtime.launcher_lock import launcher_of
 
     process = launcher_of(run_dir)
-    if process is not None:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            process.terminate()
-        for each in psutil.wait_procs([process], LAUNCHER_END_S)[1]:
-            each.kill()
+    if process is None:
+        return
+    with contextlib.suppress(psutil.NoSuchProcess):
+        process.terminate()
+        until_s = time.monotonic() + LAUNCHER_END_S
+        # One that has ended is a zombie until what started it asks for its status.
+        while process.status() != psutil.STATUS_ZOMBIE:
+            if time.monotonic() > until_s:
+                process.kill()
+                break
+            time.sleep(LAUNCHER_LOOK_S)
 
 
 @click.command(cls=MrbtCommand)
