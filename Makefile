@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-page test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
 	bench-membership bench-submissions bench-jobs bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -77,12 +77,10 @@ lint: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-# Teams of real processes wait most of the time: three at once, after everything else. Browsers do not:
-# beside one a team may come to run too late.
+# Teams of real processes wait half of the time: four at once, after everything else.
 test: lint docs
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -n 3 -rs -m "not slow" tests/processes
-	$(BIN)/pytest -rs -m browser tests/browser
+	$(BIN)/pytest -n 4 -rs -m "not slow" tests/processes
 
 # tests/structure/test_wall.py runs some of them.
 test-mesh: $(READY)
@@ -103,8 +101,11 @@ test-slow: $(READY)
 tolerance: $(READY)
 	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
 
-test-browser: $(READY) chromium
-	$(BIN)/pytest -m browser -rs tests/browser
+test-browser: chromium test-page
+
+# Skipped where there is no Chromium.
+test-page: $(READY)
+	$(BIN)/pytest -n 2 -m browser -rs tests/browser
 
 screenshots: $(READY) chromium
 	@command -v tmux > /dev/null || $(APT_INSTALL) tmux || \
