@@ -40,8 +40,6 @@ HOST = "127.0.0.1"
 PORT = 7447
 # Below the ports that Linux, macOS and Windows give to sockets that dial.
 DATAGRAM_PORTS = range(10_000, 32_768)
-# Ports of robots that were or will be started from here.
-_reserved: list[socket.socket] = []
 
 
 def free_endpoints(count: int, protocol: str) -> list[str]:
@@ -67,7 +65,7 @@ def _stream_ports(count: int) -> list[int]:
             for item in sockets:
                 # Zenoh sets this as well, and so may listen; who asks for any port may not have it.
                 item.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            _reserved.extend(sockets)
+                item.detach()  # it stays open until this process ends
             sockets = []
     finally:
         for item in sockets:
@@ -90,7 +88,7 @@ def _datagram_port() -> int:
         except OSError:
             reservation.close()
         else:
-            _reserved.append(reservation)
+            reservation.detach()
             return port
     raise OSError("no UDP port is free")
 

@@ -222,8 +222,8 @@ class MemberKeys:
         member = self._members.get(name)
         return member is not None and _verifies(member.sign, data, signature)
 
-    def was_signed(self, name: str, data: bytes, signature: bytes) -> bool:
-        return was_signed(self.manifest, name, data, signature)
+    def was_signed(self, name: str, data: bytes, signature: bytes, role: Role = Role.ROBOT) -> bool:
+        return was_signed(self.manifest, name, data, signature, role)
 
     def tag(self, name: str, data: bytes) -> bytes | None:
         key = self._shared.get(name)

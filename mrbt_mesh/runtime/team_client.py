@@ -21,9 +21,12 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOBS, SUBMIT
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOBS, NOT_READY, SUBMIT
 from mrbt_mesh.core.agent.wall_clock import earlier_median
+from mrbt_mesh.core.facts.records import JOB
+from mrbt_mesh.core.facts.values import MAX_TEXT
 from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
 from mrbt_mesh.errors import InputError, lone, nearest
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -159,15 +162,23 @@ class TeamClient:
         if safe is not None and not 1 <= safe <= count:
             raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
         name = job_id or _new_id()
-        given: dict[str, Any] = {"id": name, "type": kind, "arguments": list(arguments)}
-        given["operator"] = operator or user_name()
-        if priority is not None:
-            given["priority"] = priority
-        if not_before is not None:
-            given["not_before_us"] = await self._unix_us(not_before)
-        if deadline is not None:
-            given["deadline_us"] = await self._unix_us(deadline)
-        answer = await self._ask_any(SUBMIT, given)
+        usual = self.watcher.observer.mission.jobs.get(kind) or JobType(kind)
+        not_before_us = 0 if not_before is None else await self._unix_us(not_before)
+        if deadline is None and usual.deadline_us is not None:
+            now_us = await self._unix_us(timedelta())
+            deadline_us = max(now_us, not_before_us) + usual.deadline_us
+        else:
+            deadline_us = 0 if deadline is None else await self._unix_us(deadline)
+        given: dict[str, Any] = {
+            "type": kind,
+            "arguments": list(arguments),
+            "priority": usual.priority if priority is None else priority,
+            "not_before_us": not_before_us,
+            "deadline_us": deadline_us,
+            "operator": (operator or user_name())[:MAX_TEXT],
+        }
+        proof = self.watcher.signed(f"{JOB}/{name}", [*given.values()])
+        answer = await self._ask_any(SUBMIT, {"id": name, **given, **proof})
         await self._await_kept(name, answer["stamp"], safe)
         return JobHandle(name, answer["state"], self)
 
@@ -219,9 +230,11 @@ class TeamClient:
             while True:
                 for robot in self.robots:
                     answer, problem = await self._ask(robot, command, given)
-                    if answer is not None and "refused" in answer:
+                    if answer is not None and answer.get("cause") == NOT_READY:
+                        problem = answer["refused"]
+                    elif answer is not None and "refused" in answer:
                         raise JobRefusedError(answer["refused"], answer["cause"])
-                    if answer is not None:
+                    elif answer is not None:
                         return answer
                 await anyio.sleep(ASK_AGAIN_S)
         raise TimeoutError(problem)

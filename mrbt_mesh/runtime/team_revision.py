@@ -9,7 +9,7 @@ import anyio
 
 from mrbt_mesh.core.agent.commands import REVISE, WITHDRAW
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.facts.records import MAX_MISSION
+from mrbt_mesh.core.facts.records import MAX_MISSION, MISSION
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
@@ -70,14 +70,9 @@ async def take_up(
     alive = sorted(observer.membership.members())
     if not alive:
         raise RevisionRefusedError("no robot of the team is heard")
-    text = json.dumps(
-        {
-            "mission": compile_mission(revision),
-            "operator": user_name(),
-            "force": is_forced,
-        }
-    )
-    good, answer = await watcher.command(alive[0], REVISE, text)
+    given = {"mission": compile_mission(revision), "operator": user_name(), "force": is_forced}
+    proof = watcher.signed(f"{MISSION}/{number}", [*given.values()])
+    good, answer = await watcher.command(alive[0], REVISE, json.dumps(given | proof))
     if not good:
         raise RevisionRefusedError(answer)
     awaited: list[str] = []

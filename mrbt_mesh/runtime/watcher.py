@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import anyio
 
@@ -26,6 +26,7 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard
+from mrbt_mesh.core.membership.keys import submission_content
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.newest import LIVE_ENTRIES
@@ -278,6 +279,16 @@ class Watcher:
                 return bool(good), str(text)
             doubtful = str(text)
         return False, doubtful
+
+    def signed(self, name: str, values: Sequence[Any]) -> dict[str, str]:
+        """As which member this operator signs a fact with these values, and the signature; empty
+        in a team without keys.
+        """
+        if self._guard is None:
+            return {}
+        keys = self._guard.keys
+        content = submission_content(self.observer.replica.header.run, name, values)
+        return {"signer": keys.name, "signature": keys.sign(content).hex()}
 
     def _opened_answer(self, answer: bytes, robot: str) -> tuple[bytes, bool]:
         """(answer, whether it is authentic): robots that do not know our key answer without one."""

@@ -11,6 +11,8 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.job_desk import JobDesk
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.member_keys import MemberKeys
 from mrbt_mesh.runtime.team_client import JobRefusedError, TeamClient
 from tests.support.paths import mission_file
 
@@ -18,14 +20,15 @@ MISSION = load_mission(mission_file("deliveries"))
 NOW_US = 1_000_000_000
 
 
-def desk() -> tuple[JobDesk, Context]:
-    """The desk of D1, whose clock shows `NOW_US`, and its facts."""
-    config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver)
+def desk(keys: MemberKeys | None = None, clock_us: int | None = NOW_US) -> tuple[JobDesk, Context]:
+    """The desk of D1, whose clock shows this (None: it has not read it), and its facts."""
+    config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver, keys=keys)
     context = Context(MISSION, config, 0)
     context.replica.next_incarnation(0)
     assert context.wall_clock is not None
     assert context.facts.jobs is not None
-    context.wall_clock.read(NOW_US, 0)
+    if clock_us is not None:
+        context.wall_clock.read(clock_us, 0)
     return JobDesk(context, context.facts.jobs), context
 
 
@@ -38,10 +41,13 @@ class DeskClient(TeamClient):
             mission=MISSION,
             facts=context.facts,
             plan=None,
-            membership=SimpleNamespace(members=lambda: ["D1"]),
+            membership=SimpleNamespace(
+                members=lambda: ["D1"], clock_offsets_us=lambda: [NOW_US - boottime_us()]
+            ),
             robots=lambda: ["D1"],
         )
-        super().__init__(SimpleNamespace(observer=observer))  # type: ignore[arg-type]
+        watcher = SimpleNamespace(observer=observer, signed=lambda name, values: {})
+        super().__init__(watcher)  # type: ignore[arg-type]
 
     async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
         if given["id"] == "silent":

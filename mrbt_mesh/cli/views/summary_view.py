@@ -102,7 +102,7 @@ def capability_changes(known: Mapping[str, Any]) -> Text:
         Text(lost_text(names, reason), "red") for reason, names in texts_by_reason(lost).items()
     ]
     for reason, names in texts_by_reason(known.get("pending", {})).items():
-        lines.append(Text(f"{', '.join(names)} not yet: {reason}", "yellow"))
+        lines.append(Text(f"cannot use {', '.join(names)} now: {reason}", "yellow"))
     performances = known.get("performances", {}).items()
     changed = [f"{name} {value:g}" for name, value in performances if name not in lost]
     if changed:

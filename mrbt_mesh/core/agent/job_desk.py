@@ -27,6 +27,8 @@ _CHANGES = ("cancel", "hold", "release", "priority")
 
 # What is wrong with a command that is refused.
 INVALID, UNKNOWN, CONFLICT, FULL = "invalid", "unknown", "conflict", "full"
+# Another robot may take it, or this one in a moment.
+NOT_READY = "not_ready"
 
 
 class _RefusedError(ValueError):
@@ -40,8 +42,8 @@ class _RefusedError(ValueError):
 class JobDesk:
     """Takes operators' commands about jobs, at one robot. All are JSON in and JSON out.
 
-    A command that no robot would carry out is answered by `{"refused": why, "cause": ...}`, with
-    one of the causes above.
+    A command that it does not carry out is answered by `{"refused": why, "cause": ...}`, with one
+    of the causes above.
     """
 
     def __init__(self, context: Context, jobs: Jobs) -> None:
@@ -58,7 +60,8 @@ class JobDesk:
 
     def _submit(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
         """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"not_before_us"` and
-        `"deadline_us"` (Unix times, 0: none) unless they are as usual: the job's state.
+        `"deadline_us"` (Unix times, 0: none) unless they are as usual: the job's state. In a team
+        with keys nothing is left out, and the `"signer"` signs it (`"signature"`, in hex).
 
         The same id with the same type and arguments again is the same job.
         """
@@ -94,7 +97,10 @@ class JobDesk:
             deadline_us,
             operator[:MAX_TEXT],
             self._context.facts.max_stamp + 1,
+            *(_text(given, each) if each in given else "" for each in ("signer", "signature")),
         )
+        if not self._context.replica.is_by_operator(f"{records.JOB}/{name}", job):
+            raise _RefusedError("no operator of this team has signed it")
         self._write(name, (f"{records.JOB}/{name}", job), now_us)
         self._context.log("info", "job_submitted", job=name, type=kind, operator=job.operator)
         return _state(self._jobs.known[name])
@@ -106,7 +112,7 @@ class JobDesk:
         clock = self._context.wall_clock
         team_us = clock.team_us(now_us) if clock is not None else None
         if team_us is None:
-            raise _RefusedError(f"{self._context.me} has not read its clock yet: ask again")
+            raise _RefusedError(f"{self._context.me} has not read its clock yet", NOT_READY)
         not_before_us = _time(given, "not_before_us", 0, team_us)
         usual_deadline_us = 0 if usual_us is None else max(team_us, not_before_us) + usual_us
         deadline_us = _time(given, "deadline_us", usual_deadline_us, team_us)

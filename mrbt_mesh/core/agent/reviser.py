@@ -37,13 +37,16 @@ class Reviser:
         self._answer: str | None = None
 
     def propose(self, argument: str, now_us: int) -> tuple[bool, str]:
-        """An operator proposes a revision: JSON of `mission` (compiled), `operator` and `force`."""
+        """An operator proposes a revision: JSON of `mission` (compiled), `operator` and `force`,
+        in a team with keys also of `signer` and `signature`, as of a job.
+        """
         context, revisions = self._context, self._context.facts.revisions
         try:
             given = json.loads(argument)
             text, operator, is_forced = (given[key] for key in ("mission", "operator", "force"))
             stamp = context.facts.max_stamp + 1
-            proposed = ProposedMission.parse([text, operator, is_forced, stamp])
+            proof = given.get("signer", ""), given.get("signature", "")
+            proposed = ProposedMission.parse([text, operator, is_forced, stamp, *proof])
             mission = read_mission(text)
         except (ValueError, TypeError, KeyError, RecursionError, FileError) as error:
             return False, f"this is no revision of the mission: {one_line(str(error))}"
@@ -52,8 +55,11 @@ class Reviser:
             return False, f"revision {number} is out of date, the next one is {next_number}"
         if revisions.pending(context.mission.revision_number) is not None:
             return False, f"revision {revisions.last_number} is not in force yet: withdraw it first"
+        name = f"{records.MISSION}/{number}"
+        if not context.replica.is_by_operator(name, proposed):
+            return False, "no operator of this team has signed this revision"
         context.log("warning", "revision_proposed", number=number, operator=operator)
-        context.write([(f"{records.MISSION}/{number}", proposed)], now_us)
+        context.write([(name, proposed)], now_us)
         return True, f"revision {number} is proposed"
 
     def withdraw(self, argument: str, now_us: int) -> tuple[bool, str]:

@@ -541,7 +541,8 @@ class Job(Record):
     """A job as it was submitted; the first one under its id counts.
 
     It begins at `not_before_us` at the earliest and expires at `deadline_us`: Unix times in
-    microseconds, 0: none. `operator`: who submitted it. `stamp` is a Lamport stamp.
+    microseconds, 0: none. `operator`: who submitted it. `stamp` is a Lamport stamp. `signer`: in a
+    team with keys, the member that has signed `submitted_values`; `signature` is in hex.
     """
 
     type: str
@@ -551,6 +552,8 @@ class Job(Record):
     deadline_us: int
     operator: str
     stamp: int
+    signer: str = ""
+    signature: str = ""
 
     write_once: ClassVar[bool] = True
 
@@ -597,15 +600,22 @@ class JobArchive(Record):
 @dataclass(frozen=True, slots=True)
 class ProposedMission(Record):
     """A revision of the mission that an operator proposes. `text`: it, compiled. `is_forced`: also
-    if robots are at work on what it does not have.
+    if robots are at work on what it does not have. `signer` and `signature`: as those of a job.
     """
 
     text: Annotated[str, Plain(partial(read_text, limit=MAX_MISSION))]
     operator: str
     is_forced: bool
     stamp: int
+    signer: str = ""
+    signature: str = ""
 
     write_once: ClassVar[bool] = True
+
+
+def submitted_values(record: Job | ProposedMission) -> list[Any]:
+    """What the operator submits and signs: the fields before the stamp."""
+    return list(record.to_value()[: list(record.fields).index("stamp")])
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import msgpack
 
+from mrbt_mesh.core.facts.records import Job, ProposedMission, Record, submitted_values
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Version
 
 TAG_BYTES = 16
@@ -48,8 +49,10 @@ class Keys(Protocol):
     def is_signed(self, name: str, data: bytes, signature: bytes) -> bool:
         """Whether a member in good standing signed this, with its present key."""
 
-    def was_signed(self, name: str, data: bytes, signature: bytes) -> bool:
-        """The same, also for members that have been revoked since, and for keys replaced since."""
+    def was_signed(self, name: str, data: bytes, signature: bytes, role: Role = Role.ROBOT) -> bool:
+        """Whether a member with this role signed this, also if it has been revoked since, or its
+        key replaced.
+        """
 
     def tag(self, name: str, data: bytes) -> bytes | None:
         """`TAG_BYTES` that only this member and the one named can make; None for a stranger."""
@@ -58,18 +61,24 @@ class Keys(Protocol):
 HASH_BYTES = 16
 # Proofs that were found good lately: entries of one batch come together, and some come again.
 RECENT = 1_024
-NOT_AUTHENTIC = "not signed by its author"
+NOT_AUTHENTIC = "not signed by its author, or not by the operator who submits it"
 
 
-# Whether a member, by its name, signed data: as `Keys.was_signed`.
-WasSigned: TypeAlias = Callable[[str, bytes, bytes], bool]
+# Whether a member, by its name and role, signed data: as `Keys.was_signed`.
+WasSigned: TypeAlias = Callable[[str, bytes, bytes, Role], bool]
+
+
+def submission_content(run: str, name: str, values: Sequence[Any]) -> bytes:
+    """What an operator signs: the values of a fact of this name."""
+    return bytes(msgpack.packb(["mrbt submission", run, name, list(values)]))
 
 
 class Authorship:
     """Batches of facts signed by their author, so that robots that pass them on cannot change them.
 
     The signature is over the hashes of all entries of a batch. Newer entries replace single ones of
-    an older batch; the others keep its proof, and it is passed on with them.
+    an older batch; the others keep its proof, and it is passed on with them. Jobs and revisions are
+    signed by the operator as well, so that no robot can make them.
     """
 
     def __init__(self, was_signed: WasSigned, run: str) -> None:
@@ -80,18 +89,31 @@ class Authorship:
     def is_authentic(self, entry: Entry) -> bool:
         """Whether the author of an entry has signed it."""
         proof = entry.proof
+        if not self.is_by_operator(entry.name, entry.record):
+            return False
         if proof is None or not _holds(proof.hashes, _hash(entry)):
             return False
         key = (entry.author, entry.version, proof.hashes, proof.signature)
         if key in self._good:
             return True
         content = self._content(entry, proof.hashes)
-        if not self._was_signed(entry.author, content, proof.signature):
+        if not self._was_signed(entry.author, content, proof.signature, Role.ROBOT):
             return False
         if len(self._good) >= RECENT:
             self._good.clear()
         self._good.add(key)
         return True
+
+    def is_by_operator(self, name: str, record: Record) -> bool:
+        """Whether an operator has signed a fact, if only operators may submit it."""
+        if not isinstance(record, Job | ProposedMission):
+            return True
+        try:
+            signature = bytes.fromhex(record.signature)
+        except ValueError:
+            return False
+        content = submission_content(self._run, name, submitted_values(record))
+        return self._was_signed(record.signer, content, signature, Role.OPERATOR)
 
     def sign(
         self, proof: BatchProof, entries: Sequence[Entry], sign: Callable[[bytes], bytes]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.facts.records import MISSION_KINDS
+from mrbt_mesh.core.facts.records import MISSION_KINDS, Record
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
@@ -103,6 +103,12 @@ class Replica:
         self.facts.map.merge(entries)
         self.anti_entropy.changed_us = now_us
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
+
+    def is_by_operator(self, name: str, record: Record) -> bool:
+        """Whether an operator has signed a fact, if only operators may submit it; without
+        keys every operator is believed.
+        """
+        return self._authorship is None or self._authorship.is_by_operator(name, record)
 
     # -- taking in ----------------------------------------------------------------------------
 

@@ -35,7 +35,7 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int, is_over: bool 
     for problem in item["problems"]:
         text.append(f"! {problem} ", "red")
     for reason, names in texts_by_reason(item["pending"]).items():
-        text.append(f"{', '.join(names)} not yet: {reason} ", "yellow")
+        text.append(f"cannot use {', '.join(names)} now: {reason} ", "yellow")
     if item["local_task"] is not None and item["progress"] is not None:
         text.append(f"{item['progress']}% {bar(item['progress'])} ", "cyan")
     if item["differs_since_s"] is not None:

@@ -183,7 +183,7 @@ def test_what_a_robot_cannot_use_yet() -> None:
     assert capability_changes(row).plain.splitlines() == [
         "lost look",
         "lost fetch, go: no map",
-        "fly not yet: no server yet",
+        "cannot use fly now: no server yet",
     ]
 
 

@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOBS, SUBMIT, JobDesk
+from mrbt_mesh.core.membership.keys import submission_content
+from tests.support.keys import keys_of
 from tests.support.one_robot import desk
 
 S = 1_000_000
@@ -28,12 +30,36 @@ def test_a_job_is_kept_once_the_disk_has_it_and_the_same_id_is_the_same_job() ->
     assert asked(found, KEPT_JOBS, ids={"a": 2}) == {"kept": []}
     assert asked(found, SUBMIT, **JOB)["state"] == "open"
     (job,) = (entry for entry in context.facts.map if entry.parts[0] == "job")
-    assert job.record.to_value() == ["inspect", ["shelf_1"], 0, 0, 0, "me", 1]
+    assert job.record.to_value() == ["inspect", ["shelf_1"], 0, 0, 0, "me", 1, "", ""]
     assert asked(found, CHANGE_JOB, id="a", change="priority", priority=7)["priority"] == 7
     assert asked(found, CHANGE_JOB, id="a", change="hold")["state"] == "held"
     assert asked(found, CHANGE_JOB, id="a", change="cancel")["state"] == "cancelled"
     assert asked(found, CHANGE_JOB, id="a", change="release")["state"] == "cancelled"
     assert asked(found, SUBMIT, **JOB)["state"] == "cancelled"
+
+
+def test_a_robot_that_has_not_read_its_clock_takes_none_yet() -> None:
+    answer = asked(desk(clock_us=None)[0], SUBMIT, **JOB)
+    assert answer == {"refused": "D1 has not read its clock yet", "cause": "not_ready"}
+
+
+@pytest.mark.parametrize(
+    ("signer", "priority", "is_taken"), [("op", 3, True), ("op", 4, False), ("D1", 3, False)]
+)
+def test_in_a_team_with_keys_an_operator_signs_the_whole_job(
+    signer: str, priority: int, is_taken: bool
+) -> None:
+    keys = keys_of("D1")
+    found, _ = desk(keys["D1"])
+    values = ["inspect", ["shelf_1"], 3, 0, 0, "me"]
+    signature = keys[signer].sign(submission_content("r", "job/a", values)).hex()
+    answer = asked(
+        found, SUBMIT, **JOB, priority=priority, deadline_us=0, signer=signer, signature=signature
+    )
+    if is_taken:
+        assert answer["state"] == "open"
+    else:
+        assert answer["refused"] == "no operator of this team has signed it"
 
 
 @pytest.mark.parametrize(

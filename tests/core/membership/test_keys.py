@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -9,14 +11,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.records import CommandKind, ConditionValue, TeamCommand
+from mrbt_mesh.core.facts.records import (
+    CommandKind,
+    ConditionValue,
+    Job,
+    ProposedMission,
+    TeamCommand,
+    submitted_values,
+)
 from mrbt_mesh.core.facts.store import Entry, Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC
+from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC, Role, submission_content
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
+from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.member_keys import MemberKeys
 from tests.support import build
 from tests.support.keys import keys_of
@@ -29,10 +41,15 @@ MISSION: Mission = build.make_mission(
 KEYS = keys_of("A", "B", "C", observer="eye")
 
 
-def replica(name: str, keys: MemberKeys | None = None, run: str = build.RUN) -> Replica:
-    header = Header(MISSION.digest[:16], MISSION.name, run, name)
+def replica(
+    name: str,
+    keys: MemberKeys | None = None,
+    run: str = build.RUN,
+    mission: Mission = MISSION,
+) -> Replica:
+    header = Header(mission.digest[:16], mission.name, run, name)
     found = Replica(
-        TeamFacts(MISSION, run), header, Timing(), name.lower(), keys=keys or KEYS.get(name)
+        TeamFacts(mission, run), header, Timing(), name.lower(), keys=keys or KEYS.get(name)
     )
     found.next_incarnation(0)
     return found
@@ -200,9 +217,59 @@ class Counting(MemberKeys):
         self.__dict__.update(keys.__dict__)
         self.checks = 0
 
-    def was_signed(self, name: str, data: bytes, signature: bytes) -> bool:
+    def was_signed(self, name: str, data: bytes, signature: bytes, role: Role = Role.ROBOT) -> bool:
         self.checks += 1
-        return super().was_signed(name, data, signature)
+        return super().was_signed(name, data, signature, role)
+
+
+WITH_JOBS = mission_from_yaml(
+    """
+mission: m
+ends: never
+local_tasks: {take: {parameters: [what]}}
+robot_types: {cart: {capabilities: {take: 1}}}
+robots: {A: cart, B: cart}
+global_tasks: {fetch: {parameters: [what], needs: {take($what): {min: 1}}}}
+jobs: {bring: {parameters: {what: {min: 1, max: 9}}, tree: fetch($what)}}
+tree: {Jobs: all}
+""",
+    "m.yaml",
+    Path(),
+)
+BRING = Job("bring", ("1",), 5, 0, 0, "anna", 1)
+REVISED = ProposedMission(compile_mission(revise(WITH_JOBS, WITH_JOBS)), "anna", False, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "record"), [("job/1", BRING), ("mission/1", REVISED)], ids=["job", "revision"]
+)
+@pytest.mark.parametrize(
+    ("signer", "about", "is_believed"),
+    [
+        ("op", {}, True),
+        ("A", {}, False),  # a robot
+        ("eye", {}, False),  # an observer
+        ("", {}, False),
+        ("op", {"name": "other/1"}, False),
+        ("op", {"run": "other"}, False),
+        ("op", {"operator": "bert"}, False),
+    ],
+    ids=["good", "a robot", "an observer", "nobody", "another name", "another run", "changed"],
+)
+def test_what_operators_submit_no_robot_can_make(
+    name: str, record: Job | ProposedMission, signer: str, about: dict[str, str], is_believed: bool
+) -> None:
+    """A robot signs the batch in any case: it says that an operator has submitted this."""
+    signed = replace(record, operator=about.get("operator", record.operator))
+    content = submission_content(
+        about.get("run", build.RUN), about.get("name", name), submitted_values(signed)
+    )
+    signature = KEYS[signer].sign(content).hex() if signer else ""
+    a, b = replica("A", mission=WITH_JOBS), replica("B", mission=WITH_JOBS)
+    data, _ = a.write([(name, replace(record, signer=signer, signature=signature))], 0)
+    found = b.receive("A", data, 0)
+    assert (len(found.changed), found.refused) == ((1, 0) if is_believed else (0, 1))
+    assert found.reason == ("" if is_believed else NOT_AUTHENTIC)
 
 
 @given(st.data())

@@ -54,7 +54,7 @@ def test_what_is_not_there_yet() -> None:
         "pending": {"fly": "no server yet", "look": "no server yet"},
     }
     text = robot_text("B2", item, 2).plain
-    assert "✘go(1): no map fly, look not yet: no server yet" in text
+    assert "✘go(1): no map cannot use fly, look now: no server yet" in text
 
 
 def test_the_trees_of_a_robot() -> None:

@@ -177,7 +177,7 @@ export class RobotsView {
     card.can.replaceChildren(...parts);
     card.wrong.replaceChildren(
       ...textsByReason(robot.lost).map(([reason, names]) => element("div", { class: "lost" }, `⚠ ${lostText(names, reason)}`)),
-      ...textsByReason(robot.pending).map(([reason, names]) => element("div", {}, `${names.join(", ")} not yet: ${reason}`)));
+      ...textsByReason(robot.pending).map(([reason, names]) => element("div", {}, `cannot use ${names.join(", ")} now: ${reason}`)));
   }
 
   // What its menu depends on. A robot that is frozen is taken for dead as well: what is known is whether its process has ended.
