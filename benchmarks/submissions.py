@@ -102,16 +102,21 @@ class Handover:
 
     async def kill_now_and_then(self, run: Run, every_s: float) -> None:
         """Kill one robot after the other, and start each again."""
-        while True:
-            await anyio.sleep(every_s)
-            robots = run.processes()
-            victim = self.draw.choice(sorted(robots))
-            robots[victim].kill()
-            self.kills += 1
+
+        async def start_again(robot: str) -> None:
             await anyio.sleep(RESTART_S)
-            command = [sys.executable, "-m", "mrbt_mesh", "join", victim]
+            command = [sys.executable, "-m", "mrbt_mesh", "join", robot]
             command += ["--run-dir", str(run.folder)]
             await anyio.run_process(command, check=False, cwd=ROOT)
+
+        async with anyio.create_task_group() as group:
+            while True:
+                await anyio.sleep(every_s)
+                robots = run.processes()
+                victim = self.draw.choice(sorted(robots))
+                robots[victim].kill()
+                self.kills += 1
+                group.start_soon(start_again, victim)
 
     async def wait_for_ends(self, client: TeamClient) -> list[str]:
         """Those that have not ended in time."""
