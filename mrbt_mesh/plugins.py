@@ -273,6 +273,8 @@ class TreeFormat(Protocol):
 COMMANDS: Group[click.Command] = Group("mrbt_mesh.commands", "command")
 VIEWS: Group[Viewer] = Group("mrbt_mesh.views", "view")
 ADAPTERS: Group[Export] = Group("mrbt_mesh.adapters", "adapter")
+# What is survived of a mission's robots and capabilities, in words: by type of jobs, or by "".
+ANALYSES: Group[Callable[[Mission], Mapping[str, str]]] = Group("mrbt_mesh.analyses", "analysis")
 METRICS: Group[Metrics] = Group("mrbt_mesh.metrics", "kind of metrics")
 PROGRAMS: Group[ProgramKind] = Group("mrbt_mesh.programs", "kind of robots")
 # By the file's ending without the dot: "xml".

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import anyio
 
@@ -17,6 +18,7 @@ from mrbt_mesh.core.mission.revisions import RevisionError, revise
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.plugins import ANALYSES
 from mrbt_mesh.runtime.team_client import user_name
 from mrbt_mesh.runtime.watcher import Watcher
 
@@ -52,6 +54,22 @@ def unserved(watcher: Watcher, mission: Mission) -> list[str]:
         return []
     plan = make_plan(facts_under(observer.facts, mission), alive, default_solver)
     return [f"{each.global_task}: {each.reason}" for each in plan.waiting if each.shortages]
+
+
+def survived_losses(watcher: Watcher, mission: Mission) -> Mapping[str, str]:
+    """What a revision survives with the robots that are alive and what they can do now, in words:
+    by type of jobs, or under "". Empty where no analysis is installed.
+    """
+    observer = watcher.observer
+    members = facts_under(observer.facts, mission).members
+    robots = {
+        name: replace(robot, capabilities=members[name].member.capabilities)
+        for name, robot in mission.robots.items()
+        if name in members and name in observer.membership.members()
+    }
+    if not robots or "tolerance" not in ANALYSES.names():
+        return {}
+    return ANALYSES.load("tolerance")(replace(mission, robots=robots))
 
 
 async def take_up(

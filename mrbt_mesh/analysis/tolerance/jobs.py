@@ -57,7 +57,7 @@ def analyse_jobs(
     for name, known in sorted(mission.jobs.items()):
         each = [
             JobAnalysis(name, arguments, analyse(one, costs, limit_s, say))
-            for arguments, one in _single_jobs(mission, known)
+            for arguments, one in single_jobs(mission, known)
         ]
         found.append(min(each, key=_tolerated))
     return found
@@ -74,7 +74,7 @@ def _tolerated(job: JobAnalysis) -> tuple[int, ...]:
     return (0, *fewest, *most)
 
 
-def _single_jobs(mission: Mission, known: JobType) -> Iterator[tuple[tuple[str, ...], Mission]]:
+def single_jobs(mission: Mission, known: JobType) -> Iterator[tuple[tuple[str, ...], Mission]]:
     """Missions of one job, for arguments of every kind that makes a difference."""
     named = _named_values(mission, known)
     choices = [_representatives(each, named[each.name]) for each in known.parameters]

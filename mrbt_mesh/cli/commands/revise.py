@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,7 +47,8 @@ def revise(
     """Give a running team another mission: other tasks, robots, types, places, or another tree.
 
     What is done of tasks that have not changed stays done, and robots go on with them. No robot
-    begins anything between the proposal and the moment when all act by the new mission.
+    begins anything between the proposal and the moment when all act by the new mission. --dry-run
+    also says which faults the new mission survives with the robots that are alive.
 
     \b
     Example: mrbt revise new.yaml --dry-run
@@ -57,6 +58,7 @@ def revise(
     from mrbt_mesh.runtime.team_revision import (
         RevisionRefusedError,
         next_revision,
+        survived_losses,
         take_up,
         unserved,
     )
@@ -74,8 +76,9 @@ def revise(
             return await _withdraw(watcher, name, as_json)
         revision, changes = next_revision(watcher, after)
         number, blocked = revision.revision_number, unserved(watcher, revision)
+        survived = survived_losses(watcher, revision) if dry_run else {}
         if not as_json:
-            click.echo("\n".join(lines(changes, blocked)), err=not dry_run)
+            click.echo("\n".join(lines(changes, blocked, survived)), err=not dry_run)
         if not dry_run:
             if changes.cancelled and not force:
                 fail("work that is under way would be cancelled: wait for it, or --force", FAILURE)
@@ -89,6 +92,7 @@ def revise(
                 note_command(address.run_dir, "revise", f"revision {number} is in force")
         if as_json:
             told = {"team": name, "revision": number, "in_force": not dry_run, "blocked": blocked}
+            told |= {"survives": survived} if dry_run else {}
             click.echo(json.dumps(told | changes.to_json(), indent=2))
         elif not dry_run:
             click.echo(f"{name}: revision {number} is in force")
@@ -110,8 +114,10 @@ async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
     return SUCCESS
 
 
-def lines(changes: RevisionChanges, blocked: Sequence[str]) -> list[str]:
-    """What a revision changes, for people."""
+def lines(
+    changes: RevisionChanges, blocked: Sequence[str], survived: Mapping[str, str]
+) -> list[str]:
+    """What a revision changes, and what its team then survives, for people."""
     from mrbt_mesh.core.bt.activation import parse_activation
 
     def subjects(activations: Sequence[str]) -> str:
@@ -133,4 +139,8 @@ def lines(changes: RevisionChanges, blocked: Sequence[str]) -> list[str]:
         "blocked": "; ".join(blocked),
     }
     shown = [f"{what + ':':<21}{text}" for what, text in found.items() if text]
-    return shown or ["nothing is done or under way, and there are no new tasks or robots"]
+    shown = shown or ["nothing is done or under way, and there are no new tasks or robots"]
+    for kind, losses in survived.items():
+        what = f"a job {kind} survives" if kind else "it survives"
+        shown.append(f"{what + ':':<21}{losses}")
+    return shown
