@@ -28,6 +28,7 @@ from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.sim import Lose, SimulationResult, run, simulate
 from tests.support.build import action, make_mission, sequence, task
+from tests.support.effort import IS_LONG
 from tests.support.misbehaving_code import HERE, STARTED, WAYS, Way, way
 
 # -- what it leaves behind --------------------------------------------------------------------
@@ -280,10 +281,11 @@ def test_no_robot_dies_and_each_way_is_told(name: str) -> None:
         assert any(re.search(case.told, each) for each in said), said
 
 
+OF_LOCAL_TASKS = [n for n, each in WAYS.items() if each.kind in ("local task", "cancelled")]
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize(
-    "name", [n for n, each in WAYS.items() if each.kind in ("local task", "cancelled")]
-)
+@pytest.mark.parametrize("name", OF_LOCAL_TASKS if IS_LONG else OF_LOCAL_TASKS[::4])
 def test_a_function_that_drives_may_do_the_same(name: str) -> None:
     case = WAYS[name]
     found = result_of_travel(case)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime import launcher
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
@@ -301,8 +300,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     yield tmp_path
     for name in [name for name in sys.modules if name.startswith("mrbt_program_")]:
         del sys.modules[name]
-    while launcher._reserved:
-        launcher._reserved.pop().close()
 
 
 def test_without_a_mistake_it_is_valid_and_nothing_runs(folder: Path) -> None:
