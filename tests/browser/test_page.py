@@ -240,6 +240,12 @@ def test_a_frozen_robot_is_thawed_by_its_button(team: Team, browser: Browser) ->
     page.wait_for_selector(f'.card[data-state="dead"]:has-text("{robot}")')
     command(page, robot, "Thaw")
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
+    # Cards move while one of them has the focus: none gets lost.
+    page.focus('.card:has-text("B1") .name')
+    team.mrbt("kill", "C1")
+    page.wait_for_selector('.card[data-state="dead"]:has-text("C1")')
+    assert page.locator(".card").count() == 6
+    assert page.locator('.card:has-text("B1") .name').evaluate("e => e === document.activeElement")
     team.interrupt()
     team.end()
     assert problems == []

@@ -53,7 +53,11 @@ def chromium() -> Iterator[Browser]:
 
 
 class Problems(list[str]):
-    """What a page complained of on its console."""
+    """What a page complained of on its console; a test that fails shows it."""
+
+    def add(self, text: str) -> None:
+        print(text)
+        self.append(text)
 
 
 def opened(
@@ -69,8 +73,8 @@ def opened(
     )
     page, problems = context.new_page(), Problems()
     page.set_default_timeout(WAIT_MS)
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("console", lambda said: problems.append(said.text) if said.type == "error" else None)
+    page.on("pageerror", lambda error: problems.add(f"{error}\n{error.stack}"))
+    page.on("console", lambda said: problems.add(said.text) if said.type == "error" else None)
     page.goto(url)
     page.wait_for_selector(ready)
     return page, problems

@@ -21,7 +21,7 @@ export class RobotsView {
     for (const name of Object.keys(robots)) this._card(name);
     this._arrange();
     // Robots begin and end work all the time: they keep their places while somebody reads or points.
-    for (const left of ["mouseleave", "focusout"]) this._list.addEventListener(left, () => this._arrange());
+    for (const left of ["mouseleave", "focusout"]) this._list.addEventListener(left, () => this._isMoving || this._arrange());
   }
 
   update(keys) {
@@ -74,7 +74,10 @@ export class RobotsView {
     const isHeld = this._list.matches(":hover, :focus-within") && trouble === this._trouble;
     if (!isHeld && wanted.some((card, i) => this._list.children[i] !== card.root)) {
       const focused = document.activeElement;
+      // To move the focused card is to leave it, too: arranged again meanwhile, cards would get lost.
+      this._isMoving = true;
       this._list.append(...wanted.map((card) => card.root));
+      this._isMoving = false;
       if (this._list.contains(focused)) focused.focus({ preventScroll: true });
       this._trouble = trouble;
     }
