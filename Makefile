@@ -77,10 +77,10 @@ lint: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-# Teams of real processes wait half of the time: four at once, after everything else.
+# Teams of real processes wait half of the time: three at once, after everything else.
 test: lint docs
 	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -n 4 -rs -m "not slow" tests/processes
+	$(BIN)/pytest -n 3 -rs -m "not slow" tests/processes
 
 # tests/structure/test_wall.py runs some of them.
 test-mesh: $(READY)
@@ -101,11 +101,12 @@ test-slow: $(READY)
 tolerance: $(READY)
 	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
 
-test-browser: chromium test-page
-
-# Skipped where there is no Chromium.
-test-page: $(READY)
+test-browser: $(READY) chromium
 	$(BIN)/pytest -n 2 -m browser -rs tests/browser
+
+# Most of them; skipped where there is no Chromium.
+test-page: $(READY)
+	$(BIN)/pytest -n 2 -m "browser and not slow" -rs tests/browser
 
 screenshots: $(READY) chromium
 	@command -v tmux > /dev/null || $(APT_INSTALL) tmux || \

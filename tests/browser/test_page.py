@@ -8,6 +8,8 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 from tests.support.browser import (
     LAPTOP,
     MARKS,
@@ -107,6 +109,7 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     picture(late, "ended-phone-light")
 
 
+@pytest.mark.slow
 def test_everybody_can_use_it(team: Team, browser: Browser) -> None:
     """axe-core finds nothing, nothing is wider than the window, and a late page has the past."""
     url, robot = at_work(team)
@@ -273,6 +276,7 @@ def test_a_page_that_is_opened_late_shows_the_whole_past(team: Team, browser: Br
     assert problems == []
 
 
+@pytest.mark.slow
 def test_all_runs_of_the_machine_and_the_way_to_the_next_one(
     team: Team, browser: Browser, tmp_path: Path
 ) -> None:
@@ -340,6 +344,7 @@ def test_another_run_on_the_same_port_is_offered_and_never_mixed(
     assert [each for each in problems if "ERR_CONNECTION" not in each] == []
 
 
+@pytest.mark.slow
 def test_the_future_of_robots_that_travel_is_shown_until_they_are_done(
     team: Team, browser: Browser
 ) -> None:

@@ -161,6 +161,7 @@ def test_everybody_can_use_it(url: str, browser: Browser) -> None:
         page.close()
 
 
+@pytest.mark.slow
 def test_a_second_run_below_the_first(runs: tuple[Path, Path], browser: Browser) -> None:
     with served(runs[0], "--at", "8", "--beside", str(runs[1])) as url:
         for size, scheme in ((WIDE, "light"), (LAPTOP, "dark"), (PHONE, "light"), (PHONE, "dark")):

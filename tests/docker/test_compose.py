@@ -74,6 +74,7 @@ def robots_stay_on_duty_and_show_their_health(compose: Compose) -> None:
     assert compose.log("a2")[-1]["reason"] == "left"
 
 
+@pytest.mark.slow
 def test_a_team_killed_as_a_whole_goes_on_and_a_new_name_starts_afresh(compose: Compose) -> None:
     compose.hold("replace_hw")
     compose("up", "-d")

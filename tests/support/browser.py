@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import shutil
@@ -56,7 +57,7 @@ class Problems(list[str]):
     """What a page complained of on its console; a test that fails shows it."""
 
     def add(self, text: str) -> None:
-        print(text)
+        logging.getLogger(__name__).error(text)
         self.append(text)
 
 
