@@ -51,7 +51,9 @@ def tasks_ahead(
 ) -> tuple[tuple[Request, ...], ...]:
     """The requests of now, and round by round those that follow once all before have succeeded.
 
-    `evaluation`: that of these facts. `most`: the number of requests at which it ends.
+    `evaluation`: that of these facts. `most`: the number of requests at which it ends. Of a round
+    all succeed at once: what a Parallel with fewer successes asks for until one that takes long has
+    succeeded is left out.
     """
     later, found, rounds = IfTheySucceed(facts), set[str](), list[tuple[Request, ...]]()
     while True:
