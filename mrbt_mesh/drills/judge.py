@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mrbt_mesh.core.membership.peer import State
@@ -154,7 +154,9 @@ class _Judge:
         for ground in self.grounds(never.local_task):
             works = [span for span in self.spans if span.ground == ground]
             most = most_at_once(
-                part for span in works for part in moving(span, self.injected.freezes)
+                replace(part, end_s=part.end_s - never.overlap_s)
+                for span in works
+                for part in moving(span, self.injected.freezes)
             )
             expected = f"never more than {never.more_than} at {ground}"
             yield DrillResult(expected, most <= never.more_than, f"at most {most}")

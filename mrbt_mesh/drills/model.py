@@ -452,11 +452,13 @@ class DoneModel(FileModel):
 class NeverModel(FileModel):
     """No more than this many robots perform a local task at the same time, at any time.
 
-    A type means each of its ground tasks.
+    A type means each of its ground tasks. `overlap_s`: so long they may overlap all the same, since
+    what is cancelled goes on to its next `await`.
     """
 
     local_task: LocalTask
     more_than: Count = 1
+    overlap_s: Seconds = 0.0
 
 
 class ExpectModel(FileModel):

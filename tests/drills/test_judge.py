@@ -113,7 +113,11 @@ def test_a_dead_robot_works_no_longer_than_its_process_lived() -> None:
     injected = InjectedFaults(deaths={PIDS["A1"]: 1.9})
     assert one(Evidence("success", injected, events=KILLED_AT_WORK), never=never).holds
     injected = InjectedFaults(deaths={PIDS["A1"]: 2.1})
-    assert not one(Evidence("success", injected, events=KILLED_AT_WORK), never=never).holds
+    evidence = Evidence("success", injected, events=KILLED_AT_WORK)
+    assert not one(evidence, never=never).holds
+    # Both are at it for 0.1 s.
+    assert one(evidence, never=[never[0] | {"overlap_s": 0.15}]).holds
+    assert not one(evidence, never=[never[0] | {"overlap_s": 0.05}]).holds
 
 
 def frozen(end: str) -> Evidence:
