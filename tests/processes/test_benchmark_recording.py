@@ -9,6 +9,7 @@ import pytest
 from benchmarks import recording
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_every_robot_is_measured(tmp_path: Path) -> None:
     found = recording.measure_in(tmp_path, robots=2, seconds=8.0)

@@ -22,7 +22,7 @@ def starts(team: Team) -> int:
     ("count", "names"),
     [
         (1_000, "mixed"),
-        (5_000, "mixed"),
+        pytest.param(5_000, "mixed", marks=pytest.mark.slow),
         pytest.param(5_000, "live", marks=pytest.mark.slow),
         pytest.param(5_000, "lives", marks=pytest.mark.slow),
         pytest.param(5_000, "copies", marks=pytest.mark.slow),

@@ -131,7 +131,7 @@ def shared_places(world: World, at_s: float, away: set[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("of", ["team", "majority"])
-@pytest.mark.parametrize("seed", range(100 if IS_LONG else 3))
+@pytest.mark.parametrize("seed", range(100 if IS_LONG else 2))
 def test_no_step_after_the_time_and_nobody_at_the_place_before(of: str, seed: int) -> None:
     world, at_s, away = cut(of, seed)
     assert too_late(world, at_s, away) == [], f"seed {seed}"

@@ -31,7 +31,7 @@ from tests.support.recorded import record_example
 from tests.support.runs import example
 
 # With MRBT_LONG=1 all moments of a run, else some of them.
-MOMENTS, SOME = 10, 5
+MOMENTS, SOME = 10, 10
 # The simulation draws its own delays of messages.
 NEAR_US = 50_000
 RUNS: dict[str, tuple[str, int, Schedule]] = {
