@@ -13,6 +13,8 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
+from mrbt_mesh.sim.chaos import campaign
+from mrbt_mesh.sim.chaos.draw import ChaosKnobs
 from mrbt_mesh.sim.world.faults import Block, Unblock
 from mrbt_mesh.sim.world.faults import Revise as ReviseFault
 
@@ -157,3 +159,13 @@ def test_a_program_without_the_function_is_named() -> None:
     assert in_force(result) == {0}
     revisions = next(iter(result.agents.values())).view.facts.revisions
     assert "its program does not fit" in revisions.void_reason(1)
+
+
+def test_robots_that_hear_one_another_again_do_not_agree_by_different_revisions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One has taken up a revision alone; after the healing the other hears it before its facts."""
+    monkeypatch.setattr(campaign, "REVISED", 1.0)
+    verdict = campaign.run_seed(campaign.Source(knobs=ChaosKnobs(revisions=1.0)), 282)
+    assert verdict.violations == ()
+    assert verdict.checks["I11"] > 0

@@ -101,7 +101,7 @@ class TeamFacts:
         self.changes = 0
         self.outcome_changes = 0
         # What the mission in force has no place for.
-        self._dropped: list[tuple[str, str]] = []
+        self._dropped: dict[tuple[str, str], None] = {}
         self._has_news_of_mission = False
         self.is_revised = mission.revision is not None
         self._begin(mission)
@@ -139,13 +139,13 @@ class TeamFacts:
         self._begin(mission)
         self.changes += 1
         self.outcome_changes += 1
+        unfit = [each for each in entries if refusal_reason(each, mission, self.run) is not None]
+        self._dropped |= dict.fromkeys((each.author, each.name) for each in unfit)
         for entry in entries:
-            if refusal_reason(entry, mission, self.run) is None:
+            if (entry.author, entry.name) not in self._dropped:
                 self._add(entry)
-            else:
-                self._dropped.append((entry.author, entry.name))
-        for author, name in self._dropped:
-            self.map.drop(author, name)
+        for entry in unfit:
+            self.map.drop(entry.author, entry.name)
         self._has_reach_changed = True
 
     @property
@@ -402,7 +402,7 @@ class TeamFacts:
         for author, name in keys:
             self.map.drop(author, name)
         if self._dropped:
-            keys, self._dropped = sorted([*keys, *self._dropped]), []
+            keys, self._dropped = sorted([*keys, *self._dropped]), {}
         self._has_reach_changed = False
         self._new_activations.clear()
         return keys
@@ -431,6 +431,8 @@ class TeamFacts:
         for old, new in changes:
             self.changes += 1
             if new is not None:
+                if self._dropped:
+                    self._dropped.pop((new.author, new.name), None)  # a newer one has a place
                 self._add(new)
             elif old is not None:
                 self._remove(old)

@@ -152,7 +152,8 @@ def assign_agents(
     outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
     if reason:
         idle = dict.fromkeys(team, reason) | outside
-        return Plan(evaluation, command, {}, idle, (), ended=found.ended)
+        number = facts.declared.revision_number
+        return Plan(evaluation, command, {}, idle, (), ended=found.ended, revision=number)
 
     bids, offered, kept, pinned = found.bids, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
@@ -208,6 +209,7 @@ def assign_agents(
         demands,
         tuple(pending.values()),
         pending_losses(facts, team) if mission.per_robot.leaves else (),
+        revision=facts.declared.revision_number,
         ahead=found.ahead,
     )
 

@@ -197,7 +197,7 @@ class Plan:
     no part of the problem, unless all of them wait.
 
     `ended`: how the mission has ended, None if it has not. T_G may have ended before the team
-    agrees on that, and may read otherwise afterwards.
+    agrees on that, and may read otherwise afterwards. `revision`: the number of the mission's.
     """
 
     evaluation: Evaluation
@@ -212,6 +212,7 @@ class Plan:
     pending_failures: tuple[PendingFailure, ...] = ()
     pending_losses: tuple[PendingLoss, ...] = ()
     ended: Status | None = None
+    revision: int = 0
     ahead: Lookahead | None = field(default=None, compare=False, repr=False)
 
     @cached_property
@@ -234,7 +235,8 @@ class Plan:
     @cached_property
     def digest(self) -> bytes:
         """8 bytes over activation -> robots alone, and what is read from the blackboard for it: no
-        phases, no pins, not the alive set.
+        phases, no pins, not the alive set. Of a revision also over its number: robots that have
+        heard of different ones do not agree.
 
         Once the mission has ended, over how it did.
         """
@@ -246,6 +248,8 @@ class Plan:
                 for x in self.assignments.values()
             )
         )
+        if self.revision and self.ended is None:
+            said = [self.revision, *said]
         return hashlib.blake2b(msgpack.packb(said), digest_size=8).digest()
 
     @cached_property

@@ -12,7 +12,9 @@ from mrbt_mesh.core.facts.records import (
     AdoptedMission,
     HeldMission,
     Outcome,
+    Proposal,
     ProposedMission,
+    ProposedStep,
     Record,
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
@@ -33,11 +35,23 @@ global_tasks:
   look: {needs: {look: {min: 1}}}
 tree: %s
 """
+TRAVEL = """
+travel:
+  places: {a: [0, 0], b: [3, 0]}
+  speed: {arm: 1}
+  start: {A1: a, A2: a, A3: a}
+"""
 RUN = "r"
 
 
 def mission(tree: str) -> Mission:
     return mission_from_yaml(FILE % tree, "line.yaml", Path())
+
+
+def driving(tree: str) -> Mission:
+    """The same where the robots drive, so that the team may have schedules."""
+    text = FILE.replace("{weld: {}, look: {}}", "{weld: {at: a}, look: {at: b}}") + TRAVEL
+    return mission_from_yaml(text % tree, "line.yaml", Path())
 
 
 BEFORE = mission("{Sequence: [weld, look]}")
@@ -100,6 +114,29 @@ def test_what_has_no_place_in_it_is_dropped() -> None:
     assert (weld.author, weld.name) in found.prune()
     assert found.has_outcome(f"{RUN}:2:look::0")
     assert found.map.get("A3", weld.name) is None
+
+
+def test_a_newer_fact_of_the_same_name_is_not_dropped() -> None:
+    """It came with the revision, before what has no place was forgotten."""
+    before = driving("{Sequence: [weld, look]}")
+    other = revise(before, driving("look"))
+    schedules = [
+        Proposal((ProposedStep(f"{RUN}:{node}:{task}::0", (("A1",),)),))
+        for node, task in ((1, "weld"), (2, "look"))
+    ]
+    old, new = (entry("A3", "schedule", each, n) for n, each in enumerate(schedules, 1))
+    found = TeamFacts(before, RUN)
+    found.map.merge([old, proposed(other), adopted(other)])
+    assert found.map.get("A3", "schedule") is None
+    found.map.merge([new])
+    assert ("A3", "schedule") not in found.prune()
+    assert found.proposals["A3"] == schedules[1]
+    again = revise(other, driving("{Sequence: [look, weld]}"))
+    found = TeamFacts(before, RUN)
+    found.map.merge([old, proposed(other), adopted(other)])
+    found.map.merge([new])
+    found.map.merge([proposed(again), adopted(again)])
+    assert found.map.get("A3", "schedule") == new
 
 
 def test_all_must_hold_the_same_proposal() -> None:
