@@ -98,7 +98,11 @@ add("ended_jobs_are_forgotten", (jobs, "_is_end", always(False)))
 # Operators' cancellations and ends of jobs do not keep robots from them.
 add("ended_jobs_go_on", (Jobs, "has_ended", always(False)))
 # A robot begins things while others act by another revision, or hold one that is not in force.
-add("revisions_are_not_waited_for", (Reviser, "may_begin", always(True)))
+add(
+    "revisions_are_not_waited_for",
+    (Reviser, "may_begin", always(True)),
+    (make_plan, "Plan", lambda plan, *given, **named: plan(*given, **named | {"revision": None})),
+)
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 

@@ -152,8 +152,8 @@ def assign_agents(
     outside = {r: _why_outside(facts, r, alive[r]) for r in sorted(alive) if r not in team}
     if reason:
         idle = dict.fromkeys(team, reason) | outside
-        number = facts.declared.revision_number
-        return Plan(evaluation, command, {}, idle, (), ended=found.ended, revision=number)
+        revision = facts.declared.revision
+        return Plan(evaluation, command, {}, idle, (), ended=found.ended, revision=revision)
 
     bids, offered, kept, pinned = found.bids, found.offered, found.kept, found.pinned
     at_work = running_on(offered, pinned)
@@ -209,7 +209,7 @@ def assign_agents(
         demands,
         tuple(pending.values()),
         pending_losses(facts, team) if mission.per_robot.leaves else (),
-        revision=facts.declared.revision_number,
+        revision=facts.declared.revision,
         ahead=found.ahead,
     )
 

@@ -17,7 +17,7 @@ from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import CommandKind
-from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd
+from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd, Revision
 from mrbt_mesh.core.planning.demands import Group
 from mrbt_mesh.core.planning.per_robot import PendingLoss
 from mrbt_mesh.core.planning.schedules import Lookahead
@@ -197,7 +197,7 @@ class Plan:
     no part of the problem, unless all of them wait.
 
     `ended`: how the mission has ended, None if it has not. T_G may have ended before the team
-    agrees on that, and may read otherwise afterwards. `revision`: the number of the mission's.
+    agrees on that, and may read otherwise afterwards. `revision`: the mission's.
     """
 
     evaluation: Evaluation
@@ -212,7 +212,7 @@ class Plan:
     pending_failures: tuple[PendingFailure, ...] = ()
     pending_losses: tuple[PendingLoss, ...] = ()
     ended: Status | None = None
-    revision: int = 0
+    revision: Revision | None = None
     ahead: Lookahead | None = field(default=None, compare=False, repr=False)
 
     @cached_property
@@ -248,8 +248,8 @@ class Plan:
                 for x in self.assignments.values()
             )
         )
-        if self.revision and self.ended is None:
-            said = [self.revision, *said]
+        if self.revision is not None and self.ended is None:
+            said = [self.revision.number, *said]
         return hashlib.blake2b(msgpack.packb(said), digest_size=8).digest()
 
     @cached_property
