@@ -4,8 +4,8 @@
                                      [--seed 1] [--json FILE]
 
 Six robots take jobs of two types, one of them exclusive. Every few seconds one of them is killed
-(SIGKILL) and started again; with --kill_all also the whole team that many times. The figures come
-from the client, from the team's facts and from events.jsonl:
+(SIGKILL) and started again (--kill_every 0: none is); with --kill_all also the whole team that many
+times. The figures come from the client, from the team's facts and from events.jsonl:
 
 acknowledged  the time from the submission to the answer that a majority of the journals holds it
 lost          acknowledged jobs that have not ended at the end, or of which nothing is known
@@ -57,6 +57,7 @@ jobs:
   once: {parameters: {number: {min: 1, max: 1000000}}, tree: dose($number)}
 tree: {Jobs: all}
 """
+ROBOTS, HEARD_S = 6, 0.1
 RESTART_S = 1.0
 END_S = 120.0
 
@@ -78,7 +79,7 @@ class Handover:
     def up(self, *options: str) -> Run:
         """The team, once all its robots have a process."""
         run = Run(self.folder, self.mission, *options)
-        run.wait_for_processes(6)
+        run.wait_for_processes(ROBOTS)
         return run
 
     async def submit_all(self, client: TeamClient, numbers: range, rate: float) -> None:
@@ -139,7 +140,10 @@ def measure(
 
         async def hand_in(numbers: range) -> None:
             async with connect(run.folder) as client, anyio.create_task_group() as group:
-                group.start_soon(work.kill_now_and_then, run, kill_every)
+                while len(client.robots) < ROBOTS:
+                    await anyio.sleep(HEARD_S)
+                if kill_every:
+                    group.start_soon(work.kill_now_and_then, run, kill_every)
                 await work.submit_all(client, numbers, rate)
                 group.cancel_scope.cancel()
 

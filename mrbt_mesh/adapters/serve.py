@@ -93,7 +93,6 @@ async def _serve(
         await watcher.catch_up(CONNECT_TIMEOUT_S)
         client, feed = TeamClient(watcher), Feed(TeamView(watcher.observer), boottime_us)
         group.start_soon(client.follow, feed.update)
-        group.start_soon(client.ask_for_kept)
         if rmf is not None:
             from mrbt_mesh.adapters.rmf.link import RmfLink
 

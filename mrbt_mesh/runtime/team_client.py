@@ -14,14 +14,15 @@ import os
 import secrets
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import anyio
 
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOBS, NOT_READY, SUBMIT
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOB, NOT_READY, SUBMIT
 from mrbt_mesh.core.agent.wall_clock import earlier_median
 from mrbt_mesh.core.facts.records import JOB
 from mrbt_mesh.core.facts.values import MAX_TEXT
@@ -39,9 +40,8 @@ CONNECT_TIMEOUT_S = 10.0
 # A robot that does not answer for so long is left out, and another one is asked.
 ANSWER_S = 1.0
 SUBMIT_TIMEOUT_S = KEEP_TIMEOUT_S = 10.0
-ASK_AGAIN_S = 0.01
-# A command has no room for more ids.
-MOST_ASKED = 40
+NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
+ASK_AGAIN_S, KEPT_AGAIN_S = 0.01, 0.1
 
 
 class JobRefusedError(InputError):
@@ -68,25 +68,6 @@ class JobHandle:
         return await self._client.wait_for_end(self.id)
 
 
-@dataclass(eq=False)
-class _Awaited:
-    """A job that is to be in the journals of `wanted` robots, with what was written of it up to
-    `stamp`; `keepers` have it.
-    """
-
-    job_id: str
-    stamp: int
-    wanted: int
-    keepers: set[str] = field(default_factory=set)
-    is_kept: anyio.Event = field(default_factory=anyio.Event)
-
-    def add(self, robot: str) -> None:
-        """One more robot has it."""
-        self.keepers.add(robot)
-        if len(self.keepers) >= self.wanted:
-            self.is_kept.set()
-
-
 class TeamClient:
     """Use `connect` or `client_of` to make one."""
 
@@ -94,8 +75,6 @@ class TeamClient:
         self.watcher = watcher
         self._rows = JobRows()
         self._news = anyio.Event()
-        self._awaited: list[_Awaited] = []
-        self._is_awaiting = anyio.Event()
 
     async def follow(self, update: Callable[[], None] = lambda: None) -> None:
         """Keep what is known of the team up to date, and call `update` after changes."""
@@ -118,7 +97,7 @@ class TeamClient:
 
     @property
     def robots(self) -> list[str]:
-        """The robots of the team that are alive, sorted; the first one is asked first."""
+        """The robots of the team that are alive, sorted."""
         return sorted(self.watcher.observer.membership.members())
 
     def arguments_of(self, kind: str, values: Mapping[str, Any]) -> list[str]:
@@ -214,21 +193,27 @@ class TeamClient:
                     now_us = boottime_us() + earlier_median(offsets_us)
                     return now_us + when // timedelta(microseconds=1)
                 await anyio.sleep(ASK_AGAIN_S)
-        raise TimeoutError("no robot of the team is heard")
+        raise TimeoutError(NOBODY_HEARD)
 
     # -- asking robots ------------------------------------------------------------------------
 
     async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
-        """The first answer of any robot; one that does not answer, or still joins, is left out."""
+        """The first answer of any robot; one that does not answer, or still joins, is left out.
+
+        The job's id decides which robot is asked first: so all share the work, and one robot sees
+        first if two clients use the same id.
+        """
         mission = self.watcher.observer.mission
         if not mission.jobs:
             raise JobRefusedError(
                 f"mission {mission.name} has no types of jobs (jobs: in its file)"
             )
-        problem = "no robot of the team is heard"
+        problem = NOBODY_HEARD
         with anyio.move_on_after(SUBMIT_TIMEOUT_S):
             while True:
-                for robot in self.robots:
+                robots = self.robots
+                first = crc32(given["id"].encode()) % max(1, len(robots))
+                for robot in (*robots[first:], *robots[:first]):
                     answer, problem = await self._ask(robot, command, given)
                     if answer is not None and answer.get("cause") == NOT_READY:
                         problem = answer["refused"]
@@ -240,48 +225,41 @@ class TeamClient:
         raise TimeoutError(problem)
 
     async def _await_kept(self, name: str, stamp: int, safe: int | None) -> None:
-        """Wait until enough robots have the job, its change or its end in their journals."""
-        mission = self.watcher.observer.mission
-        wanted = len(mission.robots) // 2 + 1 if safe is None else safe
-        awaited = _Awaited(name, stamp, wanted)
-        self._awaited.append(awaited)
-        self._is_awaiting.set()
-        try:
-            with anyio.move_on_after(KEEP_TIMEOUT_S):
-                await awaited.is_kept.wait()
+        """Wait until enough robots have what was written of a job up to `stamp` in their journals.
+
+        Each robot is asked once, and answers when it has; one that does not answer is asked again.
+        """
+        count = len(self.watcher.observer.mission.robots)
+        wanted = count // 2 + 1 if safe is None else safe
+        keepers: set[str] = set()
+        asked: set[str] = set()
+        are_enough = anyio.Event()
+
+        async def ask(robot: str) -> None:
+            answer, _ = await self._ask(robot, KEPT_JOB, {"id": name, "stamp": stamp})
+            if answer is None or answer.get("kept") is not True:
+                asked.discard(robot)
                 return
-        finally:
-            self._awaited.remove(awaited)
-        keepers = ", ".join(sorted(awaited.keepers)) or "nobody"
+            keepers.add(robot)
+            if len(keepers) >= wanted:
+                are_enough.set()
+
+        with anyio.move_on_after(KEEP_TIMEOUT_S):
+            async with anyio.create_task_group() as group:
+                while not are_enough.is_set():
+                    for robot in self.robots:
+                        if robot not in asked:
+                            asked.add(robot)
+                            group.start_soon(ask, robot)
+                    with anyio.move_on_after(KEPT_AGAIN_S):
+                        await are_enough.wait()
+                group.cancel_scope.cancel()
+            return
+        listed = ", ".join(sorted(keepers)) or "nobody"
         raise TimeoutError(
-            f"{name} is in the journals of {len(awaited.keepers)} robots ({keepers}), and {wanted} "
+            f"{name} is in the journals of {len(keepers)} robots ({listed}), and {wanted} "
             "were asked for: submit it again under this id, or ask for fewer"
         )
-
-    async def ask_for_kept(self) -> None:
-        """Ask the robots which of the awaited jobs they have in their journals, until cancelled."""
-        asked: set[str] = set()
-
-        async def ask(robot: str, stamps: dict[str, int]) -> None:
-            answer, _ = await self._ask(robot, KEPT_JOBS, {"ids": stamps})
-            kept = (answer or {}).get("kept", ())
-            for each in self._awaited:
-                if each.job_id in kept and each.stamp <= stamps[each.job_id]:
-                    each.add(robot)
-            asked.discard(robot)
-
-        async with anyio.create_task_group() as group:
-            while True:
-                if not self._awaited:
-                    self._is_awaiting = anyio.Event()
-                    await self._is_awaiting.wait()
-                for robot in self.robots:
-                    lacking = [each for each in self._awaited if robot not in each.keepers]
-                    if lacking and robot not in asked:
-                        asked.add(robot)
-                        stamps = {each.job_id: each.stamp for each in lacking[:MOST_ASKED]}
-                        group.start_soon(ask, robot, stamps)
-                await anyio.sleep(ASK_AGAIN_S)
 
     async def _ask(
         self, robot: str, command: str, given: dict[str, Any]
@@ -318,7 +296,6 @@ async def client_of(address: TeamAddress) -> AsyncIterator[TeamClient]:
             await watcher.catch_up(CONNECT_TIMEOUT_S)
             client = TeamClient(watcher)
             group.start_soon(client.follow)
-            group.start_soon(client.ask_for_kept)
             yield client
             group.cancel_scope.cancel()
     except BaseExceptionGroup as error:

@@ -10,7 +10,6 @@ from typing import Any
 import anyio
 import pytest
 
-from mrbt_mesh.core.agent.commands import answer_body
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
@@ -78,7 +77,7 @@ class Desk:
         return Guard(self.keys.keys_of(robot), "run", 1)
 
     def answer(self, good: bool, text: str) -> bytes:
-        return encode(self.watcher.observer.replica.header, ANSWER, answer_body(good, text))
+        return encode(self.watcher.observer.replica.header, ANSWER, [good, text])
 
     def command(self, *answers: bytes) -> tuple[bool, str]:
         async def ask() -> tuple[bool, str]:

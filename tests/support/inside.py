@@ -44,9 +44,9 @@ def command(agent: Agent, kind: CommandKind, now_us: int) -> None:
     agent._reports.command(kind, now_us)
 
 
-def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
+def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str] | None:
     """An operator's command."""
-    return agent._commands.carry_out(body, now_us)
+    return agent._commands.carry_out(body, 1, now_us)
 
 
 @contextlib.contextmanager

@@ -299,13 +299,13 @@ def rounds_are_mixed(original: Any, task: GlobalTask, said: ActivationFacts) -> 
 
 @mutation(Commands, "carry_out")
 def garbled_commands_pause(
-    original: Any, mine: Commands, body: Any, now_us: int
-) -> tuple[bool, str]:
+    original: Any, mine: Commands, body: Any, query: int, now_us: int
+) -> tuple[bool, str] | None:
     """A command that no robot understands pauses the team, to be on the safe side."""
-    good, text = original(mine, body, now_us)
-    if not good:
+    answer: tuple[bool, str] | None = original(mine, body, query, now_us)
+    if answer is not None and not answer[0]:
         mine._reports.command(CommandKind.PAUSE, now_us)
-    return good, text
+    return answer
 
 
 @mutation(capabilities, "_is_same")

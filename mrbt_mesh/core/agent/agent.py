@@ -240,6 +240,7 @@ class Agent:
 
     def _journal_synced(self, event: inputs.JournalSynced, now_us: int) -> None:
         self._context.durability.note_synced(event.number)
+        self._context.answer_kept()
         if self._leased is not None:
             self._leased.leases.take_own_answers()
         self._health.report_journal(now_us)

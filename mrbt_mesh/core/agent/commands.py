@@ -12,7 +12,7 @@ from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
-from mrbt_mesh.core.agent.job_desk import JOB_COMMANDS, JobDesk
+from mrbt_mesh.core.agent.job_desk import KEPT_JOB, JobDesk
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
@@ -54,11 +54,6 @@ def command_body(command: str, argument: str = "") -> list[str]:
     return [command, argument]
 
 
-def answer_body(good: bool, text: str) -> list[Any]:
-    """An answer as plain data."""
-    return [good, text]
-
-
 class Commands:
     """Carries out an operator's commands on one robot."""
 
@@ -91,12 +86,16 @@ class Commands:
             REVISE: reviser.propose,
             WITHDRAW: reviser.withdraw,
         }
+        self._desk: JobDesk | None = None
         if context.facts.jobs is not None:
-            desk = JobDesk(context, context.facts.jobs)
-            self._known |= {name: partial(self._of_jobs, desk, name) for name in JOB_COMMANDS}
+            self._desk = desk = JobDesk(context, context.facts.jobs)
+            self._known |= {name: partial(self._of_jobs, desk, name) for name in desk.commands}
 
-    def carry_out(self, body: Any, now_us: int) -> Answer:
-        """Carry out a command; (False, why) for anything malformed or unknown."""
+    def carry_out(self, body: Any, query: int, now_us: int) -> Answer | None:
+        """Carry out a command; (False, why) for anything malformed or unknown.
+
+        None: the query is answered later.
+        """
         if (
             not isinstance(body, list)
             or len(body) != 2
@@ -108,6 +107,9 @@ class Commands:
             return False, "a command is a list of two texts, and this one is too long"
         if self._context.is_new and command in (REVISE, WITHDRAW):
             return False, f"{self._context.me} is still joining the team: ask another robot"
+        if command == KEPT_JOB and self._desk is not None and not self._context.is_new:
+            refusal = self._desk.await_kept(query, argument)
+            return None if refusal is None else (True, refusal)
         carry_out = self._known.get(command)
         return carry_out(argument, now_us) if carry_out else (False, f"no command {command!r}")
 

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Stop
+from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Reply, Stop
+from mrbt_mesh.core.agent.jobs_on_disk import JobsOnDisk
 from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.agent.work import Work
@@ -27,10 +28,13 @@ from mrbt_mesh.core.membership.wire import (
     MessageKind,
     Position,
     RecordingHead,
+    encode,
 )
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
+# The answer about a job that the journal holds.
+KEPT = '{"kept": true}'
 OTHERS = "others: too many to tell apart"
 
 
@@ -56,6 +60,7 @@ class Context:
         )
         self.replica.restore(config.restored)
         self.durability = Durability(config.journal_problem, bool(config.journal_problem))
+        self.jobs_on_disk = JobsOnDisk(self.facts, self.durability)
         # The mission in force, as its file has it: the agent follows `facts.declared`.
         self.mission = self.facts.declared
         self.membership = Membership(self.me, config.timing, self.mission.robots)
@@ -72,8 +77,6 @@ class Context:
         self.position: Position | None = None
         self.recorded: RecordingHead | None = None
         self.refused: dict[str, int] = {}
-        # The number by which to know when the newest facts of a job are on disk.
-        self._kept: dict[str, int] = {}
         self.is_leaving = False
         self.has_stopped = False
         self.sealing = Sealing(config.keys, config.run, config.life) if config.keys else None
@@ -143,22 +146,6 @@ class Context:
         data, entries = self.replica.write(facts, now_us)
         self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
 
-    def note_kept(self, job: str, number: int) -> None:
-        """The newest facts of a job are on disk once this number is."""
-        self._kept[job] = number
-
-    def is_kept(self, job: str) -> bool:
-        """Whether all that this robot knows of a job is in its journal."""
-        return self.durability.may_promise and self.durability.is_on_disk(self._kept.get(job, 0))
-
-    def forget_kept(self, dropped: Iterable[tuple[str, str]]) -> None:
-        """These facts, by author and name, were dropped: of some jobs nothing is known any more."""
-        jobs = self.facts.jobs
-        for _, name in dropped if jobs is not None else ():
-            kind, _, job = name.partition("/")
-            if jobs is not None and kind in records.JOB_KINDS and job not in jobs.known:
-                self._kept.pop(job, None)
-
     def members_digest(self) -> bytes:
         """A digest of the members as this robot sees them; zeros while it has no place."""
         if not self.has_place:
@@ -171,6 +158,16 @@ class Context:
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)
             self._effects.append(Ask(peer, self.replica.write_pull(alive)))
+
+    def answer(self, query: int, good: bool, text: str) -> None:
+        """Answer an operator's command: whether it was carried out, and a text."""
+        data = encode(self.replica.header, MessageKind.ANSWER, [good, text])
+        self._effects.append(Reply(query, (data,)))
+
+    def answer_kept(self) -> None:
+        """Answer the queries for jobs that the journal holds by now."""
+        for query in self.jobs_on_disk.take_answered():
+            self.answer(query, True, KEPT)
 
     def emit(self, *effects: Effect) -> None:
         """Have effects carried out, after those before."""

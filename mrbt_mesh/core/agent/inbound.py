@@ -5,7 +5,7 @@ A message that is malformed or of another run is counted and logged once per sou
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.commands import Commands, answer_body
+from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import AskRouter, Persist, Reply
@@ -32,7 +32,6 @@ from mrbt_mesh.core.membership.wire import (
     SelfReport,
     WireError,
     decode,
-    encode,
 )
 
 # Members of an enumeration are slow to look up.
@@ -99,7 +98,7 @@ class Inbound:
                 self._context.replica.anti_entropy.mark_unanswered(peer, now_us)
             case QueryReceived(query, kind, _):
                 if kind is MessageKind.COMMAND:
-                    self._reply(query, False, f"{self._context.me} refuses this: {error}")
+                    self._context.answer(query, False, f"{self._context.me} refuses this: {error}")
                 else:
                     self._context.emit(Reply(query, ()))
                 self._refuse("a query", error)
@@ -153,15 +152,12 @@ class Inbound:
                 self._context.emit(Reply(query, replica.answer_pull(data, self._view)))
             else:
                 _, body = decode(data, replica.header, MessageKind.COMMAND)
-                self._reply(query, *self._commands.carry_out(body, now_us))
+                answer = self._commands.carry_out(body, query, now_us)
+                if answer is not None:
+                    self._context.answer(query, *answer)
         except WireError as error:
-            self._reply(query, False, str(error))
+            self._context.answer(query, False, str(error))
             self._refuse("a query", error)
-
-    def _reply(self, query: int, good: bool, text: str) -> None:
-        header = self._context.replica.header
-        answer = encode(header, MessageKind.ANSWER, answer_body(good, text))
-        self._context.emit(Reply(query, (answer,)))
 
     def _view(self, members_digest: bytes) -> dict[str, SelfReport]:
         """The robots that this one counts on, for one with other members; none while it joins."""
@@ -199,7 +195,7 @@ class Inbound:
             number = context.durability.take_number()
             context.emit(Persist(tuple(received.changed), True, number))
             for job in jobs:
-                context.note_kept(job, number)
+                context.jobs_on_disk.note(job, number)
         elif received.changed:
             context.emit(Persist(tuple(received.changed), at_once=False))
         if received.refused:

@@ -17,7 +17,7 @@ from mrbt_mesh.core.mission.mission import MAX_PRIORITY
 from mrbt_mesh.core.mission.names import is_job_id
 from mrbt_mesh.core.planning.job_ends import job_end, robots_of
 
-SUBMIT, CHANGE_JOB, KEPT_JOBS = JOB_COMMANDS = "submit", "change_job", "kept_jobs"
+SUBMIT, CHANGE_JOB, KEPT_JOB = "submit", "change_job", "kept_job"
 MAX_OPEN = 20_000
 # Times are not further ahead than this: a year.
 MAX_JOB_US = 366 * 86_400 * 1_000_000
@@ -38,6 +38,11 @@ class _RefusedError(ValueError):
         super().__init__(text)
         self.cause = cause
 
+    @property
+    def answer(self) -> str:
+        """As the answer to the command."""
+        return json.dumps({"refused": str(self), "cause": self.cause})
+
 
 class JobDesk:
     """Takes operators' commands about jobs, at one robot. All are JSON in and JSON out.
@@ -49,14 +54,14 @@ class JobDesk:
     def __init__(self, context: Context, jobs: Jobs) -> None:
         self._context = context
         self._jobs = jobs
-        self._commands = {SUBMIT: self._submit, CHANGE_JOB: self._change, KEPT_JOBS: self._kept}
+        self.commands = {SUBMIT: self._submit, CHANGE_JOB: self._change}
 
     def answer(self, command: str, argument: str, now_us: int) -> str:
-        """Carry out one of `JOB_COMMANDS`; its answer."""
+        """Carry out one of `commands`; its answer."""
         try:
-            return json.dumps(self._commands[command](_read(argument), now_us))
+            return json.dumps(self.commands[command](_read(argument), now_us))
         except _RefusedError as refusal:
-            return json.dumps({"refused": str(refusal), "cause": refusal.cause})
+            return refusal.answer
 
     def _submit(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
         """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"not_before_us"` and
@@ -95,7 +100,7 @@ class JobDesk:
             _priority(given.get("priority", types[kind].priority)),
             not_before_us,
             deadline_us,
-            operator[:MAX_TEXT],
+            operator,
             self._context.facts.max_stamp + 1,
             *(_text(given, each) if each in given else "" for each in ("signer", "signature")),
         )
@@ -149,22 +154,23 @@ class JobDesk:
         self._context.log("info", "job_changed", job=name, change=change)
         return _state(known)
 
-    def _kept(self, given: Mapping[str, Any], _: int) -> dict[str, Any]:
-        """`{"ids": {id: stamp}}`: those of which this robot's journal has all facts up to the
-        stamp, as `"kept"`. A robot that has not heard of a change yet has not kept it.
+    def await_kept(self, query: int, argument: str) -> str | None:
+        """`{"id", "stamp"}`: answered by `{"kept": true}` once this robot's journal has all facts
+        of the job up to the stamp; here only if that is refused.
         """
-        wanted, known = given.get("ids"), self._jobs.known
-        if not isinstance(wanted, dict) or not all(type(each) is int for each in wanted.values()):
-            raise _RefusedError("ids is missing, or has no stamp for each id")
-        heard = (
-            name
-            for name, stamp in wanted.items()
-            if (name in known and known[name].stamp >= stamp) or self._jobs.is_archived(name)
-        )
-        return {"kept": [name for name in heard if self._context.is_kept(name)]}
+        try:
+            given = _read(argument)
+            name, stamp = _text(given, "id"), given.get("stamp")
+            if type(stamp) is not int:
+                raise _RefusedError("stamp is missing, or is no whole number")
+        except _RefusedError as refusal:
+            return refusal.answer
+        self._context.jobs_on_disk.wait(query, name, stamp)
+        self._context.answer_kept()
+        return None
 
     def _write(self, name: str, fact: Fact, now_us: int) -> None:
-        self._context.note_kept(name, self._context.promise([fact], now_us))
+        self._context.jobs_on_disk.note(name, self._context.promise([fact], now_us))
 
 
 def _state(known: KnownJob) -> dict[str, Any]:
@@ -193,8 +199,9 @@ def _read(argument: str) -> Mapping[str, Any]:
 
 def _text(given: Mapping[str, Any], name: str) -> str:
     value = given.get(name)
-    if not isinstance(value, str) or not value.isprintable():
-        raise _RefusedError(f"{name} is missing, or is not one line of printable text")
+    if not isinstance(value, str) or not value.isprintable() or len(value) > MAX_TEXT:
+        text = f"not one line of printable text of at most {MAX_TEXT} characters"
+        raise _RefusedError(f"{name} is missing, or is {text}")
     return value
 
 

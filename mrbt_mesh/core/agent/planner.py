@@ -143,7 +143,7 @@ class Planner:
                 break
             context.write(latches, now_us)
         if dropped:
-            context.forget_kept(dropped)
+            context.jobs_on_disk.forget(dropped)
             context.emit(Forget(tuple(dropped)))
         for reason in self._failures:
             if context.count_refusal("solver", "broke its contract"):

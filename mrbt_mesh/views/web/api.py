@@ -10,7 +10,6 @@ from dataclasses import asdict
 from datetime import timedelta
 from typing import Annotated, Any
 
-import anyio.abc
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -70,13 +69,11 @@ class Acknowledgement(_Body):
     state: str
 
 
-def client_of_page(watcher: Watcher, group: anyio.abc.TaskGroup) -> TeamClient | None:
-    """The client of a team that takes jobs, None of another; it works as long as the group."""
+def client_of_page(watcher: Watcher) -> TeamClient | None:
+    """The client of a team that takes jobs, None of another."""
     if not watcher.observer.mission.jobs:
         return None
-    client = TeamClient(watcher)
-    group.start_soon(client.ask_for_kept)
-    return client
+    return TeamClient(watcher)
 
 
 class Api:

@@ -196,7 +196,7 @@ class MachineRuns:
             group.start_soon(team.note_exits, watcher)
             feed = watched.feed = Feed(TeamView(watcher.observer), boottime_us)
             control = Control(watcher, team, group) if self.token else None
-            client = client_of_page(watcher, group)
+            client = client_of_page(watcher)
             page = Page(
                 feed,
                 self._hosts,

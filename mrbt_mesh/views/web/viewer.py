@@ -48,7 +48,7 @@ class WebViewer:
             control = Control(watcher, team, group) if options.has_control else None
             run_dir = team.run_dir.path if team is not None else None
 
-            client = client_of_page(watcher, group)
+            client = client_of_page(watcher)
 
             def page_for(own: frozenset[str]) -> ASGIApp:
                 page = Page(feed, own, control, token, run_dir=run_dir, client=client)

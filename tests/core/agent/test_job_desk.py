@@ -7,7 +7,10 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOBS, SUBMIT, JobDesk
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import Reply
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT, JobDesk
+from mrbt_mesh.core.agent.jobs_on_disk import MAX_WAITING
 from mrbt_mesh.core.membership.keys import submission_content
 from tests.support.keys import keys_of
 from tests.support.one_robot import desk
@@ -20,14 +23,43 @@ def asked(found: JobDesk, command: str, **given: Any) -> Any:
     return json.loads(found.answer(command, json.dumps(given), 0))
 
 
-def test_a_job_is_kept_once_the_disk_has_it_and_the_same_id_is_the_same_job() -> None:
+def answered(context: Context) -> list[int]:
+    context.answer_kept()
+    return [effect.query for effect in context.take_effects() if isinstance(effect, Reply)]
+
+
+def test_a_query_for_a_job_is_answered_once_the_disk_has_it() -> None:
     found, context = desk()
-    assert asked(found, SUBMIT, **JOB)["state"] == "open"
-    assert asked(found, KEPT_JOBS, ids={"a": 1, "b": 1}) == {"kept": []}
-    context.durability.note_synced(context.durability.take_number())
-    assert asked(found, KEPT_JOBS, ids={"a": 1, "b": 1}) == {"kept": ["a"]}
+    for query, wanted in enumerate(({"id": "a", "stamp": 1}, {"id": "b", "stamp": 1})):
+        assert found.await_kept(query, json.dumps(wanted)) is None
     # A change that another robot has taken, and of which this one has not heard yet.
-    assert asked(found, KEPT_JOBS, ids={"a": 2}) == {"kept": []}
+    found.await_kept(2, json.dumps({"id": "a", "stamp": 2}))
+    asked(found, SUBMIT, **JOB)
+    assert answered(context) == []
+    context.durability.note_synced(context.durability.take_number())
+    assert answered(context) == [0]
+    asked(found, CHANGE_JOB, id="a", change="hold")
+    assert answered(context) == []
+    context.durability.note_synced(context.durability.take_number())
+    assert answered(context) == [2]
+    assert found.await_kept(3, json.dumps({"id": "a", "stamp": 2})) is None
+    assert answered(context) == [3]
+    refusal = found.await_kept(4, json.dumps({"id": "a"}))
+    assert refusal is not None
+    assert "stamp is missing" in refusal
+
+
+def test_the_oldest_of_too_many_queries_are_forgotten() -> None:
+    found, context = desk()
+    for query in range(MAX_WAITING + 1):
+        found.await_kept(query, json.dumps({"id": "a", "stamp": 1}))
+    asked(found, SUBMIT, **JOB)
+    context.durability.note_synced(context.durability.take_number())
+    assert answered(context) == list(range(1, MAX_WAITING + 1))
+
+
+def test_the_same_id_is_the_same_job() -> None:
+    found, context = desk()
     assert asked(found, SUBMIT, **JOB)["state"] == "open"
     (job,) = (entry for entry in context.facts.map if entry.parts[0] == "job")
     assert job.record.to_value() == ["inspect", ["shelf_1"], 0, 0, 0, "me", 1, "", ""]
@@ -77,6 +109,8 @@ def test_in_a_team_with_keys_an_operator_signs_the_whole_job(
         ({"deadline_us": 1_001 * S, "not_before_us": 1_002 * S}, "is before the time at which"),
         ({"operator": None}, "operator is missing, or is not one line of printable text"),
         ({"operator": "\ud800"}, "operator is missing, or is not one line"),
+        ({"operator": "a" * 641}, "printable text of at most 640 characters"),
+        ({"signature": "0" * 641}, "signature is missing, or is not one line of printable text"),
         ({"id": "taken"}, "another job of this id, taken: inspect(shelf_2); choose another id"),
     ],
 )
