@@ -3,7 +3,8 @@
 Every heartbeat has a digest of its sender's facts. If it differs from one's own for longer than a
 message may take, facts were lost on the way, and the peer is asked for them (`replica` writes and
 answers the pulls). Few are asked at a time: one answer holds all that is missing. A peer that still
-has the facts that this replica had a while ago is asked later, since it will ask itself. Where
+has the facts that this replica had a while ago is asked later, since it will ask itself, and not
+while it catches up. One whose facts of then this replica has had since is not asked. Where
 answers take long, because all are busy, so do facts: a difference may last for longer before it
 counts as a loss, and while no answers come, ever fewer are asked.
 
@@ -95,10 +96,12 @@ class AntiEntropy:
         difference = self._differences.get(peer)
         if difference is None:
             difference = self._differences[peer] = _Difference(now_us)
-        difference.heard_us, difference.digest = now_us, digest
         before = (difference.since_us, difference.is_behind)
+        has_caught_up = self._has_had(difference)
         difference.is_behind = digest in self._past_digests
-        if difference.since_us is None:
+        has_caught_up |= difference.is_behind and digest != difference.digest
+        difference.heard_us, difference.digest = now_us, digest
+        if difference.since_us is None or has_caught_up:
             difference.since_us = now_us
         if before != (difference.since_us, difference.is_behind):
             self._ask_from(now_us + self._repair_us)
@@ -111,8 +114,10 @@ class AntiEntropy:
         """
         if now_us < self.next_ask_us:
             return []
+        self._past_digests.extend(mine)
         for peer, difference in list(self._differences.items()):
-            if difference.digest in mine or self._is_outdated(difference, now_us):
+            is_equal = difference.digest in mine or self._has_had(difference)
+            if is_equal or self._is_outdated(difference, now_us):
                 self.forget(peer)
         if not self._differences:
             return []
@@ -193,6 +198,10 @@ class AntiEntropy:
 
     def _ask_from(self, at_us: int) -> None:
         self._not_before_us = self.next_ask_us = min(self._not_before_us, at_us)
+
+    def _has_had(self, difference: _Difference) -> bool:
+        """Whether this replica, since the peer's last heartbeat, has had all that it had then."""
+        return not difference.is_behind and difference.digest in self._past_digests
 
     def _is_outdated(self, difference: _Difference, now_us: int) -> bool:
         """Whether facts have changed since the peer's last heartbeat, and it sends none regularly.

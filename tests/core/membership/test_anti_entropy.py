@@ -150,3 +150,25 @@ def test_a_peer_that_sends_no_heartbeat_after_facts_have_changed_is_not_asked() 
     assert mine.anti_entropy.peers_to_ask(TIMING.repair_us + 1) == []
     assert mine.anti_entropy.peers_to_ask(TIMING.overdue_us) == []
     assert mine.anti_entropy.next_ask_us == NEVER_US
+
+
+def test_a_peer_that_catches_up_is_not_asked_however_long_it_takes() -> None:
+    mine = replica("A")
+    for now_us in range(0, 10 * TIMING.ask_timeout_us, TIMING.heartbeat_us):
+        before = mine.facts.map.digest()
+        mine.compare_digest("C", before, now_us)
+        mine.write([("claim", NO_CLAIM)], now_us)
+        mine.compare_digest("B", before, now_us)
+        assert mine.peers_to_ask(now_us) == []
+
+
+def test_a_peer_that_is_always_a_little_ahead_is_not_asked() -> None:
+    mine, ahead = replica("A"), replica("B")
+    for now_us in range(0, 10 * TIMING.ask_timeout_us, TIMING.heartbeat_us):
+        data, _ = ahead.write([("claim", NO_CLAIM)], now_us)
+        mine.compare_digest("B", ahead.facts.map.digest(), now_us)
+        assert mine.peers_to_ask(now_us) == []
+        mine.receive("B", data, now_us + 1)
+        mine.compare_digest("C", b"another!", now_us + 1)
+        mine.anti_entropy.forget("C")
+        ahead.receive("A", mine.write([("claim", NO_CLAIM)], now_us + 2)[0], now_us + 3)
