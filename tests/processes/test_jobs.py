@@ -76,7 +76,7 @@ def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> N
     assert name == "kept"
     cancelled = team.mrbt("submit", "inspect", "shelf_3", "--id", "dropped", "--priority", "3")
     assert cancelled.strip() == "dropped"
-    assert team.mrbt("job", "dropped", "cancel").strip() == "dropped: cancelled"
+    assert team.mrbt("job", "cancel", "dropped").strip() == "dropped: cancelled"
     times = ("--not-before", "+2", "--deadline", "+3")
     assert team.mrbt("submit", "inspect", "shelf_4", "--id", "late", *times).strip() == "late"
     team.wait_for_event("look", args=["shelf_2"])

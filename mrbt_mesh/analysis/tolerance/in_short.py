@@ -37,8 +37,8 @@ def _in_words(missions: Iterable[Mission]) -> str:
             fatal, (robot_faults(mission), capability_faults(mission)), strict=True
         ):
             found.update(dict.fromkeys(question.reading.critical(faults)))
-    kinds = zip(("robot", "capability"), fatal, strict=True)
-    return ", ".join(
-        f"the loss of any one {kind}" + (f" but {shortened(grouped(names))}" if names else "")
-        for kind, names in kinds
+    robot, capability = (
+        f"any one {kind}" + (f" (except {shortened(grouped(names))})" if names else "")
+        for kind, names in zip(("robot", "capability"), fatal, strict=True)
     )
+    return f"the loss of {robot} or of {capability}"

@@ -141,25 +141,25 @@ def jobs(follow: bool, only_open: bool, team: TeamOptions, as_json: bool) -> Non
 
 
 @click.command(cls=MrbtCommand)
-@click.argument("name", metavar="ID", help="The id of a job.")
 @click.argument(
     "change",
     metavar="CHANGE",
     type=click.Choice(("cancel", "hold", "release", "priority")),
     help="cancel, hold, release or priority.",
 )
+@click.argument("name", metavar="ID", help="The id of a job.")
 @click.argument("number", metavar="[N]", type=int, required=False, help="The new priority.")
 @team_options
 @json_option
-def job(name: str, change: str, number: int | None, team: TeamOptions, as_json: bool) -> None:
+def job(change: str, name: str, number: int | None, team: TeamOptions, as_json: bool) -> None:
     """Cancel a job, hold it until it is released, or give it another priority.
 
     \b
-    Example: mrbt job morning-1 cancel
-             mrbt job morning-1 priority 10
+    Example: mrbt job cancel morning-1
+             mrbt job priority morning-1 10
     """
     if (change == "priority") is not (number is not None):
-        raise InputError("`priority` takes a number, e.g. mrbt job morning-1 priority 10")
+        raise InputError("`priority` takes a number, e.g. mrbt job priority morning-1 10")
 
     async def act(client: TeamClient) -> int:
         state = await client.change(name, change, number)

@@ -13,8 +13,8 @@ def test_of_a_mission_without_jobs() -> None:
     """The paper's example: both big robots lift the cover."""
     mission = load_mission(mission_file("vehicle_repair"))
     assert survived_losses(mission) == {
-        "": "the loss of any one robot but C1, C2, the loss of any one capability but move_frame "
-        "on C1, C2"
+        "": "the loss of any one robot (except C1, C2) or of any one capability (except "
+        "move_frame on C1, C2)"
     }
     robots = {name: robot for name, robot in mission.robots.items() if name != "C1"}
     found = survived_losses(replace(mission, robots=robots))[""]
@@ -27,6 +27,6 @@ def test_of_each_type_of_jobs() -> None:
     robots = {name: robot for name, robot in mission.robots.items() if name != "D1"}
     found = survived_losses(replace(mission, robots=robots))
     assert found["inspect"] == (
-        "the loss of any one robot but D2, the loss of any one capability but look on D2"
+        "the loss of any one robot (except D2) or of any one capability (except look on D2)"
     )
-    assert found["deliver"].startswith("the loss of any one robot but C1, C2, C3, C4")
+    assert found["deliver"].startswith("the loss of any one robot (except C1, C2, C3, C4)")
