@@ -125,7 +125,7 @@ def check_consistency(
     ahead = None
     if mission.travel is not None:
         ahead = look_ahead(facts, evaluation, demands, capabilities)
-        offered = by_schedule(ahead, offered)
+        offered = by_schedule(mission, ahead, offered)
     kept, pinned = kept_requests(
         facts,
         offered,

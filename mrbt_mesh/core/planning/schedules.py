@@ -153,25 +153,31 @@ def look_ahead(
     return replace(found, schedule=schedule, course=course, author=author)
 
 
-def by_schedule(ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
+def by_schedule(mission: Mission, ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
     """The demands of the requests, for the robots whose next step each of them is.
 
-    Those robots are no candidates for requests that are left out.
+    Those robots are no candidates for requests that are left out, but for a preemptive one, which
+    takes them from tasks further right also before they have begun.
     """
     if ahead.schedule is None:
         return demands
-    present = {group[0].request.activation for group in demands}
+    present = {group[0].request.activation: index for index, group in enumerate(demands)}
     at_work = {robot for group in demands for demand in group for robot in demand.pinned}
     due = {
         robot: step
         for robot, step in ahead.next_steps.items()
         if robot not in at_work and ahead.opens[step.task].request.activation in present
     }
+    due_at = {
+        robot: present[ahead.opens[step.task].request.activation] for robot, step in due.items()
+    }
     result = []
-    for group in demands:
+    for index, group in enumerate(demands):
         step = ahead.step_of(group[0].request.activation)
         if step is None:
-            result.append(tuple(_only(each, each.candidates.keys() - due) for each in group))
+            is_preemptive = mission.global_tasks[group[0].request.subject].preemptive
+            taken = {r for r, at in due_at.items() if at < index or not is_preemptive}
+            result.append(tuple(_only(each, each.candidates.keys() - taken) for each in group))
             continue
         narrowed = []
         for demand, members in zip(group, step.coalition, strict=True):

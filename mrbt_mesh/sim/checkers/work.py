@@ -164,7 +164,7 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
     capable = capabilities_of(agent.facts, alive)
     groups: Sequence[Group] = demands_of(agent.facts, plan.evaluation.requests, capable)
     if plan.ahead is not None:
-        groups = by_schedule(plan.ahead, groups)
+        groups = by_schedule(agent.mission, plan.ahead, groups)
     for group in groups:
         for demand in group:
             place = (demand.request.activation, demand.local_task)

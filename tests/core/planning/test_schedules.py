@@ -142,6 +142,23 @@ def test_tasks_that_schedules_leave_out_go_to_robots_that_have_nothing_to_do_now
     assert who(world) == {"R1": "a", "R2": "c"}
 
 
+def test_a_preemptive_task_that_schedules_leave_out_takes_robots_before_and_after_they_begin() -> (
+    None
+):
+    """Or they would begin what the schedule says, and be taken off it, for ever."""
+    tasks = [task("a", exclusive=True, preemptive=True), task("b")]
+    mission = make_mission(
+        parallel(2, action("a"), action("b")), {"R1": {"a": 1.0, "b": 1.0}}, tasks
+    )
+    world = World(travelling(mission, {"a": "a", "b": "b"}, {"R1": "a"}))
+    world.claim("R1", world.activation("b"))
+    assert who(world) == {"R1": "a"}
+    world = World(travelling(mission, {"a": "a", "b": "b"}, {"R1": "a"}))
+    propose(world, "R1", ("b", "R1"))
+    assert costs(world) is not None
+    assert who(world) == {"R1": "a"}
+
+
 def test_proposals_of_missions_without_places_and_of_other_trees_are_refused() -> None:
     world = line()
     for steps, reason in (([["r1:1:b::0", [["R1"]]]], "names no node"), ([], None)):
