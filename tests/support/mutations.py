@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.commands import Commands
+from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
@@ -103,6 +104,8 @@ add(
     (Reviser, "may_begin", always(True)),
     (make_plan, "Plan", lambda plan, *given, **named: plan(*given, **named | {"revision": None})),
 )
+# Robots begin as soon as they take others for dead, which may still be at work without contact.
+add("those_without_contact_have_stopped", (ContactWatch, "_stops_us", always(0)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 

@@ -18,6 +18,7 @@ from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
+from mrbt_mesh.sim.checkers.contact import has_stopped
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import (
     Delivery,
@@ -138,6 +139,7 @@ class Checkers(Inspection):
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)
+                    has_stopped(run, agent, effect)
         claim = agent.claim
         if claim is not None and (before is None or claim.activation != before.activation):
             bids_first(run, agent, claim)

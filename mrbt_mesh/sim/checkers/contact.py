@@ -1,0 +1,33 @@
+"""I12: robots that stop without contact have stopped before others begin in their stead."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.mission.contact import ContactOf
+from mrbt_mesh.core.mission.jobs import place_at
+from mrbt_mesh.sim.checkers.findings import RunFindings
+
+
+def has_stopped(run: RunFindings, agent: AgentView, start: StartAction) -> None:
+    """I12: at the place of a task, and at an exclusive one, no robot is still at work that this one
+    takes for dead, if robots of its type hold or return without contact with a majority.
+    """
+    mission, alive = agent.mission, agent.alive()
+    task = agent.facts.task_of(start.activation)
+    is_exclusive = task is not None and task.exclusive
+    if not mission.on_lost_contact or not (is_exclusive or place_at(mission, start.local_task)):
+        return
+    for process in run.world.living():
+        other = process.agent.view if process.agent is not None else None
+        if other is None or other.action is None or process.robot in alive:
+            continue
+        policy = mission.on_lost_contact.get(mission.robots[process.robot].type)
+        if policy is None or not policy.is_promise or policy.of is not ContactOf.MAJORITY:
+            continue
+        run.checks["I12"] += 1
+        place, theirs = place_at(mission, start.local_task), other.action
+        is_there = place != "" and place_at(other.mission, theirs.local_task) == place
+        if not theirs.travel_to and (is_there or theirs.activation == start.activation):
+            text = f"{agent.robot} begins {start.local_task} of {start.activation} while"
+            run.violation("I12", f"{text} {process.robot}, without contact, is still at work there")
