@@ -279,7 +279,7 @@ class TeamFacts:
     @property
     def grantors(self) -> frozenset[str]:
         """The robots whose majority grants an exclusive task: all that the mission names."""
-        return self.mission.robot_ids
+        return self.declared.robot_ids
 
     def command(self) -> CommandKind:
         """The operator's standing command: abort if anybody heard that, else the latest one.

@@ -225,8 +225,10 @@ class LeaseGrantor:
         If they vanish, this robot's word counts too. Its own grants of an earlier life are
         among them.
         """
+        if self._me not in self._facts.grantors:
+            return
         for activation, found in self._facts.granted():
-            if activation in self._leases or self._me not in self._facts.grantors:
+            if activation in self._leases:
                 continue
             for coalition in sorted(found.grants):
                 if found.is_open(coalition) and self._me not in found.doubts.get(coalition, ()):
