@@ -14,9 +14,10 @@ from tests.support.team import Team
     ("local_task", "words"),
     [
         ("carry", ("new",)),
-        (
+        pytest.param(
             "ComputePathToPose_to_TakePhoto",
             ("tree", "lift", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml"), "--new"),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["a driver in Python", "a tree of one robot"],
