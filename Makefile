@@ -77,11 +77,11 @@ lint: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-# Teams of real processes wait half of the time: four at once, after everything else.
+# Teams of real processes wait half of the time: three at once, after everything else.
 test: $(READY)
 	$(MAKE) --jobs 2 --output-sync=target lint docs
-	$(BIN)/pytest -n auto -m "not processes"
-	$(BIN)/pytest -n 4 -rs -m "not slow" tests/processes
+	$(BIN)/pytest -n auto -m "not processes and not slow"
+	$(BIN)/pytest -n 3 -rs -m "not slow" tests/processes
 
 # tests/structure/test_wall.py runs some of them.
 test-mesh: $(READY)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.support.mesh_alone import copy_mesh, run
 
 # Of each package some, which load and run missions; `make test-mesh` runs all.
@@ -20,6 +22,7 @@ SOME = (
 MOST_LEFT_OUT = 10
 
 
+@pytest.mark.slow
 def test_the_mesh_passes_its_tests_without_the_periphery(tmp_path: Path) -> None:
     packages = ("core", "drills", "formats", "recording", "runtime", "sim")
     left_out = [name for name in copy_mesh(tmp_path) if name.split("/")[1] in packages]

@@ -45,7 +45,7 @@ def test_of_many_trees_some_are_split(tmp_path: Path) -> None:
     assert sum(count > 1 for count in counts) > CASES // 10
 
 
-@pytest.mark.parametrize("rule", ["carried", "shared"])
+@pytest.mark.parametrize("rule", [pytest.param("carried", marks=pytest.mark.slow), "shared"])
 def test_without_one_of_its_rules_a_split_goes_wrong(
     rule: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

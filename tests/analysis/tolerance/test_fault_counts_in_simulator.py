@@ -45,7 +45,15 @@ def happens(mission: Mission, faults: Iterable[Fault]) -> str:
     ).result
 
 
-@pytest.mark.parametrize("name", ["vehicle_repair", "explore", "dispense", "tool_search"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("vehicle_repair", marks=pytest.mark.slow),
+        "explore",
+        "dispense",
+        "tool_search",
+    ],
+)
 def test_runs_end_as_foretold(name: str) -> None:
     """Every single fault of one robot of each type, and the sets that analysis names.
 
