@@ -107,6 +107,8 @@ class Commands:
             return False, "a command is a list of two texts, and this one is too long"
         if self._context.is_new and command in (REVISE, WITHDRAW):
             return False, f"{self._context.me} is still joining the team: ask another robot"
+        if self._context.is_new and command in (BORROW, RETURN):
+            return False, f"{self._context.me} is still joining the team: ask again"
         if command == KEPT_JOB and self._desk is not None and not self._context.is_new:
             refusal = self._desk.await_kept(query, argument)
             return None if refusal is None else (True, refusal)
@@ -136,8 +138,6 @@ class Commands:
         by = one_line(by)
         if when not in (AT_ONCE, AFTER_TASK) or not by:
             return False, f"{argument!r:.80}: at_once NAME or after_task NAME expected"
-        if self._context.is_new:
-            return False, f"{self._context.me} is still joining the team: ask again"
         problem = self._withdrawal.borrow(by, when == AFTER_TASK, now_us)
         text = f"{self._context.me} is borrowed by {by}"
         is_after = problem is None and self._withdrawal.waiting

@@ -280,6 +280,25 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     assert mine["condition/sound"].incarnation == agent.view.incarnation
 
 
+def test_a_borrowed_robot_that_joins_is_returned_once_it_has() -> None:
+    """Before, it would stay borrowed: what it writes then loses against its earlier life."""
+    script = team()
+    story(script, "pass 200")
+    before, now_us = script.team.processes["A"].agent, 300 * MS
+    assert inside.carry_out(before, ["borrow", "at_once anna"], now_us)
+    kept = tuple(before.view.facts.map)
+    config = replace(
+        inside.context(before).config, nonce="later", restored=kept, expected=frozenset({"B"})
+    )
+    agent = Agent(before.view.mission, config, now_us)
+    answer = inside.carry_out(agent, ["return", ""], now_us)
+    assert answer == (False, "A is still joining the team: ask again")
+    agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)
+    answer = inside.carry_out(agent, ["return", ""], now_us + 60_000 * MS)
+    assert answer == (True, "A works for the team again")
+    assert agent.view.facts.borrowers == {"A": ""}
+
+
 # -- earlier lives ----------------------------------------------------------------------------
 
 
