@@ -12,6 +12,7 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
+from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.records import CommandKind
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
@@ -44,9 +45,11 @@ def command(agent: Agent, kind: CommandKind, now_us: int) -> None:
     agent._reports.command(kind, now_us)
 
 
-def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str] | None:
+def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
     """An operator's command."""
-    return agent._commands.carry_out(body, 1, now_us)
+    answer = agent._commands.carry_out(body, now_us)
+    assert not isinstance(answer, AwaitedJob)
+    return answer
 
 
 @contextlib.contextmanager

@@ -15,9 +15,10 @@ from unittest import mock
 from weakref import WeakKeyDictionary
 
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.commands import Commands
+from mrbt_mesh.core.agent.commands import Answer, Commands
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.effects import Persist
+from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
@@ -302,11 +303,11 @@ def rounds_are_mixed(original: Any, task: GlobalTask, said: ActivationFacts) -> 
 
 @mutation(Commands, "carry_out")
 def garbled_commands_pause(
-    original: Any, mine: Commands, body: Any, query: int, now_us: int
-) -> tuple[bool, str] | None:
+    original: Any, mine: Commands, body: Any, now_us: int
+) -> Answer | AwaitedJob:
     """A command that no robot understands pauses the team, to be on the safe side."""
-    answer: tuple[bool, str] | None = original(mine, body, query, now_us)
-    if answer is not None and not answer[0]:
+    answer: Answer | AwaitedJob = original(mine, body, now_us)
+    if not isinstance(answer, AwaitedJob) and not answer[0]:
         mine._reports.command(CommandKind.PAUSE, now_us)
     return answer
 

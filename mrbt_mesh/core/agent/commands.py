@@ -12,7 +12,8 @@ from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
-from mrbt_mesh.core.agent.job_desk import KEPT_JOB, JobDesk
+from mrbt_mesh.core.agent.job_desk import JOB_COMMANDS, JobDesk
+from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
@@ -39,6 +40,10 @@ MAX_REFUSALS = 100
 
 # Whether a command was carried out, and a text for people.
 Answer: TypeAlias = tuple[bool, str]
+# What a robot that is still joining does not do, since what it wrote might lose against its earlier
+# life, and what to do instead.
+_ONCE_JOINED = dict.fromkeys((BORROW, RETURN), "ask again")
+_ONCE_JOINED |= dict.fromkeys((TEAM, DECIDE, REVISE, WITHDRAW, *JOB_COMMANDS), "ask another robot")
 
 
 class Decision(enum.StrEnum):
@@ -72,7 +77,7 @@ class Commands:
         self._health = health
         self._withdrawal = withdrawal
         self.contact: ContactWatch | None = None
-        self._known: dict[str, Callable[[str, int], Answer]] = {
+        self._known: dict[str, Callable[[str, int], Answer | AwaitedJob]] = {
             FAULT: lambda names, now_us: self._change_capability(names, True, now_us),
             RESTORE: lambda names, now_us: self._change_capability(names, False, now_us),
             PERFORM: self._perform,
@@ -86,15 +91,14 @@ class Commands:
             REVISE: reviser.propose,
             WITHDRAW: reviser.withdraw,
         }
-        self._desk: JobDesk | None = None
         if context.facts.jobs is not None:
-            self._desk = desk = JobDesk(context, context.facts.jobs)
-            self._known |= {name: partial(self._of_jobs, desk, name) for name in desk.commands}
+            desk = JobDesk(context, context.facts.jobs)
+            self._known |= {name: partial(_of_jobs, desk, name) for name in JOB_COMMANDS}
 
-    def carry_out(self, body: Any, query: int, now_us: int) -> Answer | None:
+    def carry_out(self, body: Any, now_us: int) -> Answer | AwaitedJob:
         """Carry out a command; (False, why) for anything malformed or unknown.
 
-        None: the query is answered later.
+        A job that is awaited: the answer comes once it is on disk.
         """
         if (
             not isinstance(body, list)
@@ -105,20 +109,11 @@ class Commands:
         command, argument = body
         if max(len(command), len(argument)) > MAX_ARGUMENT and command != REVISE:
             return False, "a command is a list of two texts, and this one is too long"
-        if self._context.is_new and command in (REVISE, WITHDRAW):
-            return False, f"{self._context.me} is still joining the team: ask another robot"
-        if self._context.is_new and command in (BORROW, RETURN):
-            return False, f"{self._context.me} is still joining the team: ask again"
-        if command == KEPT_JOB and self._desk is not None and not self._context.is_new:
-            refusal = self._desk.await_kept(query, argument)
-            return None if refusal is None else (True, refusal)
+        if self._context.is_new and command in _ONCE_JOINED:
+            me = self._context.me
+            return False, f"{me} is still joining the team: {_ONCE_JOINED[command]}"
         carry_out = self._known.get(command)
         return carry_out(argument, now_us) if carry_out else (False, f"no command {command!r}")
-
-    def _of_jobs(self, desk: JobDesk, command: str, argument: str, now_us: int) -> Answer:
-        if self._context.is_new:
-            return False, f"{self._context.me} is still joining the team: ask another robot"
-        return True, desk.answer(command, argument, now_us)
 
     def _change_capability(self, local_task: str, lost: bool, now_us: int) -> Answer:
         change = CapabilityChanged(local_task, lost, OPERATOR, OPERATOR)
@@ -175,9 +170,6 @@ class Commands:
             kind = CommandKind(argument)
         except ValueError:
             return False, f"no command to the team {argument!r}; there is pause, resume, abort"
-        if self._context.is_new:
-            me = self._context.me
-            return False, f"{me} is still joining the team: ask again, or another robot"
         self._reports.command(kind, now_us)
         return True, f"{kind} is the team's command"
 
@@ -218,3 +210,8 @@ class Commands:
         self._context.write(writes, now_us)
         is_retry = decision is Decision.RETRY
         return True, f"{subject} is tried again" if is_retry else f"{subject} counts as {word}"
+
+
+def _of_jobs(desk: JobDesk, command: str, argument: str, now_us: int) -> Answer | AwaitedJob:
+    answer = desk.answer(command, argument, now_us)
+    return answer if isinstance(answer, AwaitedJob) else (True, answer)

@@ -33,8 +33,6 @@ from mrbt_mesh.core.membership.wire import (
 from mrbt_mesh.core.mission.mission import Mission
 
 MAX_REASONS = 1_000
-# The answer about a job that the journal holds.
-KEPT = '{"kept": true}'
 OTHERS = "others: too many to tell apart"
 
 
@@ -167,7 +165,7 @@ class Context:
     def answer_kept(self) -> None:
         """Answer the queries for jobs that the journal holds by now."""
         for query in self.jobs_on_disk.take_answered():
-            self.answer(query, True, KEPT)
+            self.answer(query, True, '{"kept": true}')
 
     def emit(self, *effects: Effect) -> None:
         """Have effects carried out, after those before."""

@@ -17,6 +17,7 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
+from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
@@ -152,8 +153,11 @@ class Inbound:
                 self._context.emit(Reply(query, replica.answer_pull(data, self._view)))
             else:
                 _, body = decode(data, replica.header, MessageKind.COMMAND)
-                answer = self._commands.carry_out(body, query, now_us)
-                if answer is not None:
+                answer = self._commands.carry_out(body, now_us)
+                if isinstance(answer, AwaitedJob):
+                    self._context.jobs_on_disk.wait(query, answer)
+                    self._context.answer_kept()
+                else:
                     self._context.answer(query, *answer)
         except WireError as error:
             self._context.answer(query, False, str(error))

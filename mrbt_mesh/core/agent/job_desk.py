@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.jobs import Jobs, KnownJob
 from mrbt_mesh.core.facts.records import Job, JobChange, JobState
@@ -17,7 +18,7 @@ from mrbt_mesh.core.mission.mission import MAX_PRIORITY
 from mrbt_mesh.core.mission.names import is_job_id
 from mrbt_mesh.core.planning.job_ends import job_end, robots_of
 
-SUBMIT, CHANGE_JOB, KEPT_JOB = "submit", "change_job", "kept_job"
+SUBMIT, CHANGE_JOB, KEPT_JOB = JOB_COMMANDS = "submit", "change_job", "kept_job"
 MAX_OPEN = 20_000
 # Times are not further ahead than this: a year.
 MAX_JOB_US = 366 * 86_400 * 1_000_000
@@ -38,11 +39,6 @@ class _RefusedError(ValueError):
         super().__init__(text)
         self.cause = cause
 
-    @property
-    def answer(self) -> str:
-        """As the answer to the command."""
-        return json.dumps({"refused": str(self), "cause": self.cause})
-
 
 class JobDesk:
     """Takes operators' commands about jobs, at one robot. All are JSON in and JSON out.
@@ -54,14 +50,19 @@ class JobDesk:
     def __init__(self, context: Context, jobs: Jobs) -> None:
         self._context = context
         self._jobs = jobs
-        self.commands = {SUBMIT: self._submit, CHANGE_JOB: self._change}
+        self._commands: dict[str, Callable[[Mapping[str, Any], int], Any]] = {
+            SUBMIT: self._submit,
+            CHANGE_JOB: self._change,
+            KEPT_JOB: self._kept,
+        }
 
-    def answer(self, command: str, argument: str, now_us: int) -> str:
-        """Carry out one of `commands`; its answer."""
+    def answer(self, command: str, argument: str, now_us: int) -> str | AwaitedJob:
+        """Carry out one of `JOB_COMMANDS`; its answer, or a job that is awaited."""
         try:
-            return json.dumps(self.commands[command](_read(argument), now_us))
+            found = self._commands[command](_read(argument), now_us)
         except _RefusedError as refusal:
-            return refusal.answer
+            found = {"refused": str(refusal), "cause": refusal.cause}
+        return found if isinstance(found, AwaitedJob) else json.dumps(found)
 
     def _submit(self, given: Mapping[str, Any], now_us: int) -> dict[str, Any]:
         """`{"id", "type", "arguments", "operator"}`, and `"priority"`, `"not_before_us"` and
@@ -154,20 +155,14 @@ class JobDesk:
         self._context.log("info", "job_changed", job=name, change=change)
         return _state(known)
 
-    def await_kept(self, query: int, argument: str) -> str | None:
-        """`{"id", "stamp"}`: answered by `{"kept": true}` once this robot's journal has all facts
-        of the job up to the stamp; here only if that is refused.
+    def _kept(self, given: Mapping[str, Any], _: int) -> AwaitedJob:
+        """`{"id", "stamp"}`: answered once this robot's journal has all facts of the job up to the
+        stamp.
         """
-        try:
-            given = _read(argument)
-            name, stamp = _text(given, "id"), given.get("stamp")
-            if type(stamp) is not int:
-                raise _RefusedError("stamp is missing, or is no whole number")
-        except _RefusedError as refusal:
-            return refusal.answer
-        self._context.jobs_on_disk.wait(query, name, stamp)
-        self._context.answer_kept()
-        return None
+        name, stamp = _text(given, "id"), given.get("stamp")
+        if type(stamp) is not int:
+            raise _RefusedError("stamp is missing, or is no whole number")
+        return AwaitedJob(name, stamp)
 
     def _write(self, name: str, fact: Fact, now_us: int) -> None:
         self._context.jobs_on_disk.note(name, self._context.promise([fact], now_us))

@@ -256,6 +256,15 @@ def test_an_answer_of_any_size_that_is_noise_is_refused(size: int) -> None:
 # -- before it has joined ---------------------------------------------------------------------
 
 
+def started_again(before: Agent, knows_its_past: bool, now_us: int) -> Agent:
+    """The same robot in another process, which is about to join; B is expected."""
+    kept = tuple(before.view.facts.map) if knows_its_past else ()
+    config = replace(
+        inside.context(before).config, nonce="later", restored=kept, expected=frozenset({"B"})
+    )
+    return Agent(before.view.mission, config, now_us)
+
+
 @pytest.mark.parametrize("knows_its_past", [True, False])
 def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past: bool) -> None:
     """Before, an entry of an earlier life, which has a higher incarnation, would stand."""
@@ -264,11 +273,7 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     before = script.team.processes["A"].agent
     now_us = 300 * MS
     before.handle(inputs.ConditionSet("sound", True), now_us)
-    kept = tuple(before.view.facts.map) if knows_its_past else ()
-    config = replace(
-        inside.context(before).config, nonce="later", restored=kept, expected=frozenset({"B"})
-    )
-    agent = Agent(before.view.mission, config, now_us)
+    agent = started_again(before, knows_its_past, now_us)
     for value in (knows_its_past, not knows_its_past):
         agent.handle(inputs.ConditionSet("sound", value), now_us)
     assert inside.carry_out(agent, ["team", "pause"], now_us)[0] is False
@@ -286,11 +291,7 @@ def test_a_borrowed_robot_that_joins_is_returned_once_it_has() -> None:
     story(script, "pass 200")
     before, now_us = script.team.processes["A"].agent, 300 * MS
     assert inside.carry_out(before, ["borrow", "at_once anna"], now_us)
-    kept = tuple(before.view.facts.map)
-    config = replace(
-        inside.context(before).config, nonce="later", restored=kept, expected=frozenset({"B"})
-    )
-    agent = Agent(before.view.mission, config, now_us)
+    agent = started_again(before, True, now_us)
     answer = inside.carry_out(agent, ["return", ""], now_us)
     assert answer == (False, "A is still joining the team: ask again")
     agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)

@@ -9,8 +9,8 @@ import pytest
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Reply
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT, JobDesk
-from mrbt_mesh.core.agent.jobs_on_disk import MAX_WAITING
+from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOB, SUBMIT, JobDesk
+from mrbt_mesh.core.agent.jobs_on_disk import MAX_WAITING, AwaitedJob
 from mrbt_mesh.core.membership.keys import submission_content
 from tests.support.keys import keys_of
 from tests.support.one_robot import desk
@@ -20,7 +20,8 @@ JOB = {"id": "a", "type": "inspect", "arguments": ["shelf_1"], "operator": "me"}
 
 
 def asked(found: JobDesk, command: str, **given: Any) -> Any:
-    return json.loads(found.answer(command, json.dumps(given), 0))
+    answer = found.answer(command, json.dumps(given), 0)
+    return answer if isinstance(answer, AwaitedJob) else json.loads(answer)
 
 
 def answered(context: Context) -> list[int]:
@@ -30,10 +31,9 @@ def answered(context: Context) -> list[int]:
 
 def test_a_query_for_a_job_is_answered_once_the_disk_has_it() -> None:
     found, context = desk()
-    for query, wanted in enumerate(({"id": "a", "stamp": 1}, {"id": "b", "stamp": 1})):
-        assert found.await_kept(query, json.dumps(wanted)) is None
-    # A change that another robot has taken, and of which this one has not heard yet.
-    found.await_kept(2, json.dumps({"id": "a", "stamp": 2}))
+    # The last one is a change that another robot has taken, of which this one has not heard yet.
+    for query, (name, stamp) in enumerate((("a", 1), ("b", 1), ("a", 2))):
+        context.jobs_on_disk.wait(query, asked(found, KEPT_JOB, id=name, stamp=stamp))
     asked(found, SUBMIT, **JOB)
     assert answered(context) == []
     context.durability.note_synced(context.durability.take_number())
@@ -42,17 +42,13 @@ def test_a_query_for_a_job_is_answered_once_the_disk_has_it() -> None:
     assert answered(context) == []
     context.durability.note_synced(context.durability.take_number())
     assert answered(context) == [2]
-    assert found.await_kept(3, json.dumps({"id": "a", "stamp": 2})) is None
-    assert answered(context) == [3]
-    refusal = found.await_kept(4, json.dumps({"id": "a"}))
-    assert refusal is not None
-    assert "stamp is missing" in refusal
+    assert "stamp is missing" in asked(found, KEPT_JOB, id="a")["refused"]
 
 
 def test_the_oldest_of_too_many_queries_are_forgotten() -> None:
     found, context = desk()
     for query in range(MAX_WAITING + 1):
-        found.await_kept(query, json.dumps({"id": "a", "stamp": 1}))
+        context.jobs_on_disk.wait(query, AwaitedJob("a", 1))
     asked(found, SUBMIT, **JOB)
     context.durability.note_synced(context.durability.take_number())
     assert answered(context) == list(range(1, MAX_WAITING + 1))
