@@ -121,7 +121,9 @@ def lines(
     from mrbt_mesh.core.bt.activation import parse_activation
 
     def subjects(activations: Sequence[str]) -> str:
-        return ", ".join(dict.fromkeys(parse_activation(each).subject for each in activations))
+        parts = map(parse_activation, activations)
+        names = (each.subject + (f" of {each.job}" if each.job else "") for each in parts)
+        return ", ".join(dict.fromkeys(names))
 
     def works(those: Sequence[tuple[str, str, str]]) -> str:
         return ", ".join(f"{robot}: {local_task} for {task}" for robot, task, local_task in those)
@@ -138,9 +140,9 @@ def lines(
         "jobs without a type": ", ".join(changes.lost_jobs),
         "blocked": "; ".join(blocked),
     }
-    shown = [f"{what + ':':<21}{text}" for what, text in found.items() if text]
+    shown = [f"{what + ':':<20} {text}" for what, text in found.items() if text]
     shown = shown or ["nothing is done or under way, and there are no new tasks or robots"]
     for kind, losses in survived.items():
         what = f"a job {kind} survives" if kind else "it survives"
-        shown.append(f"{what + ':':<21}{losses}")
+        shown.append(f"{what + ':':<20} {losses}")
     return shown

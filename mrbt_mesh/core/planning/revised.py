@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mrbt_mesh.core.bt.activation import Activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
 from mrbt_mesh.core.facts.validation import has_activation, refusal_reason
-from mrbt_mesh.core.mission.jobs import OpenJob
+from mrbt_mesh.core.mission.jobs import OpenJob, arguments_in
 from mrbt_mesh.core.mission.mission import Mission
 
 
@@ -68,13 +69,12 @@ def revision_changes(facts: TeamFacts, mission: Mission) -> RevisionChanges:
     again: list[str] = []
     dropped: list[str] = []
     for name, said in sorted(facts.activations.items()):
-        if not said.has_outcome or said.activation.job:
+        if not said.has_outcome:
             continue
         if has_activation(mission, name, facts.run):
             kept.append(name)
         else:
-            is_known = said.activation.subject in mission.global_tasks
-            (again if is_known else dropped).append(name)
+            (again if _has_task(mission, said.activation) else dropped).append(name)
     going_on: list[tuple[str, str, str]] = []
     cancelled: list[tuple[str, str, str]] = []
     for robot in sorted(facts.claims):
@@ -94,6 +94,14 @@ def revision_changes(facts: TeamFacts, mission: Mission) -> RevisionChanges:
         tuple(sorted(before.robots.keys() - mission.robots.keys())),
         tuple(_lost_jobs(facts, mission)),
     )
+
+
+def _has_task(mission: Mission, activation: Activation) -> bool:
+    """Whether the mission, or a type of its jobs, has the global task of an activation."""
+    if not activation.job:
+        return activation.subject in mission.global_tasks
+    patterns = (pattern for kind in mission.jobs.values() for pattern in kind.global_tasks)
+    return any(arguments_in(each, activation.subject) is not None for each in patterns)
 
 
 def _lost_jobs(facts: TeamFacts, mission: Mission) -> list[str]:

@@ -164,24 +164,22 @@ def by_schedule(mission: Mission, ahead: Lookahead, demands: Sequence[Group]) ->
     present = {group[0].request.activation: index for index, group in enumerate(demands)}
     at_work = {robot for group in demands for demand in group for robot in demand.pinned}
     due = {
-        robot: step
+        robot: present[activation]
         for robot, step in ahead.next_steps.items()
-        if robot not in at_work and ahead.opens[step.task].request.activation in present
-    }
-    due_at = {
-        robot: present[ahead.opens[step.task].request.activation] for robot, step in due.items()
+        if robot not in at_work
+        and (activation := ahead.opens[step.task].request.activation) in present
     }
     result = []
     for index, group in enumerate(demands):
         step = ahead.step_of(group[0].request.activation)
         if step is None:
             is_preemptive = mission.global_tasks[group[0].request.subject].preemptive
-            taken = {r for r, at in due_at.items() if at < index or not is_preemptive}
+            taken = {r for r, at in due.items() if at < index or not is_preemptive}
             result.append(tuple(_only(each, each.candidates.keys() - taken) for each in group))
             continue
         narrowed = []
         for demand, members in zip(group, step.coalition, strict=True):
-            robots = {ahead.robots[r] for r in members if due.get(ahead.robots[r]) is step}
+            robots = {name for r in members if due.get(name := ahead.robots[r]) == index}
             count = len(robots) + len(demand.pinned)
             narrowed.append(replace(_only(demand, robots), lower=count, upper=count))
         result.append(tuple(narrowed))

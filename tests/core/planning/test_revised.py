@@ -28,11 +28,7 @@ def test_a_dry_run_says_what_stays_and_what_does_not(seed: int) -> None:
     facts = next(iter(result.agents.values())).view.facts
     after = revise(before.mission, varied(before.mission, random.Random(seed)))
     told = revision_changes(facts, after)
-    done = {
-        name
-        for name, said in facts.activations.items()
-        if said.has_outcome and not said.activation.job
-    }
+    done = {name for name, said in facts.activations.items() if said.has_outcome}
 
     now = TeamFacts(before.mission, facts.run)
     now.map.merge(facts.map)
@@ -44,14 +40,7 @@ def test_a_dry_run_says_what_stays_and_what_does_not(seed: int) -> None:
     }
     now.map.merge([make_entry("op", name, version, each) for name, each in records.items()])
     assert now.declared == after
-    assert {name for name in done if now.has_outcome(name)} == {
-        *told.kept,
-        *(
-            name
-            for name in done
-            if facts.activations[name].activation.job and now.has_outcome(name)
-        ),
-    }
+    assert {name for name in done if now.has_outcome(name)} == set(told.kept)
     assert not any(now.has_outcome(name) for name in (*told.begun_again, *told.dropped))
     requests = now.mission.evaluator.evaluate(now).requests
     requested = {request.activation for request in requests}
