@@ -79,7 +79,7 @@ docs: $(READY)
 
 # Teams of real processes wait half of the time: three at once, after everything else.
 test: $(READY)
-	$(MAKE) --jobs 2 --output-sync=target lint docs
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=target lint docs
 	$(BIN)/pytest -n auto -m "not processes and not slow"
 	$(BIN)/pytest -n 3 -rs -m "not slow" tests/processes
 

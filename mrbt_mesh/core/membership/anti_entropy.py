@@ -4,9 +4,9 @@ Every heartbeat has a digest of its sender's facts. If it differs from one's own
 message may take, facts were lost on the way, and the peer is asked for them (`replica` writes and
 answers the pulls). Few are asked at a time: one answer holds all that is missing. A peer that still
 has the facts that this replica had a while ago is asked later, since it will ask itself, and not
-while it catches up. One whose facts of then this replica has had since is not asked. Where
-answers take long, because all are busy, so do facts: a difference may last for longer before it
-counts as a loss, and while no answers come, ever fewer are asked.
+while it catches up. Nor is a peer asked if all that it had by its last heartbeat has arrived here
+since. Where answers take long, because all are busy, so do facts: a difference may last for longer
+before it counts as a loss, and while no answers come, ever fewer are asked.
 
 Source: Demers et al., Epidemic algorithms for replicated database maintenance, 1987.
 """

@@ -19,7 +19,7 @@ from mrbt_mesh.sim.run import SimulationError, run_scenario
 from mrbt_mesh.sim.world.scenario import Scenario
 
 CRASH = "crash"
-# Of how many generated missions of a hundred the team gets revisions.
+# In what share of the generated missions the team gets revisions.
 REVISED = 0.15
 
 

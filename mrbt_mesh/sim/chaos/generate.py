@@ -54,7 +54,7 @@ VALUES: dict[str, list[Any]] = {
     "level": [-0.5, 2.5, 12, 19.9],
 }
 COMPARISONS = ["found == a", "found != b", "count >= 3", "count < 7", "level < 10", "level@R1 > 0"]
-# In how many missions of a hundred robots do something without contact.
+# In what share of the missions robots do something without contact.
 MINDING_CONTACT = 0.12
 # In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
 # the square of the robots times the events, of which an endless mission has as many as it can.

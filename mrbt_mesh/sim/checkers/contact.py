@@ -6,27 +6,30 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.mission.contact import ContactOf
 from mrbt_mesh.core.mission.jobs import place_at
+from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.sim.checkers.findings import RunFindings
 
 
 def has_stopped(run: RunFindings, agent: AgentView, start: StartAction) -> None:
     """I12: at the place of a task, and at an exclusive one, no robot is still at work that this one
-    takes for dead, if robots of its type hold or return without contact with a majority.
+    takes for dead, if it could do this, and holds or returns without contact with a majority.
     """
-    mission, alive = agent.mission, agent.alive()
+    mission, alive, place = agent.mission, agent.alive(), place_at(agent.mission, start.local_task)
     task = agent.facts.task_of(start.activation)
     is_exclusive = task is not None and task.exclusive
-    if not mission.on_lost_contact or not (is_exclusive or place_at(mission, start.local_task)):
+    if not mission.on_lost_contact or not (is_exclusive or place):
         return
     for process in run.world.living():
         other = process.agent.view if process.agent is not None else None
         if other is None or other.action is None or process.robot in alive:
             continue
-        policy = mission.on_lost_contact.get(mission.robots[process.robot].type)
+        robot, theirs = mission.robots.get(process.robot), other.action
+        policy = mission.on_lost_contact.get(robot.type) if robot is not None else None
         if policy is None or not policy.is_promise or policy.of is not ContactOf.MAJORITY:
             continue
+        if robot is None or performance(robot.capabilities, start.local_task) is None:
+            continue
         run.checks["I12"] += 1
-        place, theirs = place_at(mission, start.local_task), other.action
         is_there = place != "" and place_at(other.mission, theirs.local_task) == place
         if not theirs.travel_to and (is_there or theirs.activation == start.activation):
             text = f"{agent.robot} begins {start.local_task} of {start.activation} while"

@@ -20,7 +20,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.core.facts.team_facts import OF_JOBS
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, refusal_reason
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, has_activation, refusal_reason
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.process import SimProcess
 
@@ -134,6 +134,14 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     return agent.facts.is_obsolete(parse_activation(parts[1]))
 
 
+def _is_gone(agent: AgentView, activation: str) -> bool:
+    """Whether no evaluation can reach an activation, as of a node that a revision does not have."""
+    facts = agent.facts
+    if facts.is_revised and not has_activation(facts.declared, activation, facts.run):
+        return True
+    return facts.is_obsolete(parse_activation(activation))
+
+
 class NothingUndone:
     """I3: a process never loses an outcome; global tasks and missions that are finished stay so.
 
@@ -181,7 +189,7 @@ class NothingUndone:
         for key, success in self._outcomes.get(process, {}).items():
             if now.get(key, False) < success or key not in now:
                 robot, name = key
-                if not facts.is_obsolete(parse_activation(split_name(name)[1])):
+                if not _is_gone(agent, split_name(name)[1]):
                     self._run.violation("I3", f"{agent.robot} has lost {name} of {robot}")
         self._outcomes[process] = now
         self._run.checks["I3"] += len(now)
@@ -195,7 +203,7 @@ class NothingUndone:
                     self._check_round(agent, activation, now)
             elif activation in finished:
                 finished.discard(activation)
-                if not facts.is_obsolete(scope):
+                if not _is_gone(agent, activation):
                     text = f"for {agent.robot} {activation} is not finished any more"
                     self._run.violation("I3", text)
 

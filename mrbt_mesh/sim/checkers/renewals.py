@@ -135,10 +135,12 @@ def _notes(facts: TeamFacts) -> Iterator[tuple[str, Revision]]:
 
 
 def _changed(facts: TeamFacts) -> set[str]:
-    """The conditions that have ever changed, by the names that the tree reads."""
+    """The conditions that have ever changed, by the names that the tree reads: with the robot that
+    they are of, or without.
+    """
     names = {name for name in facts.conditions.names() if facts.conditions.revision(name)}
     names |= {name for name, revision in _notes(facts) if revision}
-    return {split_owner(name)[0] for name in names}
+    return names | {split_owner(name)[0] for name in names}
 
 
 def _has_late_news(facts: TeamFacts) -> bool:

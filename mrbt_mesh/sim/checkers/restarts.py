@@ -66,9 +66,10 @@ class Resumption:
             self._check_restored(process, process.agent.view, has_pruned=True)
         written: dict[tuple[str, str], Entry] = {}
         for effect in effects:
-            if isinstance(effect, Persist) and effect.at_once:
+            if isinstance(effect, Persist):
                 for entry in effect.entries:
-                    self._write(entry)
+                    if effect.at_once:
+                        self._write(entry)
                     written[entry.author, entry.name] = entry
             elif isinstance(effect, Forget):
                 self._forget(process, effect.keys)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -39,7 +40,7 @@ class Revised:
             before.map.merge(each for each in entries if each.parts[0] not in MISSION_KINDS)
         told = revision_changes(before, facts.declared)
         self._run.checks["I11"] += 1
-        lost = [name for name in told.kept if not facts.has_outcome(name)]
+        lost = [n for n in told.kept if not (facts.has_outcome(n) or _has_ended(facts, n))]
         left = [name for name in (*told.begun_again, *told.dropped) if facts.has_outcome(name)]
         at_work = {
             (robot, claim.global_task, claim.local_task)
@@ -75,3 +76,9 @@ class Revised:
                     f"{agent.robot} begins {start.activation} by revision {number} while "
                     f"{other.robot} acts by revision {theirs}",
                 )
+
+
+def _has_ended(facts: TeamFacts, activation: str) -> bool:
+    """Whether it is one of a job that has ended, of which outcomes are dropped."""
+    job = parse_activation(activation).job
+    return bool(job) and facts.jobs is not None and facts.jobs.has_ended(job)

@@ -83,7 +83,12 @@ def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     _, entries = pause(process, stamp=9)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True)])
     assert team.checkers.violations == []
-    late = parse_entry("A1", "command", Version(Incarnation(0, "n"), 1), ["resume", 10])
+    # A later one in the same step, which need not be on disk at once.
+    _, newer = pause(process, stamp=10)
+    both = [Persist(entries, at_once=True), Persist(newer, at_once=False)]
+    team.checkers.i9.handled(process, TICK, both)
+    assert team.checkers.violations == []
+    late = parse_entry("A1", "command", Version(Incarnation(0, "n"), 1), ["resume", 11])
     team.checkers.i9.handled(process, TICK, [Persist((late,), at_once=True)])
     assert "A1 writes command" in team.checkers.violations[0]
 
