@@ -10,7 +10,7 @@ APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-mesh test-long test-plain test-slow test-page test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
-	bench-membership bench-submissions bench-jobs bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
+	bench-membership bench-submissions bench-history bench-jobs bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -40,6 +40,7 @@ help:
 	@echo "make bench-tokens    what a stranger's liveliness tokens cost a team"
 	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
 	@echo "make bench-submissions 1,000 jobs, and a robot that is killed every five seconds"
+	@echo "make bench-history   an hour of jobs, faults and two servers, judged from what robots did"
 	@echo "make bench-jobs      200,000 jobs in a virtual week, and plans with 10,000 open jobs"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt sim estimate makes in a minute"
@@ -207,6 +208,10 @@ bench-resume: $(READY)
 # Jobs that are handed in while robots are killed: none may be lost.
 bench-submissions: $(READY)
 	$(BIN)/python -m benchmarks.submissions
+
+# Clients, servers and faults for an hour, judged from what robots did. As root on Linux.
+bench-history: $(READY)
+	$(BIN)/python -m benchmarks.history
 
 # An hour or more.
 bench-jobs: $(READY)
