@@ -50,7 +50,7 @@ class Context:
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
         self.config = config
         self.me = config.robot
-        self.facts = TeamFacts(mission, config.run)
+        self.facts = TeamFacts(mission, config.run, config.robot)
         header = Header(mission.team_digest[:16], mission.name, config.run, config.robot)
         read_batch = config.engine.read_batch
         self.replica = Replica(
@@ -142,6 +142,10 @@ class Context:
 
     def _write(self, facts: Sequence[Fact], number: int, now_us: int) -> None:
         data, entries = self.replica.write(facts, now_us)
+        for problem in self.replica.left_out:
+            if self.count_refusal(self.me, "own fact that others would refuse"):
+                self.log("error", "own_fact_left_out", problem=problem)
+        self.replica.left_out.clear()
         self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
 
     def members_digest(self) -> bytes:

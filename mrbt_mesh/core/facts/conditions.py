@@ -13,6 +13,8 @@ read before may write the next one, so late news is not taken for a change.
 Another entry of the blackboard does not alternate, and two robots may give it different values with
 one revision. So each comparison with it is such an expression, and what was read of the entry is
 noted as (revision, stamp, author), which names one value.
+
+What is noted of an expression counts once all that was read for it is known here.
 """
 
 from __future__ import annotations
@@ -23,11 +25,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard, GuardWithActions
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision, Revision
+from mrbt_mesh.core.facts.stamps import MAX_CHANGES_AHEAD, second_greatest
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition, split_owner
 
 _NOT_SET = ConditionValue(None, 0, 0), ""
+# Conditions with revisions that no honest robot comes to.
+MAX_SUSPICIOUS = 1_000
 
 
 class Conditions:
@@ -42,6 +47,10 @@ class Conditions:
         self._values: dict[str, bool] = {}
         self._defaults: dict[str, bool] = {}
         self._noted: dict[str, dict[str, ExpressionRevision]] = {}
+        # The same, of which something that was read is not known here yet.
+        self._early: dict[str, dict[str, ExpressionRevision]] = {}
+        # Condition -> author -> its revision, above `MAX_CHANGES_AHEAD`.
+        self._suspicious: dict[str, dict[str, int]] = {}
         self._readers: dict[str, list[Expression]] = {}
         # Of which something was said since they were looked at last.
         self._touched: dict[str, Expression] = {}
@@ -55,6 +64,7 @@ class Conditions:
     def use(self, mission: Mission) -> None:
         """Read the guards of this mission's tree from now on: other jobs are in it."""
         before, self._mission = self._expressions, mission
+        actions_before = self._with_actions
         self._expressions = mission.per_robot.guard_expressions
         self._with_actions = mission.evaluator.with_actions
         self._readers.clear()
@@ -67,12 +77,33 @@ class Conditions:
         for name in before.keys() - self._expressions.keys():
             self._defaults.pop(name, None)
             self._values.pop(name, None)
+        guards = {*self._expressions, *self._with_actions} - before.keys() - actions_before.keys()
+        for name in sorted(guards & self._noted.keys()):
+            for author, noted in self._noted.pop(name).items():
+                self.note(name, author, noted)
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
         """The author's value from now on. Only those of ended jobs are ever dropped."""
         self._remember(name)
         self._by_author.setdefault(name, {})[author] = value
         self._stand(name)
+        if self._early:
+            self._note_early()
+
+    def is_too_far_ahead(self, name: str, author: str, revision: int) -> bool:
+        """True for a revision so far above those of all other authors that nobody may continue it.
+
+        An author's greatest revision stays in the map, so what continues it is never too far.
+        """
+        if revision <= MAX_CHANGES_AHEAD:
+            return False
+        if len(self._suspicious) >= MAX_SUSPICIOUS:
+            self._suspicious.clear()
+        seen = self._suspicious.setdefault(name, {})
+        seen[author] = max(revision, seen.get(author, 0))
+        known = {by: each.revision for by, each in self._by_author.get(name, {}).items()}
+        others = {by: max(number, known.get(by, 0)) for by, number in seen.items()}
+        return revision > second_greatest((known | others).values()) + MAX_CHANGES_AHEAD
 
     def drop(self, name: str, author: str) -> None:
         """The author's value of an entry was dropped with its job."""
@@ -199,18 +230,42 @@ class Conditions:
 
     def note(self, name: str, author: str, noted: ExpressionRevision) -> None:
         """What an author has seen of an expression, or of a guard with actions."""
+        self._early.get(name, {}).pop(author, None)
+        if self._is_early(name, noted):
+            self._early.setdefault(name, {})[author] = noted
+            return
         self._remember(name)
         self._noted.setdefault(name, {})[author] = noted
         if name in self._expressions:
             self._touched[name] = self._expressions[name]
             self._touch_readers(name)
+        if self._early:
+            self._note_early()
+
+    def _is_early(self, name: str, noted: ExpressionRevision) -> bool:
+        """True if something that was read is newer than all that is known of it here."""
+        if name in self._expressions:
+            known = map(self.seen, self._expressions[name].conditions)
+            return any(map(operator.gt, noted.read, known))
+        guard = self._with_actions.get(name)
+        return guard is not None and any(
+            map(operator.gt, noted.read, map(self.revision, guard.conditions))
+        )
+
+    def _note_early(self) -> None:
+        """Something became known: take in what was noted early and is not any more."""
+        early, self._early = self._early, {}
+        for name, by_author in sorted(early.items()):
+            for author, noted in sorted(by_author.items()):
+                self.note(name, author, noted)
 
     def forget(self, name: str, author: str) -> None:
         """What an author has seen of a guard was dropped, with the job in whose tree it was."""
-        noted = self._noted.get(name, {})
-        noted.pop(author, None)
-        if not noted:
-            self._noted.pop(name, None)
+        for known in (self._noted, self._early):
+            noted = known.get(name, {})
+            noted.pop(author, None)
+            if not noted:
+                known.pop(name, None)
 
     def _touch_readers(self, name: str) -> None:
         for expression in self._readers.get(name, ()):

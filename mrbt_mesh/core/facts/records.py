@@ -390,12 +390,15 @@ class Outcome(Record):
 @dataclass(frozen=True, slots=True)
 class ConditionValue(Record):
     """A condition, or another entry of the blackboard, as its author last saw or set it; None: not
-    set any more. `revision` grows by one at each change.
+    set any more. `revision` grows by one at each change, so no author takes one back.
     """
 
     value: Annotated[Value | None, Plain(_read_value)]
     revision: _Positive
     stamp: int
+
+    def rank(self) -> int:
+        return self.revision
 
 
 @dataclass(frozen=True, slots=True)

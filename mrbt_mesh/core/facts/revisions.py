@@ -12,6 +12,7 @@ from functools import lru_cache
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission, ProposedMission
+from mrbt_mesh.core.facts.stamps import second_greatest
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
@@ -58,10 +59,15 @@ class Revisions:
 
     @property
     def last_number(self) -> int:
-        """The greatest number that any revision has; 0: there is none."""
-        numbers = [number for number, _ in (*self._proposed, *self._adopted, *self._withdrawn)]
-        held = (max(each.number, each.in_force) for each in self._held.values())
-        return max((*numbers, *held), default=0)
+        """The greatest number that any revision has; 0: there is none.
+
+        It is one that was proposed, or that two robots know of: one alone may lie.
+        """
+        known = {robot: max(each.number, each.in_force) for robot, each in self._held.items()}
+        for number, author in (*self._adopted, *self._withdrawn):
+            known[author] = max(number, known.get(author, 0))
+        proposed = max((number for number, _ in self._proposed), default=0)
+        return max(proposed, second_greatest(known.values()))
 
     def held_by(self, robot: str) -> HeldMission:
         """Which revision a robot holds, and by which it acts."""

@@ -37,6 +37,7 @@ from mrbt_mesh.core.facts.records import (
     TravelTimes,
 )
 from mrbt_mesh.core.facts.revisions import Revisions
+from mrbt_mesh.core.facts.stamps import Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, refusal_reason
@@ -89,15 +90,14 @@ class TeamFacts:
     has taken the place of another one.
     `activations`: what is said of each activation, by name. `problems`: robot -> its journal
     or a part of its program -> what is wrong with it. `changes` counts all changes of the
-    map, `outcome_changes` those of outcomes. `max_stamp`: the greatest Lamport stamp seen
-    (Lamport 1978); a robot writes the next one.
+    map, `outcome_changes` those of outcomes. `me`: the robot that holds them, if one does.
     """
 
-    def __init__(self, mission: Mission, run: str) -> None:
+    def __init__(self, mission: Mission, run: str, me: str = "") -> None:
         self.run = run
         self.map = FactMap()
         self.revisions = Revisions()
-        self.max_stamp = 0
+        self._stamps = Stamps(me)
         self.changes = 0
         self.outcome_changes = 0
         # What the mission in force has no place for.
@@ -275,6 +275,21 @@ class TeamFacts:
             found = travel.changed_table(kind, said.places, said.ways_ms)
             self._travel_tables[robot, kind] = found
         return found
+
+    @property
+    def max_stamp(self) -> int:
+        """The greatest Lamport stamp (Lamport 1978) that counts; a robot writes the next one."""
+        return self._stamps.greatest
+
+    def is_too_far_ahead(self, entry: Entry) -> bool:
+        """True for a condition that its author claims to have changed more often than is possible.
+
+        Every authentic entry has to be shown to this before it is merged.
+        """
+        record = entry.record
+        return isinstance(record, ConditionValue) and self.conditions.is_too_far_ahead(
+            entry.parts[1], entry.author, record.revision
+        )
 
     @property
     def grantors(self) -> frozenset[str]:
@@ -465,14 +480,14 @@ class TeamFacts:
                 self._note_claim(author, record)
                 self.claims[author] = KnownClaim(record, incarnation)
                 self._places[author] = record.place
-                self._see_stamp(record.since)
+                self._stamps.see(author, record.since)
             case NoClaim(place):
                 self._note_claim(author, None)
                 self.claims.pop(author, None)
                 self._places[author] = place
             case ConditionValue():
                 self.conditions.set(entry.parts[1], author, record)
-                self._see_stamp(record.stamp)
+                self._stamps.see(author, record.stamp)
             case ExpressionRevision():
                 self.conditions.note(entry.parts[1], author, record)
             case MissionResult():
@@ -487,12 +502,12 @@ class TeamFacts:
                 self.borrowers[author] = by
             case TeamCommand():
                 self._commands[author] = record
-                self._see_stamp(record.stamp)
+                self._stamps.see(author, record.stamp)
 
     def _add_to_job(self, entry: Entry, jobs: Jobs) -> None:
         jobs.add(entry)
         if isinstance(entry.record, Job | JobChange | JobEnd):
-            self._see_stamp(entry.record.stamp)
+            self._stamps.see(entry.author, entry.record.stamp)
         if jobs.has_ended(entry.parts[1]) and entry.parts[1] in jobs.known:
             ended = jobs.known[entry.parts[1]].activations
             self._new_activations |= dict.fromkeys(ended)
@@ -531,7 +546,7 @@ class TeamFacts:
         said.add(entry)
         self.outcome_changes += kind == records.OUTCOME
         if kind in records.COALITION_KINDS:
-            self._see_stamp(CoalitionId.parse(entry.parts[2]).since)
+            self._stamps.see(entry.author, CoalitionId.parse(entry.parts[2]).since)
 
     def _remove(self, entry: Entry) -> None:
         """Dropped are entries of activations, those of one together, of jobs, about earlier
@@ -559,6 +574,3 @@ class TeamFacts:
             del self.activations[name]
             if said.activation.job and self.jobs is not None:
                 self.jobs.note_activation(said.activation.job, name, is_known=False)
-
-    def _see_stamp(self, stamp: int) -> None:
-        self.max_stamp = max(self.max_stamp, stamp)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.records import MISSION_KINDS, Record
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, make_entry
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
@@ -29,6 +29,7 @@ from mrbt_mesh.core.membership.wire import (
     read_batch,
 )
 
+TOO_FAR_AHEAD = "its revision is too far ahead of those of others"
 # To take in a page takes a robot some milliseconds, in which it does nothing else.
 PAGE_BYTES = 1 << 16
 
@@ -52,7 +53,7 @@ class Replica:
     """The team's facts with this robot's incarnation and sequence number.
 
     `anti_entropy`: which peers to ask for what may have been missed. `next_version`: that of the
-    batch that is written next.
+    batch that is written next. `left_out`: own facts that could not be written, and why.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class Replica:
         self._keys = keys
         self._authorship = Authorship(keys.was_signed, header.run) if keys is not None else None
         self.next_version = Version(self.incarnation, 1)
+        self.left_out: list[str] = []
 
     @property
     def me(self) -> str:
@@ -93,12 +95,20 @@ class Replica:
         return self.incarnation
 
     def write(self, facts: Iterable[Fact], now_us: int) -> tuple[bytes, tuple[Entry, ...]]:
-        """Write one batch of own facts: (the message with it, its entries)."""
+        """Write one batch of own facts: (the message with it, its entries).
+
+        A fact that other robots and this robot's own journal would refuse is left out.
+        """
         version = self.next_version
         self.next_version = Version(self.incarnation, version.sequence + 1)
         proof = BatchProof() if self._keys is not None else None
-        entries = [make_entry(self.me, name, version, record, proof) for name, record in facts]
-        if proof is not None and self._keys is not None and self._authorship is not None:
+        entries = []
+        for name, record in facts:
+            try:
+                entries.append(parse_entry(self.me, name, version, record.to_value(), proof))
+            except ValueError as error:
+                self.left_out.append(f"{name}: {error}")
+        if entries and proof is not None and self._keys and self._authorship is not None:
             self._authorship.sign(proof, entries, self._keys.sign)
         self.facts.map.merge(entries)
         self.anti_entropy.changed_us = now_us
@@ -159,6 +169,8 @@ class Replica:
             reason = refusal_reason(entry, self.facts.declared, self.facts.run)
             if reason is None and not is_own_record and not self._is_authentic(entry):
                 reason = NOT_AUTHENTIC
+            if reason is None and not is_own_record and self.facts.is_too_far_ahead(entry):
+                reason = TOO_FAR_AHEAD
             if reason is None:
                 fitting.append(entry)
             else:
