@@ -3,6 +3,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What the product needs (requirements.lock), and what its tests need as well (requirements-dev.lock).
+RUNTIME := $(VENV)/.runtime
 READY := $(VENV)/.ready
 # Two targets at once may both install: one waits for the other.
 APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
@@ -14,8 +16,8 @@ APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
-	@echo "make setup           .venv with everything from requirements.lock, as the others do first"
-	@echo "make test            checks and tests"
+	@echo "make setup           .venv with everything from requirements-dev.lock, as the others do first"
+	@echo "make test            checks and tests, in about five minutes on two idle cores"
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
 	@echo "make test-mesh       the mesh's own tests where analysis, views, adapters and btcpp are deleted"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
@@ -52,19 +54,23 @@ help:
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/data/paper.md and its pictures"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
-	@echo "make lock            write requirements.lock again from pyproject.toml"
+	@echo "make lock            write both lock files again from pyproject.toml"
+	@echo "make check-lock      whether both lock files are what pyproject.toml asks for"
 	@echo "make clean           remove .venv and caches"
 
 setup: $(READY)
 
-$(READY): requirements.lock pyproject.toml deploy/make-venv
-	PYTHON=$(PYTHON) sh deploy/make-venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile \
-		--require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+$(RUNTIME): requirements.lock pyproject.toml deploy/make-venv deploy/install_locked.py
+	@PYTHON=$(PYTHON) sh deploy/make-venv $(VENV)
+	@$(BIN)/python deploy/install_locked.py requirements.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $(RUNTIME)
+
+$(READY): $(RUNTIME) requirements-dev.lock
+	@$(BIN)/python deploy/install_locked.py requirements-dev.lock
 	@touch $(READY)
 
-demo: $(READY)
+demo: $(RUNTIME)
 	$(BIN)/mrbt demo
 
 lint: $(READY)
@@ -78,11 +84,12 @@ lint: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
-# Teams of real processes wait half of the time: three at once, after everything else.
+# What is tried (tests/support/effort.py) is what fits into five minutes on two idle cores.
 test: $(READY)
+	@echo "about five minutes on two idle cores: checks and documents, then tests, then real processes"
 	$(MAKE) --no-print-directory --jobs 2 --output-sync=target lint docs
-	$(BIN)/pytest -n auto -m "not processes and not slow"
-	$(BIN)/pytest -n 3 -rs -m "not slow" tests/processes
+	$(BIN)/pytest -n auto --dist worksteal -m "not processes and not slow"
+	$(BIN)/pytest -n 3 -m smoke tests/processes
 
 # tests/structure/test_wall.py runs some of them.
 test-mesh: $(READY)
@@ -90,18 +97,18 @@ test-mesh: $(READY)
 
 # The same with more seeds and more examples of every property.
 test-long: $(READY)
-	MRBT_LONG=1 MRBT_CHAOS_SEEDS=1000 MRBT_EXAMPLES=1000 $(BIN)/pytest -n auto -m "not processes"
+	MRBT_TESTS=long $(BIN)/pytest -n auto -m "not processes"
 
 # What robots compute with must make no difference: everything by the plain definitions.
 test-plain: $(READY)
-	MRBT_PLAIN=1 MRBT_CHAOS_SEEDS=100 $(BIN)/pytest -n auto -m "not processes"
+	MRBT_PLAIN=1 MRBT_TESTS=gate $(BIN)/pytest -n auto -m "not processes"
 
 test-slow: $(READY)
 	$(BIN)/pytest -m slow
 
 # What mrbt analyze foretells of faults against simulated runs: some 6,200 of them, ten minutes.
 tolerance: $(READY)
-	MRBT_TOLERANCE_MISSIONS=1800 $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
+	MRBT_TESTS=long $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
 
 test-browser: $(READY) chromium
 	$(BIN)/pytest -n 2 -m browser -rs tests/browser
@@ -131,7 +138,7 @@ chromium:
 test-docker: $(READY)
 	$(BIN)/pytest -m "docker and not slow" -rs tests/docker
 
-# BehaviorTree.CPP and the like are not in requirements.lock: they have no wheels for every machine.
+# BehaviorTree.CPP and the like are not in requirements-dev.lock: they have no wheels for every machine.
 .PHONY: parts-interop parts-vda5050 parts-ros2 parts-world
 parts-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
@@ -143,9 +150,9 @@ INTEROP_TESTS := tests/adapters tests/processes/test_foxglove.py tests/btcpp/exe
 test-interop: parts-interop
 	$(BIN)/pytest -rs $(INTEROP_TESTS)
 
-# 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` tells each eighth.
+# 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` has an eighth.
 test-conformance: $(READY)
-	MRBT_CONFORMANCE=1 $(BIN)/pytest tests/btcpp/executor/test_tree_executor_traces.py \
+	MRBT_TESTS=gate $(BIN)/pytest tests/btcpp/executor/test_tree_executor_traces.py \
 		tests/btcpp/scripts/test_evaluator_measured.py tests/analysis/test_team_tree_traces.py
 
 # Parts that others have made: a broker, virtual AGVs, published schemas (docs/how-to/vda5050.md).
@@ -188,7 +195,7 @@ test-with-others: parts-interop parts-vda5050 parts-ros2 parts-world
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
 
-# SciPy and the like are not in requirements.lock: the product and its tests do not need them.
+# SciPy and the like are not in requirements-dev.lock: the product and its tests do not need them.
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[bench]'
 	$(BIN)/python -m benchmarks --json bench.json
@@ -238,8 +245,8 @@ bench-recording: $(READY)
 
 # Recordings of honest runs, proved; falsified ones, found; and what-if with nothing changed.
 verify-recordings: $(READY)
-	MRBT_LONG=1 $(BIN)/pytest -n auto tests/views/replay/test_what_if_unchanged.py
-	MRBT_LONG=1 $(BIN)/pytest -n auto tests/views/replay/test_verify.py -k random_falsifications
+	MRBT_TESTS=long $(BIN)/pytest -n auto tests/views/replay/test_what_if_unchanged.py
+	MRBT_TESTS=long $(BIN)/pytest -n auto tests/views/replay/test_verify.py -k random_falsifications
 	$(BIN)/python -m benchmarks.verified_recordings
 
 walk: $(READY)
@@ -253,10 +260,25 @@ JOBS := 2
 soak: $(READY)
 	$(BIN)/mrbt sim chaos --generated --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
 
-lock:
-	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
-		--no-header --no-emit-index-url --upgrade --extra dev pyproject.toml -o requirements.lock
+LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
+	--no-header --no-emit-index-url pyproject.toml
+# The runtime, and what its image has as well (deploy/Dockerfile).
+RUNTIME_EXTRAS := --extra build --extra metrics --extra vda5050 --extra web
+
+.PHONY: uv
+uv: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+
+lock: uv
+	$(LOCK) --upgrade --extra dev -o requirements-dev.lock
+	$(LOCK) --upgrade $(RUNTIME_EXTRAS) -c requirements-dev.lock -o requirements.lock
+
+# Both lock files have what pyproject.toml asks for, in the same versions.
+check-lock: uv
+	@mkdir -p build && cp requirements.lock requirements-dev.lock build
+	$(LOCK) --extra dev -o build/requirements-dev.lock
+	$(LOCK) $(RUNTIME_EXTRAS) -c requirements-dev.lock -o build/requirements.lock
+	diff requirements-dev.lock build/requirements-dev.lock && diff requirements.lock build/requirements.lock
 
 clean:
 	rm -rf $(VENV) $(ROS2) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

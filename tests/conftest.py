@@ -1,24 +1,39 @@
-"""Settings of the property tests: a failure prints what replays it, and no clock decides."""
+"""Settings of all tests: examples of properties, a state folder of their own, what was skipped."""
 
 from __future__ import annotations
 
 import gc
 import os
+import shutil
+import tempfile
+from collections import Counter
+from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # As where the package is installed: pytest finds it by its entry point.
 from mrbt_mesh.pytest_plugin import run_mission as run_mission
+from tests.support.effort import EXAMPLES
 
 settings.register_profile(
     "project",
+    # A failure prints what replays it, and no clock decides.
     deadline=None,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],
-    # `make test-long` tries more.
-    max_examples=int(os.environ.get("MRBT_EXAMPLES", "10")),
+    max_examples=EXAMPLES,
 )
 settings.load_profile("project")
+
+_STATE = "MRBT_STATE_DIR"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """No run of a test is left in the user's own state folder. Workers inherit the variable."""
+    if not hasattr(config, "workerinput"):
+        os.environ[_STATE] = folder = tempfile.mkdtemp(prefix="mrbt-tests-")
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
 def pytest_collection_finish() -> None:
@@ -26,3 +41,13 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Why tests were skipped, and how many for each reason."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    reasons = Counter(each.longrepr[2].removeprefix("Skipped: ") for each in skipped)
+    if reasons:
+        terminalreporter.section("skipped")
+    for reason, count in sorted(reasons.items(), key=lambda each: (-each[1], each[0])):
+        terminalreporter.line(f"{count:5} {reason}")

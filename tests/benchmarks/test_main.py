@@ -15,7 +15,7 @@ from benchmarks import auction, registry, report
 from benchmarks.instances import Density, Spec, Values, draw
 from benchmarks.registry import MODULES, Benchmark, Result, Setting, Table, load
 from benchmarks.report import ROOT
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 
 PROGRAMS = (
     *("estimate", "failover", "membership", "metrics", "recording", "resume", "robustness"),
@@ -136,7 +136,7 @@ def test_unknown_names_and_folders_are_refused(capsys: pytest.CaptureFixture[str
         assert why in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", PROGRAMS if IS_LONG else PROGRAMS[::4])
+@pytest.mark.parametrize("name", at_size(quick=PROGRAMS[::4], gate=PROGRAMS))
 def test_every_program_shows_its_options(name: str) -> None:
     command = [sys.executable, "-m", f"benchmarks.{name}", "--help"]
     assert "--json" in subprocess.run(command, cwd=ROOT, check=True, stdout=-1, text=True).stdout

@@ -20,6 +20,7 @@ from tests.support.team import Team
 from tests.support.terminal import Terminal
 
 
+@pytest.mark.smoke
 def test_all_views_show_the_same_times_of_a_death(team: Team) -> None:
     port = free_ports(1)
     team.hold("replace_hw")

@@ -101,6 +101,7 @@ def test_a_repair_succeeds_in_a_flood(team: Team) -> None:
     check_repair(team, "changed", rate=20_000)
 
 
+@pytest.mark.smoke
 def test_an_order_without_the_operators_key_is_refused_and_told_so(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE)

@@ -18,6 +18,7 @@ DELIVERIES = mission_file("deliveries")
 COUNT = 12
 
 
+@pytest.mark.smoke
 def test_acknowledged_jobs_survive_the_robots_that_took_them(team: Team) -> None:
     team.up(DELIVERIES, speed=20)
     team.wait_until(lambda: len(team.robots()) == 6, "all are there")

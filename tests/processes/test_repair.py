@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import (
     check_paper,
@@ -13,6 +15,7 @@ from tests.support.team import Team
 ROBOTS = {"A1", "A2", "B1", "B2", "C1", "C2"}
 
 
+@pytest.mark.smoke
 def test_without_a_fault_the_run_is_the_papers(team: Team) -> None:
     hold_for_the_paper(team)
     team.up()
@@ -27,6 +30,7 @@ def test_without_a_fault_the_run_is_the_papers(team: Team) -> None:
     check_paper(spans(team.events()))
 
 
+@pytest.mark.smoke
 def test_a_frozen_robot_is_replaced_and_yields_when_it_thaws(team: Team) -> None:
     team.hold("replace_hw")
     team.up()

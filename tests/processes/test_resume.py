@@ -12,6 +12,7 @@ from tests.support.paper_run import check_order
 from tests.support.team import EXPLORE, REPAIR, Team
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     ("local_task", "next_one"),
     [

@@ -6,6 +6,8 @@ import json
 import signal
 from pathlib import Path
 
+import pytest
+
 from tests.support.paths import ROOT, mission_file
 from tests.support.team import Team
 
@@ -32,6 +34,7 @@ RECHECK = """  recheck:
 """
 
 
+@pytest.mark.smoke
 def test_a_team_takes_up_another_mission_while_it_works(team: Team, tmp_path: Path) -> None:
     team.hold("look")
     team.up(DELIVERIES, speed=20)

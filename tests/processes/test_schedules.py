@@ -6,6 +6,7 @@ import signal
 from collections.abc import Callable
 
 import anyio
+import pytest
 
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -27,6 +28,7 @@ async def in_force(watcher: Watcher, holds: Callable[[Lookahead], bool]) -> Look
         await watcher.wait_for_change(0.1)
 
 
+@pytest.mark.smoke
 def test_a_robot_that_is_killed_on_its_way_is_left_out_of_a_new_schedule(team: Team) -> None:
     # Robots set out, but do not get anywhere.
     team.hold("C1", "C2", "C3", "S1")

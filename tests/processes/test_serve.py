@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx2 as httpx
+import pytest
 from jsonschema import Draft202012Validator
 
 from tests.support.paths import mission_file
@@ -147,6 +148,7 @@ def follow_events(client: Described, job: dict[str, Any]) -> None:
     assert (kinds[0], set(kinds[1:])) == ("begin", {"news"})
 
 
+@pytest.mark.smoke
 def test_a_client_of_two_servers_notices_nothing_when_one_is_killed(team: Team) -> None:
     up(team)
     (first, one), (_, two) = served(team), served(team)

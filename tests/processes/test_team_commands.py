@@ -52,6 +52,7 @@ def test_a_second_robot_of_the_same_id_is_refused_and_takeover_overrides(team: T
     assert code == 0, team.logs()
 
 
+@pytest.mark.smoke
 def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team) -> None:
     told = team.mrbt(
         "up", str(EXPLORE), "--speed", "10", "--detach", "--run-dir", str(team.run_dir)
@@ -98,6 +99,7 @@ def _stopped(team: Team, robot: str) -> list[dict[str, str]]:
     return [line for line in team.log(robot) if line["event"] == "stopped"]
 
 
+@pytest.mark.smoke
 def test_pause_resume_abort(team: Team) -> None:
     team.hold("explore")
     team.up(EXPLORE)

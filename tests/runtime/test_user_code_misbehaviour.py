@@ -28,7 +28,7 @@ from mrbt_mesh.runtime import actions
 from mrbt_mesh.runtime.program import functions_of
 from mrbt_mesh.sim import Lose, SimulationResult, run, simulate
 from tests.support.build import action, make_mission, sequence, task
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.misbehaving_code import HERE, STARTED, WAYS, Way, way
 
 # -- what it leaves behind --------------------------------------------------------------------
@@ -285,7 +285,7 @@ OF_LOCAL_TASKS = [n for n, each in WAYS.items() if each.kind in ("local task", "
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("name", OF_LOCAL_TASKS if IS_LONG else OF_LOCAL_TASKS[::4])
+@pytest.mark.parametrize("name", at_size(quick=OF_LOCAL_TASKS[::4], gate=OF_LOCAL_TASKS))
 def test_a_function_that_drives_may_do_the_same(name: str) -> None:
     case = WAYS[name]
     found = result_of_travel(case)

@@ -22,7 +22,7 @@ from mrbt_mesh.sim.estimate import (
 )
 from mrbt_mesh.sim.parallel import spread
 from mrbt_mesh.sim.world.setup import EVERYBODY, NO_FAILURES, FailureModel, Rate
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.paths import EXAMPLES
 
 REPAIR = str(EXAMPLES / "vehicle_repair" / "mission.yaml")
@@ -128,7 +128,7 @@ def test_a_summary_counts_what_came_out() -> None:
 
 def test_more_faults_never_make_the_repair_more_likely() -> None:
     """Common seeds: the first k faults of a run are the same, so success can only be lost."""
-    runs = 5 if IS_LONG else 2
+    runs = at_size(quick=2, gate=5)
     summaries = [
         summarise(outcomes(experiment(REPAIR, runs, FailureModel(major_faults=number)), 1))
         for number in range(4)

@@ -7,7 +7,7 @@ import pytest
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST
 from mrbt_mesh.sim import SimulationResult
 from mrbt_mesh.sim.run import run_scenario
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.runs import source
 
 # Quick ones, with all kinds of nodes, tasks and faults between them.
@@ -26,7 +26,7 @@ def runs(name: str | None, seed: int) -> list[SimulationResult]:
     return [run_scenario(mission, program, scenario, engine=engine) for engine in engines]
 
 
-@pytest.mark.parametrize("seed", SEEDS if IS_LONG else SEEDS[::3])
+@pytest.mark.parametrize("seed", at_size(quick=SEEDS[::3], gate=SEEDS))
 def test_on_generated_missions(seed: int) -> None:
     _are_one(runs(None, seed))
 

@@ -16,7 +16,7 @@ from mrbt_mesh.core.agent.commands import ATTEND
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim import Command, Fault, SimulationResult, Unblock, partition, simulate
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 
 S = 1_000_000
 STEP_S, AFTER_S, CUT_S = 0.1, 3, 12
@@ -131,7 +131,7 @@ def shared_places(world: World, at_s: float, away: set[str]) -> list[str]:
 
 
 @pytest.mark.parametrize("of", ["team", "majority"])
-@pytest.mark.parametrize("seed", range(100 if IS_LONG else 2))
+@pytest.mark.parametrize("seed", range(at_size(quick=2, gate=30, long=100)))
 def test_no_step_after_the_time_and_nobody_at_the_place_before(of: str, seed: int) -> None:
     world, at_s, away = cut(of, seed)
     assert too_late(world, at_s, away) == [], f"seed {seed}"

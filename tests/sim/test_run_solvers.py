@@ -18,7 +18,7 @@ from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import AgentOptions, SimulationResult, simulate
 from mrbt_mesh.sim.world import faults as f
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.runs import example
 
 SECOND_US = 1_000_000
@@ -41,7 +41,7 @@ def story(result: SimulationResult) -> tuple[Any, ...]:
     return result.result, result.duration_us, result.events, plans
 
 
-@pytest.mark.parametrize("schedule", [SCHEDULE, ()] if IS_LONG else [SCHEDULE])
+@pytest.mark.parametrize("schedule", at_size(quick=[SCHEDULE], gate=[SCHEDULE, ()]))
 def test_robots_with_different_solvers_make_the_same_plans(schedule: Any) -> None:
     mission, program = example("vehicle_repair")
     solvers: dict[str, Solver] = {
@@ -87,7 +87,7 @@ def plain_repair() -> SimulationResult:
     return simulate(mission, program, seed=3, inspect=False)
 
 
-@pytest.mark.parametrize("kind", BROKEN if IS_LONG else list(BROKEN)[:3])
+@pytest.mark.parametrize("kind", at_size(quick=list(BROKEN)[:3], gate=list(BROKEN)))
 def test_a_robot_with_a_broken_solver_plans_as_the_others_and_says_so_once(kind: str) -> None:
     solver, reason = BROKEN[kind]
     mission, program = example("vehicle_repair")

@@ -21,16 +21,19 @@ def has_stopped(run: RunFindings, agent: AgentView, start: StartAction) -> None:
         return
     for process in run.world.living():
         other = process.agent.view if process.agent is not None else None
-        if other is None or other.action is None or process.robot in alive:
+        if other is None or process.robot in alive:
             continue
-        robot, theirs = mission.robots.get(process.robot), other.action
+        robot = mission.robots.get(process.robot)
         policy = mission.on_lost_contact.get(robot.type) if robot is not None else None
         if policy is None or not policy.is_promise or policy.of is not ContactOf.MAJORITY:
             continue
         if robot is None or performance(robot.capabilities, start.local_task) is None:
             continue
         run.checks["I12"] += 1
+        theirs = other.action
+        if theirs is None or theirs.travel_to:
+            continue
         is_there = place != "" and place_at(other.mission, theirs.local_task) == place
-        if not theirs.travel_to and (is_there or theirs.activation == start.activation):
+        if is_there or theirs.activation == start.activation:
             text = f"{agent.robot} begins {start.local_task} of {start.activation} while"
             run.violation("I12", f"{text} {process.robot}, without contact, is still at work there")

@@ -1,6 +1,6 @@
 """Against what others have written: BehaviorTree.CPP 4 itself, and an open monitor for it.
 
-`make test-interop` installs them; they are no part of requirements.lock.
+`make test-interop` installs them; they are no part of requirements-dev.lock.
 """
 
 from __future__ import annotations

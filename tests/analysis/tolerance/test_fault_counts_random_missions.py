@@ -6,7 +6,6 @@ ticks of the tree alone, and what a team of agents then does, over random missio
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from dataclasses import replace
 from unittest import mock
@@ -16,6 +15,7 @@ import pytest
 from mrbt_mesh.analysis.tolerance.bound import is_done_before
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.planning import make_plan
+from tests.support.effort import at_size
 from tests.support.tolerance_cases import (
     Case,
     cases,
@@ -28,7 +28,7 @@ from tests.support.tolerance_cases import (
 
 pytestmark = pytest.mark.timeout(600)
 
-MISSIONS = int(os.environ.get("MRBT_TOLERANCE_MISSIONS", "20"))
+MISSIONS = at_size(quick=20, gate=100, long=1_800)
 BLOCK = 20
 RESULTS = {Status.SUCCESS: "success", Status.FAILURE: "failure", Status.RUNNING: "blocked"}
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import re
 
 import pytest
 
 from tests.support.btcpp.conformance import Trace, traces
 from tests.support.btcpp.traces import told
+from tests.support.effort import at_size
 
-# `make test-conformance` tells all of them; otherwise each eighth.
-EVERY = 1 if os.environ.get("MRBT_CONFORMANCE") else 8
+# Quick runs tell each eighth.
+EVERY = at_size(quick=8, gate=1)
 TOLD = traces()[::EVERY]
 
 # Nodes that yield between two attempts; an IfThenElse with two children is looked for by eye.

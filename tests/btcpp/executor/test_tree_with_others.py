@@ -16,7 +16,7 @@ from mrbt_mesh.errors import FileError
 from tests.support.btcpp.random_trees import Case, real_trees
 from tests.support.btcpp.random_trees import ours as our_story
 from tests.support.btcpp.ticked import Ticked
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 
 INSTALL = "not installed: pip install 'mrbt-mesh[interop]'"
 ENTRIES: dict[str, Any] = {"n": 0, "word": "w", "go": 1}
@@ -88,8 +88,7 @@ TREES = {
     f"{NOTE}</Fallback>",
     "sleep": '<Sequence><Sleep msec="0"/><AlwaysSuccess/></Sequence>',
 }
-# Random trees: a part in `make test-interop`, MRBT_LONG=1 for all.
-RANDOM_TREES = 4_000 if IS_LONG else 150
+RANDOM_TREES = at_size(quick=150, gate=1_000, long=4_000)
 SEEN = ("n", "word", "go", "k", "j", "text", "given", "own", "_private")
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.bt.tree import Status
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.script import Script
 
 ROBOTS = ("A", "B", "C")
@@ -99,7 +99,7 @@ def assert_agreement(script: Script) -> None:
         assert other.plan.packed == first.plan.packed
 
 
-@settings(max_examples=60 if IS_LONG else 20)
+@settings(max_examples=at_size(quick=20, gate=60))
 @given(st.lists(commands, max_size=25))
 def test_a_healed_team_agrees_and_finishes(history: list[str]) -> None:
     script = Script()

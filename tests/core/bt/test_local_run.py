@@ -9,7 +9,7 @@ from mrbt_mesh.core.bt.local_run import LocalConditions, LocalRun
 from mrbt_mesh.core.bt.tree import NodeSpec, Status, build_tree
 from tests.support.btcpp.conformance import at_first, team_run, team_tree, told, traces
 from tests.support.build import action, condition, fallback, parallel, retry, sequence, timeout
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 
 
 class Robot:
@@ -46,7 +46,7 @@ class Robot:
 def test_a_robot_does_with_a_tree_what_a_team_of_one_does(family: str) -> None:
     # That is what BehaviorTree.CPP does, or else a note says why not: test_team_tree_traces.
     compared = 0
-    tried = traces() if IS_LONG else traces()[::3]
+    tried = traces()[:: at_size(quick=3, gate=1)]
     for trace in tried:
         team = team_tree(trace)
         if trace.family == family and team.spec is not None and not trace.error:

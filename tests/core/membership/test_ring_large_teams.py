@@ -15,7 +15,7 @@ from mrbt_mesh.core.membership.ring import SOUGHT_AT_A_TIME, Ring
 from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
-from tests.support.effort import IS_LONG, seeds
+from tests.support.effort import at_size, seeds
 from tests.support.membership_view import recipients
 from tests.support.patrols import GOOD, MS, NO_TOKENS, alive, patrol, started
 
@@ -33,7 +33,7 @@ def at_rest(robots: int) -> float:
 
 
 def test_what_a_robot_sends_does_not_grow_with_its_team() -> None:
-    sizes = (7, 16, 32) if IS_LONG else (7, 12, 24)
+    sizes = at_size(quick=(7, 12, 24), gate=(7, 16, 32))
     small, medium, large = map(at_rest, sizes)
     assert large < 1.2 * medium
     assert large < small

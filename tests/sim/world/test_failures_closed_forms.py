@@ -34,9 +34,9 @@ from mrbt_mesh.core.mission.mission import (
 )
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.world.setup import FailureModel
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 
-RUNS = 400 if IS_LONG else 100
+RUNS = at_size(quick=100, gate=400)
 # What a run needs beside its actions: rounding, one message of the robot to itself.
 OVERHEAD_S = 1e-3
 CHANCES = {"a": 0.9, "b": 0.6, "c": 0.75}

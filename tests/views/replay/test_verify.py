@@ -21,16 +21,15 @@ from mrbt_mesh.sim.run import run_scenario, simulate
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.depot import depot, worker
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.falsify import falsify, write_again
 from tests.support.recorded import read_all, record_chaos, record_example
 from tests.support.runs import source
 
 pytestmark = pytest.mark.timeout(900)
 
-# All of them with MRBT_LONG=1, else some.
-CHAOS_SEEDS, SOME_CHAOS_SEEDS = 200, 4
-FALSIFICATIONS, SOME_FALSIFICATIONS = 200, 12
+CHAOS_SEEDS = at_size(quick=4, gate=40, long=200)
+FALSIFICATIONS = at_size(quick=12, gate=100, long=200)
 FAULTS: dict[str, Schedule] = {
     "none": (),
     "death": ((12_500_000, Kill("A1")),),
@@ -75,14 +74,14 @@ def test_plans_that_were_made_apart_are_proved(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("part", range(4))
 def test_no_false_alarm_in_chaos(tmp_path: Path, part: int) -> None:
-    for number in range(part, CHAOS_SEEDS if IS_LONG else SOME_CHAOS_SEEDS, 4):
+    for number in range(part, CHAOS_SEEDS, 4):
         folder = tmp_path / str(number)
         _, manifest = record_chaos(folder, number)
         verdict = verify(read_all(folder), manifest)
         assert verdict.is_proved, (number, verdict.findings[:5], verdict.gaps)
 
 
-@pytest.mark.parametrize("number", [146, 119] if IS_LONG else [146])
+@pytest.mark.parametrize("number", at_size(quick=[146], gate=[146, 119]))
 def test_what_comes_again_at_one_time_or_later_is_no_finding(tmp_path: Path, number: int) -> None:
     """An own outcome that comes back from a slower robot; a death and a life at one time."""
     _, manifest = record_chaos(tmp_path, number)
@@ -120,7 +119,7 @@ def test_random_falsifications_are_all_found_and_named(
     repaired: list[Recording], tmp_path: Path
 ) -> None:
     proved(repaired)
-    tried, wanted = 0, FALSIFICATIONS if IS_LONG else SOME_FALSIFICATIONS
+    tried, wanted = 0, FALSIFICATIONS
     begin = random.randrange(1 << 32)
     for seed in range(begin, begin + 10 * wanted):
         index = seed % len(repaired)

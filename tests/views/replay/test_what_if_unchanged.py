@@ -26,12 +26,12 @@ from mrbt_mesh.sim import (
 )
 from mrbt_mesh.views.replay.what_if import what_if
 from tests.support.depot import SECOND, depot, worker
-from tests.support.effort import IS_LONG
+from tests.support.effort import at_size
 from tests.support.recorded import record_example
 from tests.support.runs import example
 
-# With MRBT_LONG=1 all moments of a run, else some of them.
-MOMENTS, SOME = 10, 10
+# Of this many moments each run is continued from each `EVERY`-th.
+MOMENTS, EVERY = 10, at_size(quick=10, gate=2, long=1)
 # The simulation draws its own delays of messages.
 NEAR_US = 50_000
 RUNS: dict[str, tuple[str, int, Schedule]] = {
@@ -81,9 +81,8 @@ def test_a_run_goes_on_as_it_did_from_any_moment(tmp_path: Path, name: str) -> N
     whole.seek(whole.end_us)
     record = whole.observer.record
     begun_us, ended_us = max(record.joined_us.values()), record.ended_us or whole.end_us
-    begin = list(RUNS).index(name) % SOME
-    moments = range(MOMENTS) if IS_LONG else range(begin, MOMENTS, SOME)
-    for moment in moments:
+    begin = list(RUNS).index(name) % EVERY
+    for moment in range(begin, MOMENTS, EVERY):
         at_us = begun_us + (ended_us - begun_us) * (2 * moment + 1) // (2 * MOMENTS)
         _, program = example(mission)
         found = what_if(recording, at_us, program, timeout_us=60_000_000)
