@@ -208,6 +208,9 @@ def _import_failure(path: Path, error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     # The program's own line, or that of a neighbour that it imports.
     own = [frame for frame in frames if Path(frame.filename).parent == path.parent]
+    if isinstance(error, ValueError) and not own:
+        # Nothing of it has run: before Python 3.11.4, so are null bytes refused.
+        return f"{path}: not valid Python: {error}"
     place = f"{own[-1].filename}:{own[-1].lineno}" if own else str(path)
     return f"{place}: {said}"
 

@@ -7,6 +7,7 @@ entry-point group `mrbt_mesh.solvers`; or `package.module:function`.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import inspect
 import os
 import re
@@ -178,13 +179,23 @@ def _imported(module: str) -> ModuleType:
                 f"there is no module {error.name!r} for solver {module}: install its package, or "
                 "put its folder on PYTHONPATH"
             ) from error
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{last.filename}:{last.lineno}"
-        if isinstance(error, SyntaxError):
-            place = f"{error.filename}:{error.lineno or 0}"
         raise SolverError(
-            f"{place}: module {module} fails as it is imported: {type(error).__name__}: {error}"
+            f"{_place_of(error, module)}: module {module} fails as it is imported: "
+            f"{type(error).__name__}: {error}"
         ) from error
+
+
+def _place_of(error: BaseException, module: str) -> str:
+    """File and line that fail; the file alone if it cannot be compiled at all, as null bytes."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{error.filename}:{error.lineno or 0}"
+    importing = (__file__, importlib.__file__)
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [f for f in frames if f.filename not in importing and not f.filename.startswith("<")]
+    if own:
+        return f"{own[-1].filename}:{own[-1].lineno}"
+    spec = importlib.util.find_spec(module)
+    return str(spec.origin) if spec is not None else module
 
 
 def _prefixes(module: str) -> list[str]:

@@ -93,6 +93,7 @@ def test_unknown_names_come_with_the_known_ones(folder: Path) -> None:
 
 
 BAD = {
+    "\0": r"\.py: module users_solver_\d+ fails as it is imported: .* null bytes",
     "raise ValueError('at import')": r"\.py:1: module users_solver_\d+ fails as it is imported: "
     "ValueError: at import",
     "import sys\nsys.exit(4)": r"\.py:2: .*SystemExit: 4",
