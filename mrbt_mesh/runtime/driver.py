@@ -205,7 +205,7 @@ class Driver:
             self._loop, lambda: self._wake(inbox, gate), are_beats_quiet=True
         )
         is_shared = bool(transport.routers)
-        gate = FloodGate(config.keys, config.run, inbox.put, config.life, is_link_shared=is_shared)
+        gate = FloodGate(config.keys, config.run, inbox.put, is_link_shared=is_shared)
         lives = life_of(lambda: self._agent.view.peers, config.keys)
         self._transport = ZenohTransport(transport, gate.deliver, lives)
         await anyio.to_thread.run_sync(self._transport.open)

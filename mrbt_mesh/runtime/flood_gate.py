@@ -31,7 +31,7 @@ from mrbt_mesh.core.membership.envelope import (
     parse_envelope,
 )
 from mrbt_mesh.core.membership.keys import Keys
-from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, MessageKind
+from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, WireError
 from mrbt_mesh.runtime.fencing import boottime_us
 
 
@@ -76,9 +76,8 @@ class FloodGate:
     """Hands on to `deliver` what may be authentic, and counts the rest by source and reason. In a
     team without `keys` every message may be.
 
-    Its methods may be called from any thread. `life`: this member's own, as commands name it.
-    `hold` makes a thread wait for a number of seconds; never where a flood would come over the same
-    link as the team's own messages (`is_link_shared`).
+    Its methods may be called from any thread. `hold` makes a thread wait for a number of seconds;
+    never where a flood would come over the same link as the team's own messages (`is_link_shared`).
     """
 
     def __init__(
@@ -86,7 +85,6 @@ class FloodGate:
         keys: Keys | None,
         run: str,
         deliver: Deliver,
-        life: int = 0,
         clock: Callable[[], int] = boottime_us,
         hold: Callable[[float], None] = time.sleep,
         is_link_shared: bool = False,
@@ -95,7 +93,6 @@ class FloodGate:
         self._run = run
         self._memory = HeardMessages()
         self._deliver = deliver
-        self._life = life
         self._clock = clock
         self._hold = hold
         self._is_link_shared = is_link_shared
@@ -123,9 +120,8 @@ class FloodGate:
                 name = source if keys.role_of(source) is not None else NOBODY
                 if self._is_in_budget(name, data):
                     self._deliver(event, None)
-            case QueryReceived(_, kind, data) if keys is not None:
-                life = self._life if kind is MessageKind.COMMAND else None
-                if _checked(keys, data, life) or self._is_in_budget(NO_SOURCE, data):
+            case QueryReceived(_, _, data) if keys is not None:
+                if _checked(keys, data) or self._is_in_budget(NO_SOURCE, data):
                     return self._deliver(event, slot)
             case AnswerReceived(_, data) if keys is not None and data is not None:
                 if _checked(keys, data) or self._is_in_budget(AN_ANSWER, data):
@@ -148,7 +144,11 @@ class FloodGate:
         if envelope.sender != source or envelope.run != self._run:
             return False
         with self._lock:
-            return self._memory.is_news(envelope)
+            try:
+                self._memory.take(envelope)
+            except WireError:
+                return False
+        return True
 
     def _is_in_budget(self, source: str, data: bytes) -> bool:
         now_us = self._clock()
@@ -173,10 +173,10 @@ class FloodGate:
                 self._may_wait.release()
 
 
-def _checked(keys: Keys, data: bytes, life: int | None = None) -> Envelope | None:
-    """The envelope, if a tag shows that a member has sealed it; `life`: see `has_tag`."""
+def _checked(keys: Keys, data: bytes) -> Envelope | None:
+    """The envelope, if a tag shows that a member has sealed it."""
     try:
         envelope = parse_envelope(data)
     except ForgedError:
         return None
-    return envelope if has_tag(keys, envelope, life) else None
+    return envelope if has_tag(keys, envelope) else None

@@ -25,7 +25,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard
+from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard, RefusedError
 from mrbt_mesh.core.membership.keys import submission_content
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
@@ -245,6 +245,10 @@ class Watcher:
         if self._guard is not None:
             try:
                 _, data = self._guard.open(data, kind, source, envelope)
+            except RefusedError:
+                # From now on this robot is asked in a later life.
+                self._asked.discard((source, self.observer.membership.peers[source].incarnation))
+                return
             except WireError as error:
                 self.observer.refused[source] = str(error)
                 return
@@ -257,21 +261,33 @@ class Watcher:
         """
         header = self.observer.replica.header
         data = encode(header, MessageKind.COMMAND, command_body(command, argument))
-        if self._guard is not None:
-            data = self._guard.seal_command(data, robot)
+        try:
+            return await self._ask(robot, data)
+        except RefusedError:
+            # It is asked in a later life now, or as the process that has answered.
+            try:
+                return await self._ask(robot, data)
+            except RefusedError as error:
+                return False, str(error)
+
+    async def _ask(self, robot: str, command: bytes) -> tuple[bool, str]:
+        """Send a command once; raises RefusedError if the robot takes none of this life."""
+        sealed = command if self._guard is None else self._guard.seal_command(command, robot)
         loop, answers = asyncio.get_running_loop(), asyncio.Queue[bytes | None]()
 
         def deliver(event: Input, _: str | None) -> None:
             if isinstance(event, AnswerReceived):
                 loop.call_soon_threadsafe(answers.put_nowait, event.data)
 
-        self._transport.ask(robot, MessageKind.COMMAND, data, COMMAND_TIMEOUT_S, deliver)
+        self._transport.ask(robot, MessageKind.COMMAND, sealed, COMMAND_TIMEOUT_S, deliver)
         doubtful = f"{robot} does not answer"
         while (answer := await answers.get()) is not None:
             try:
                 inner, is_authentic = self._opened_answer(answer, robot)
-                _, body = decode(inner, header, MessageKind.ANSWER)
+                _, body = decode(inner, self.observer.replica.header, MessageKind.ANSWER)
                 good, text = body
+            except RefusedError:
+                raise
             except (WireError, ValueError, TypeError) as error:
                 doubtful = f"{robot} answered something strange: {error}"
                 continue

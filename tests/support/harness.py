@@ -274,7 +274,11 @@ class Team:
             header, answer = process.agent.view.header, pages[0]
             with contextlib.suppress(ForgedError):
                 answer = parse_envelope(answer).data
-            if msgpack.unpackb(answer)[1] == MessageKind.STATE:
+            kind, what, *_ = msgpack.unpackb(answer)
+            if kind == "refused":
+                self._tell(process, f"refuses this: {what}")
+                return
+            if what == MessageKind.STATE:
                 self._tell(process, "answers with its facts")
                 return
             _, (good, text) = decode(answer, header, MessageKind.ANSWER)

@@ -108,6 +108,8 @@ def task_label(mission: Mission, local_task: str) -> str:
 _CLASSES = (
     ("flood", r"too much to check"),
     ("replayed", r"said before"),
+    ("late", r"^late: "),
+    ("stale", r"^a life of \w+ from before|meant for an earlier life"),
     ("misdirected", r"meant for somebody else|not meant for this member"),
     ("unsigned", r"^not signed$"),
     ("forged", r"signature is wrong|has no key|under the (name|key) of|may not say this"),

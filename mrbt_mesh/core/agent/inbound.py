@@ -23,6 +23,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
+from mrbt_mesh.core.membership.envelope import RefusedError, StaleError
 from mrbt_mesh.core.membership.replica import Received
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import (
@@ -95,10 +96,15 @@ class Inbound:
             case MessageReceived(_, source, _):
                 self._refuse(source, error)
             case AnswerReceived(peer, _):
-                self._refuse(peer, error)
+                if isinstance(error, RefusedError):
+                    self._context.log("warning", "query_refused", peer=peer, reason=str(error))
+                else:
+                    self._refuse(peer, error)
                 self._context.replica.anti_entropy.mark_unanswered(peer, now_us)
             case QueryReceived(query, kind, _):
-                if kind is MessageKind.COMMAND:
+                if isinstance(error, StaleError):
+                    self._context.emit(Reply(query, (error.content,)))
+                elif kind is MessageKind.COMMAND:
                     self._context.answer(query, False, f"{self._context.me} refuses this: {error}")
                 else:
                     self._context.emit(Reply(query, ()))

@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.inputs import (
     MessageReceived,
     QueryReceived,
 )
-from mrbt_mesh.core.membership.envelope import Guard
+from mrbt_mesh.core.membership.envelope import Guard, StaleError
 from mrbt_mesh.core.membership.keys import Keys, Role
 from mrbt_mesh.core.membership.wire import MessageKind
 
@@ -55,12 +55,19 @@ class Sealing:
                 _, inner = self.guard.open(data, kind, source, envelope)
                 return MessageReceived(kind, source, inner)
             case QueryReceived(query, kind, data):
-                asker, inner = self.guard.open(data, kind)
-                while len(self._askers) >= MAX_ASKERS:
-                    del self._askers[min(self._askers)]
-                self._askers[query] = asker
+                try:
+                    asker, inner = self.guard.open(data, kind)
+                except StaleError as error:
+                    self._note_asker(query, error.sender)
+                    raise
+                self._note_asker(query, asker)
                 return QueryReceived(query, kind, inner)
             case AnswerReceived(peer, data) if data is not None:
                 _, inner = self.guard.open(data, MessageKind.STATE, peer)
                 return AnswerReceived(peer, inner)
         return event
+
+    def _note_asker(self, query: int, asker: str) -> None:
+        while len(self._askers) >= MAX_ASKERS:
+            del self._askers[min(self._askers)]
+        self._askers[query] = asker

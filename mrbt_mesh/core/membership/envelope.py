@@ -5,6 +5,12 @@ one to many carries a signature. Tags cost a hundredth of a signature, which is 
 possible to prove every heartbeat (Castro and Liskov, Practical Byzantine fault tolerance, 1999,
 do the same). Replays are refused by run, by the sender's life (one process from its start to its
 end), and by the number that it gives each message.
+
+All programs of one operator share its key, so one sender may have many lives at a time. A receiver
+remembers a bounded number of them, and forgets the one that was silent for longest. Of a forgotten
+life, and of any that is not known to be later, it refuses everything: it cannot tell what it has
+heard. It answers queries of such a life with the latest life that it has forgotten, and the sender
+goes on in a later one.
 """
 
 from __future__ import annotations
@@ -12,8 +18,8 @@ from __future__ import annotations
 import hashlib
 import hmac
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import NamedTuple, NoReturn
 
 import msgpack
 
@@ -25,20 +31,26 @@ from mrbt_mesh.core.membership.wire import (
     MessageKind,
     WireError,
 )
+from mrbt_mesh.core.mission.failure_reasons import one_line
 
 # To more receivers a signature is cheaper than tags: it takes each of them a hundred times as long
 # to check, but adds no more bytes. Operators and observers are receivers too.
 MAX_TAGS = 128
 # How far messages of one life may overtake one another.
 WINDOW = 256
-# Lives of each sender that are remembered; a sender whose clock goes backwards at every start may
-# have no more in one run.
-MAX_LIVES = 32
+# Lives of each sender that are remembered.
+MAX_LIVES = 256
+# Lives are microseconds of some clock; none comes near this.
+MAX_LIFE = 1 << 62
+# A sender that was forgotten begins this much later at most, so that no two get the same life.
+_SPREAD = 1 << 20
 _MAX_NAME = 64
 # More than `MAX_TAGS` tags with names as long as they may be.
 _MAX_PROOF_BYTES = 16 << 10
-# How every envelope begins: a list of eight, and the first of them.
-_START = b"\x98" + msgpack.packb(SEALED)
+# How every envelope begins: a list of nine, and the first of them.
+_START = b"\x99" + msgpack.packb(SEALED)
+# How the answer to a query begins that was authentic and is refused.
+_REFUSAL = b"\x93" + msgpack.packb("refused")
 
 _MAY_SAY = {
     Role.ROBOT: frozenset(
@@ -55,15 +67,39 @@ _MAY_SAY = {
 }
 
 
+_ANSWERS = frozenset((MessageKind.STATE, MessageKind.ANSWER))
+
+
 class ForgedError(WireError):
     """A message that is not proved to come from a member with the right to send it."""
+
+
+class LateError(WireError):
+    """An authentic message that so many later ones overtook that it may be a repetition."""
+
+
+class StaleError(WireError):
+    """An authentic message of a life that was forgotten, or for an earlier life of its receiver.
+
+    `sender` may be answered with `content`, what `RefusedError` says there.
+    """
+
+    def __init__(self, sender: str, reason: str, forgotten: int = 0) -> None:
+        super().__init__(reason)
+        self.sender = sender
+        self.content = bytes(msgpack.packb(["refused", reason, forgotten]))
+
+
+class RefusedError(WireError):
+    """The answer to a query: its receiver does not take it. The same query may be sent again."""
 
 
 class Envelope(NamedTuple):
     """A message with its proof, as yet unchecked.
 
     `life`: when the sender's process began, in us on a clock of its own; `number` counts its
-    messages. `to`: the one receiver, empty for several. `proof`: a tag by receiver, or a signature.
+    messages. `to`: the one receiver, empty for several; `to_life`: its life, of a command. `proof`:
+    a tag by receiver, or a signature.
     """
 
     run: str
@@ -71,25 +107,25 @@ class Envelope(NamedTuple):
     life: int
     number: int
     to: str
+    to_life: int
     data: bytes
     proof: dict[str, bytes] | bytes
 
     @property
     def content(self) -> bytes:
         """A digest of all that the proof is for."""
-        head = msgpack.packb([SEALED, self.run, self.sender, self.life, self.number, self.to])
+        head = msgpack.packb([SEALED, *self[:-2]])
         digest = hashlib.blake2b(head, digest_size=32)
         digest.update(self.data)
         return digest.digest()
 
 
-def has_tag(keys: Keys, envelope: Envelope, life: int | None = None) -> bool:
-    """Whether the sender has put a tag for this member on it; `life`: a command's, for this one."""
+def has_tag(keys: Keys, envelope: Envelope) -> bool:
+    """Whether the sender has put a tag for this member on it."""
     tag = envelope.proof.get(keys.name) if isinstance(envelope.proof, dict) else None
     if not isinstance(tag, bytes):
         return False
-    content = envelope.content if life is None else _bound(envelope.content, life)
-    expected = keys.tag(envelope.sender, content)
+    expected = keys.tag(envelope.sender, envelope.content)
     return expected is not None and hmac.compare_digest(tag, expected)
 
 
@@ -110,18 +146,18 @@ def parse_envelope(data: bytes) -> Envelope:
     )
     unpacker.feed(memoryview(data)[len(_START) :])
     try:
-        run, sender, life, number, to, inner = [unpacker.unpack() for _ in range(6)]
+        run, sender, life, number, to, to_life, inner = [unpacker.unpack() for _ in range(7)]
         rest = data[len(_START) + unpacker.tell() :][: _MAX_PROOF_BYTES + 1]
         proof = msgpack.unpackb(rest, max_array_len=0, max_map_len=2 * MAX_TAGS, max_ext_len=0)
     except (ValueError, TypeError, msgpack.UnpackException, RecursionError):
         raise ForgedError("not signed") from None
     are_texts = isinstance(run, str) and isinstance(sender, str) and isinstance(to, str)
-    are_counts = type(life) is int and type(number) is int and life >= 0 and number > 0
-    if not are_texts or not are_counts or not isinstance(inner, bytes):
+    are_lives = all(type(each) is int and 0 <= each <= MAX_LIFE for each in (life, to_life))
+    if not are_texts or not are_lives or not isinstance(inner, bytes):
         raise ForgedError("envelope is malformed")
-    if not isinstance(proof, bytes | dict):
+    if type(number) is not int or number <= 0 or not isinstance(proof, bytes | dict):
         raise ForgedError("envelope is malformed")
-    return Envelope(run, sender, life, number, to, inner, proof)
+    return Envelope(run, sender, life, number, to, to_life, inner, proof)
 
 
 @dataclass(slots=True)
@@ -131,41 +167,63 @@ class _Life:
     highest: int = 0
     seen: int = 0
 
-    def take(self, number: int) -> bool:
-        """Whether this number is new, or too old to tell."""
+    def take(self, number: int) -> None:
+        """Raises LateError for a number that is too old to tell, ForgedError for one of before."""
         ahead = number - self.highest
         if ahead > 0:
             self.seen = ((self.seen << ahead) | 1) & ((1 << WINDOW) - 1) if ahead < WINDOW else 1
             self.highest = number
-            return True
-        if -ahead >= WINDOW or self.seen >> -ahead & 1:
-            return False
-        self.seen |= 1 << -ahead
-        return True
+        elif -ahead >= WINDOW:
+            raise LateError(f"late: {WINDOW} messages of its sender overtook it")
+        elif self.seen >> -ahead & 1:
+            raise ForgedError("said before")
+        else:
+            self.seen |= 1 << -ahead
+
+
+@dataclass(slots=True)
+class _Sender:
+    """The lives of one sender, the one that was silent for longest first.
+
+    `forgotten`: the latest of those that are remembered no more. What is later and not in `lives`
+    was never heard.
+    """
+
+    lives: dict[int, _Life] = field(default_factory=dict)
+    forgotten: int = 0
 
 
 class HeardMessages:
     """What has been heard of each sender, so that nothing counts twice."""
 
     def __init__(self) -> None:
-        self._lives: dict[str, dict[int, _Life]] = {}
+        self._senders: dict[str, _Sender] = {}
 
     def latest_life(self, sender: str) -> int:
-        """The latest life from which there was news; 0: none."""
-        return max(self._lives.get(sender, ()), default=0)
+        """The life from which there was news last; 0: none."""
+        known = self._senders.get(sender)
+        return next(reversed(known.lives)) if known is not None else 0
 
-    def is_news(self, envelope: Envelope) -> bool:
-        """Whether this was not heard before; from now on it was. Its proof must be good."""
-        lives = self._lives.setdefault(envelope.sender, {})
-        life = lives.get(envelope.life)
-        if life is None:
-            if len(lives) >= MAX_LIVES:
-                oldest = min(lives)
-                if envelope.life < oldest:
-                    return False
-                del lives[oldest]
-            life = lives[envelope.life] = _Life()
-        return life.take(envelope.number)
+    def take(self, envelope: Envelope) -> None:
+        """Note that this was heard; its proof must be good.
+
+        Raises ForgedError if it was heard before, LateError or StaleError if it may have been.
+        """
+        name, life = envelope.sender, envelope.life
+        known = self._senders.get(name)
+        if known is None:
+            known = self._senders[name] = _Sender()
+        if life not in known.lives and life <= known.forgotten:
+            reason = f"a life of {name} from before {MAX_LIVES} others: it has to take a later one"
+            raise StaleError(name, reason, known.forgotten)
+        heard = known.lives.get(life) or _Life()
+        heard.take(envelope.number)
+        known.lives.pop(life, None)
+        known.lives[life] = heard
+        if len(known.lives) > MAX_LIVES:
+            silent = next(iter(known.lives))
+            del known.lives[silent]
+            known.forgotten = max(known.forgotten, silent)
 
 
 class Guard:
@@ -178,6 +236,8 @@ class Guard:
         self.keys = keys
         self._run = run
         self._life = life
+        # The lives with which it goes on where it was forgotten, by receiver.
+        self._later_lives: dict[str, int] = {}
         self._number = 0
         self._memory = HeardMessages()
 
@@ -187,7 +247,7 @@ class Guard:
         """A message to some members; None: to all of them."""
         names = self.keys.members() if to is None else sorted(to)
         one = names[0] if to is not None and len(names) == 1 else ""
-        head = self._head(one, data)
+        head = self._head(one, 0, data)
         proof: dict[str, bytes] | bytes
         if len(names) > MAX_TAGS:
             proof = self.keys.sign(head.content)
@@ -201,13 +261,15 @@ class Guard:
 
         The process that follows does not obey it again.
         """
-        head = self._head(to, data)
-        tag = self.keys.tag(to, _bound(head.content, self._memory.latest_life(to)))
+        head = self._head(to, self._memory.latest_life(to), data)
+        tag = self.keys.tag(to, head.content)
         return bytes(msgpack.packb([SEALED, *head[:-1], {to: tag} if tag is not None else {}]))
 
-    def _head(self, to: str, data: bytes) -> Envelope:
+    def _head(self, to: str, to_life: int, data: bytes) -> Envelope:
         self._number += 1
-        return Envelope(self._run, self.keys.name, self._life, self._number, to, data, b"")
+        later = self._later_lives
+        life = later.get(to, self._life) if to else max(self._life, *later.values(), 0)
+        return Envelope(self._run, self.keys.name, life, self._number, to, to_life, data, b"")
 
     # -- receiving ----------------------------------------------------------------------------
 
@@ -222,7 +284,8 @@ class Guard:
         the same envelope, if this member's tag on it has been checked already.
 
         Raises ForgedError for whatever is not authentic, for a replay, and for what the sender may
-        not say; IncompatibleError for an authentic message of another run.
+        not say; of what is authentic IncompatibleError for a message of another run, LateError and
+        StaleError for one that may be a replay, RefusedError for an answer that is a refusal.
         """
         envelope = parse_envelope(data) if checked is None else checked
         sender, role = envelope.sender, self.keys.role_of(envelope.sender)
@@ -238,28 +301,39 @@ class Guard:
             self._check_proof(envelope, kind)
         if envelope.run != self._run:
             raise IncompatibleError(f"run {envelope.run!r} (ours is {self._run!r})")
-        if not self._memory.is_news(envelope):
-            raise ForgedError("said before")
+        self._memory.take(envelope)
+        if kind is MessageKind.COMMAND and envelope.to_life not in self._lives():
+            raise StaleError(sender, f"meant for an earlier life of {self.keys.name}")
+        if kind in _ANSWERS and envelope.data.startswith(_REFUSAL):
+            self._refused(sender, envelope.data)
         return sender, envelope.data
+
+    def _lives(self) -> frozenset[int]:
+        return frozenset((self._life, *self._later_lives.values()))
+
+    def _refused(self, receiver: str, data: bytes) -> NoReturn:
+        """The receiver of a query takes none of this life, or that was for an earlier one of it."""
+        try:
+            _, reason, forgotten = msgpack.unpackb(data, max_array_len=3)
+        except (ValueError, TypeError, msgpack.UnpackException, RecursionError):
+            raise WireError("refusal is malformed") from None
+        if not isinstance(reason, str) or type(forgotten) is not int:
+            raise WireError("refusal is malformed")
+        if 0 < forgotten < MAX_LIFE - _SPREAD:
+            self._later_lives[receiver] = forgotten + 1 + self._life % _SPREAD
+        raise RefusedError(f"{receiver} refuses this: {one_line(reason)}")
 
     def _check_proof(self, envelope: Envelope, kind: MessageKind) -> None:
         content, proof, is_good = envelope.content, envelope.proof, False
         if isinstance(proof, bytes):
-            # Commands are for one process, and carry its tag.
+            # Commands are for one robot, and carry its tag.
             if len(proof) == SIGNATURE_BYTES and kind is not MessageKind.COMMAND:
                 is_good = self.keys.is_signed(envelope.sender, content, proof)
         else:
             tag = proof.get(self.keys.name)
             if not isinstance(tag, bytes):
                 raise ForgedError("not meant for this member")
-            if kind is MessageKind.COMMAND:
-                content = _bound(content, self._life)
             expected = self.keys.tag(envelope.sender, content)
             is_good = expected is not None and hmac.compare_digest(tag, expected)
         if not is_good:
             raise ForgedError("signature is wrong")
-
-
-def _bound(content: bytes, life: int) -> bytes:
-    """What the tag of a command is for, which only this life of the receiver obeys."""
-    return content + life.to_bytes(8, "big")

@@ -38,7 +38,7 @@ DIGEST_BYTES, HEAD_BYTES = 8, 16
 # Thousandths: a million units each way; once around each way.
 MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
 # What messages of a team with keys begin with, see `envelope`.
-SEALED = "mrbt-sealed-1"
+SEALED = "mrbt-sealed-2"
 
 
 class WireError(ValueError):

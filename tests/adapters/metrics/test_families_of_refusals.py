@@ -53,6 +53,9 @@ def test_every_class_has_reasons_that_the_code_gives(name: str) -> None:
     [
         ("too much to check", "flood"),
         ("said before", "replayed"),
+        ("late: 256 messages of its sender overtook it", "late"),
+        ("a life of op from before 256 others: it has to take a later one", "stale"),
+        ("meant for an earlier life of A", "stale"),
         ("meant for somebody else", "misdirected"),
         ("not signed", "unsigned"),
         (NOT_AUTHENTIC, "forged"),
