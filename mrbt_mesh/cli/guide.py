@@ -13,6 +13,7 @@ from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_file
+from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.settings import WARNING
 from mrbt_mesh.runtime.team import Team
@@ -49,9 +50,8 @@ class Guide:
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
                     try:
-                        team.run_dir.note_command(
-                            "mrbt demo", f"{robot} (pid {process.pid}) killed"
-                        )
+                        killed = f"{robot} (pid {process.pid}) killed"
+                        note_command(team.run_dir, "mrbt demo", killed)
                     except InputError as error:
                         self._problem = [f"{WARNING} {error}"]
                     return

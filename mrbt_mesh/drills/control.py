@@ -16,6 +16,7 @@ from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.drills.triggers import Snapshot
 from mrbt_mesh.drills.watched import REFUSALS, TeamDrills
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
@@ -71,7 +72,7 @@ class Control:
         text = await self._carry_out(command)
         if self._team is not None:
             try:
-                self._team.run_dir.note_command(f"a view: {command['act']}", text)
+                note_command(self._team.run_dir, f"a view: {command['act']}", text)
             except InputError as error:
                 return f"{text}; {error}"
         return text

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 # Of everything here. A reader refuses recordings with another one.
-FORMAT = "4"
+FORMAT = "5"
 
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"

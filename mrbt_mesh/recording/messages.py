@@ -149,11 +149,16 @@ def _text(data: bytes) -> str:
 
 
 def read_bytes(text: str) -> bytes:
-    """Bytes that are base64 in a message; raises ValueError."""
+    """Bytes that are base64 in a message; raises ValueError, also for another text than `_text`
+    makes of them.
+    """
     try:
-        return base64.b64decode(text, validate=True)
+        found = base64.b64decode(text, validate=True)
     except binascii.Error as error:
         raise ValueError(str(error)) from None
+    if _text(found) != text:
+        raise ValueError("base64 with bits that mean nothing")
+    return found
 
 
 def pack_death(fault: MajorFault, now_us: int) -> dict[str, Any]:
@@ -232,11 +237,11 @@ def next_check(before: bytes, number: int, topic: str, at_ns: int, body: bytes) 
     return hashlib.blake2b(before + head + body, digest_size=CHECK_BYTES).digest()
 
 
-def signed_content(number: int, check: bytes, is_end: bool) -> bytes:
+def signed_content(number: int, check: bytes, is_end: bool, at_ns: int) -> bytes:
     """What the signature in a recording is for: all messages up to the one of this number and
-    check; `is_end`: it is the last one.
+    check, and the time of the signature's own message; `is_end`: nothing follows it.
     """
-    return b"mrbt recording\0" + bytes(msgpack.packb([number, check, is_end]))
+    return b"mrbt recording\0" + bytes(msgpack.packb([number, check, is_end, at_ns]))
 
 
 class MessageEncoder:
@@ -250,17 +255,23 @@ class MessageEncoder:
     def encode(self, topic: str, at_us: int, data: Mapping[str, Any]) -> tuple[int, bytes]:
         """(Unix time in nanoseconds, text) of a message; `data` is not empty."""
         self.number += 1
-        at_ns = self.epoch_ns + at_us * 1_000
+        at_ns = self._unix_ns(at_us)
         body = to_json(data).encode()
         self._check = next_check(self._check, self.number, topic, at_ns, body)
         return at_ns, b'%s,"check":"%s"}' % (body[:-1], self._check.hex().encode())
+
+    def _unix_ns(self, at_us: int) -> int:
+        return self.epoch_ns + at_us * 1_000
 
     @property
     def head(self) -> RecordingHead:
         """The number and the check of the last message, which covers all messages so far."""
         return RecordingHead(self.number, self._check)
 
-    def sign(self, keys: Keys, is_end: bool) -> dict[str, Any]:
-        """A message of the channel of signatures, for all messages so far."""
-        signature = keys.sign(signed_content(self.number, self._check, is_end))
+    def sign(self, keys: Keys, is_end: bool, at_us: int) -> dict[str, Any]:
+        """A message of the channel of signatures, to be written at this time, for all messages so
+        far.
+        """
+        content = signed_content(self.number, self._check, is_end, self._unix_ns(at_us))
+        signature = keys.sign(content)
         return {"by": keys.name, "end": is_end, "signature": _text(signature)}

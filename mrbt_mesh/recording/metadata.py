@@ -13,8 +13,6 @@ from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compil
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording.channels import FORMAT
 
-# The name of the record of metadata.
-METADATA = "mrbt"
 # In place of a robot's name, in the recording of an observer.
 OBSERVER = ""
 

@@ -31,7 +31,8 @@ PLAYED_RECORDS = 2_000
 class Player:
     """`state` and `observer` are as they were at `now_us`, which is the time of the recording.
 
-    Raises RecordingError where the recording is damaged: see `mrbt recording verify`.
+    A torn end, as a power cut leaves it, is the last entry of the observer's timeline. Raises
+    RecordingError where the recording was changed: see `mrbt recording verify`.
     """
 
     def __init__(
@@ -137,6 +138,9 @@ class Player:
         except ValueError as error:
             self._refuse(f"record {number}: {error}")
         self.now_us = record.at_us
+        if self._next == len(self._times_us) and self.recording.torn:
+            text = f"{self.recording.name}: {self.recording.torn}"
+            self.observer.record.say(self.now_us, text)
 
     def _play(self, record: RecordedMessage) -> None:
         at_us, data, seen = record.at_us, record.data, self.observer.record

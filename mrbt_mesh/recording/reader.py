@@ -1,7 +1,8 @@
 """Reads a recording, also one whose writer was killed, and finds bytes that were changed since.
 
-A file that ends in the middle of a record is read up to there. Nothing else about a file is taken
-on trust: every problem is reported with the number of its record.
+Two kinds of damage differ. A file that ends in the middle of a record, also with zeros behind it as
+after a power cut, is read up to there. Anything else that the writer has not written so is reported
+with the number of its record, or the byte: every byte of a file is compared or covered by a check.
 """
 
 from __future__ import annotations
@@ -21,32 +22,31 @@ from pathlib import Path
 from typing import Any, BinaryIO, overload
 
 import fastjsonschema
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Channel, Metadata, Schema
-from mcap.writer import MCAP0_MAGIC
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.channels import ACTIONS, CHANNELS, DROPPED, FACTS, SIGNATURES
+from mrbt_mesh.recording import mcap_file
+from mrbt_mesh.recording.channels import ACTIONS, BEATS, CHANNELS, DROPPED, FACTS, SIGNATURES
 from mrbt_mesh.recording.messages import (
     CHECK_BYTES,
     first_check,
     next_check,
     read_bytes,
     signed_content,
+    to_json,
 )
-from mrbt_mesh.recording.metadata import METADATA, RunMetadata
+from mrbt_mesh.recording.metadata import RunMetadata
 
 BUFFER_BYTES = 1 << 16
-# Opcode and length of a record; a message's channel, number and times before its data.
-_FRAME, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
 CHECK_LENGTH = len(',"check":""}') + 2 * CHECK_BYTES
 _CHECK = re.compile(rb',"check":"([0-9a-f]{%d})"\}' % (2 * CHECK_BYTES))
 
 
 class RecordingError(InputError):
     """A file that is no recording, or none that this version reads."""
+
+
+class EmptyRecordingError(RecordingError):
+    """A file that its writer had only begun when it, or the machine, was ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,10 @@ class RecordedMessage:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Something in a file that its writer did not write so; `number` 0: none of its messages."""
+    """Something in a file that its writer did not write so; `number` 0: none of its messages.
+
+    What the end of a process, or of the power, leaves at the end of a file is none.
+    """
 
     number: int
     text: str
@@ -69,14 +72,15 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """A signature over all messages before it, the last of which is of `until_us`; `content`: what
-    it must be for. `number` is its own. `is_end`: nothing follows it.
+    """A signature over all messages before it, the last of which is of `until_us` and has the
+    `check`; `content`: what it must be for. `number` is its own. `is_end`: nothing follows it.
     """
 
     number: int
     by: str
     until_us: int
     is_end: bool
+    check: bytes
     content: bytes
     signature: bytes
 
@@ -176,7 +180,8 @@ class RecordedMessages(Sequence[RecordedMessage]):
 @dataclass(frozen=True)
 class Recording:
     """What a file holds. `cut_off_at`: the byte at which it ends in the middle of a record, or
-    without its end; None if it was closed.
+    without its end; None if it was closed. `torn_bytes`: how many bytes without meaning follow the
+    last whole record, as a power cut or a full disk leaves them.
     """
 
     path: Path
@@ -185,6 +190,7 @@ class Recording:
     damage: tuple[Damage, ...] = ()
     cut_off_at: int | None = None
     signatures: tuple[Signature, ...] = ()
+    torn_bytes: int = 0
 
     @property
     def begin_us(self) -> int:
@@ -195,6 +201,14 @@ class Recording:
     def name(self) -> str:
         """How it is called where several are compared."""
         return self.path.name
+
+    @property
+    def torn(self) -> str:
+        """What is to be said of its damaged end; empty if that is as it was written."""
+        if not self.torn_bytes:
+            return ""
+        lost = f"its last {self.torn_bytes} bytes are no whole record"
+        return f"{lost}, as a power cut or a full disk leaves them; it is read up to there"
 
 
 def read_recording(path: Path) -> Recording:
@@ -228,28 +242,35 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
     reading = _Reading(file, checks_schemas)
     try:
         end = reading.read()
-        has_more = reading.has_message_behind(end)
+        has_more = end < reading.size and reading.has_message_behind(end)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     if reading.metadata is None:
+        if reading.is_empty:
+            text = "it was cut off before its first record"
+            raise EmptyRecordingError(f"{path}: holds nothing: {text}")
         what = reading.problem or "it holds no metadata of mrbt"
         raise RecordingError(f"{path}: is no recording of mrbt: {what}")
     try:
         metadata = RunMetadata.from_values(reading.metadata)
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
+    if metadata.to_values() != reading.metadata:
+        reading.damage.insert(0, Damage(0, "its metadata are not those that mrbt writes"))
     cut_off = None if reading.is_closed else end
     if has_more:
         # What was cut off by the end of its writer has no whole message behind it.
-        number = len(reading.records) + 1
-        reading.damage.append(Damage(number, f"the file is damaged at byte {end}"))
+        reading.note_damage_at(end)
         cut_off = None
     damage, signatures = tuple(reading.damage), tuple(reading.signatures)
-    return Recording(path, metadata, reading.records, damage, cut_off, signatures)
+    torn = 0 if has_more else reading.size - end
+    return Recording(path, metadata, reading.records, damage, cut_off, signatures, torn)
 
 
 class _Reading:
-    """One pass through a file, message by message."""
+    """One pass through a file, message by message. `size`: its bytes; `is_empty`: it was begun as
+    a recording, and has no metadata yet.
+    """
 
     def __init__(self, file: BinaryIO, checks_schemas: bool) -> None:
         self.metadata: dict[str, str] | None = None
@@ -257,84 +278,164 @@ class _Reading:
         self.signatures: list[Signature] = []
         self.damage: list[Damage] = []
         self.is_closed = False
+        self.is_empty = False
         self.problem = ""
+        self.size = file.seek(0, SEEK_END)
         self._file = file
         self._checks_schemas = checks_schemas
-        self._schemas: dict[int, tuple[str, str, bytes]] = {}
-        self._topics: dict[int, str] = {}
+        self._topics = tuple(CHANNELS)
+        self._of_channel: dict[int, str] = {}
         self._check = b""
         self._number = 0
         self._epoch_ns = 0
-        self._size = 0
+        # Behind this byte there are only zeros.
+        self._solid = self._end_of_data()
+
+    def _end_of_data(self) -> int:
+        end = self.size
+        while end:
+            begin = max(0, end - BUFFER_BYTES)
+            self._file.seek(begin)
+            found = self._file.read(end - begin).rstrip(b"\0")
+            if found:
+                return begin + len(found)
+            end = begin
+        return 0
 
     def read(self) -> int:
         """Read as far as it goes; returns the first byte that was not understood."""
-        file, frame = self._file, _FRAME
-        size = self._size = file.seek(0, SEEK_END)
-        end = len(MCAP0_MAGIC)
-        file.seek(0)
-        if file.read(end) != MCAP0_MAGIC:
-            self.problem = "not a valid MCAP file"
-            return 0
+        end = self._begin()
+        if self.metadata is None:
+            return end
         try:
-            while not self.is_closed and end + frame.size <= size:
-                opcode, length = frame.unpack(file.read(frame.size))
-                begin, end_of_record = end + frame.size, end + frame.size + length
-                if end_of_record > size:
+            while not self.is_closed and (begin := end + mcap_file.FRAME.size) <= self._solid:
+                self._file.seek(end)
+                opcode, length = mcap_file.FRAME.unpack(self._file.read(mcap_file.FRAME.size))
+                if opcode == mcap_file.DATA_END:
+                    return self._end(end)
+                # No message ends with a zero: one that reaches into them is torn.
+                if begin + length > self._solid:
                     break
-                self._record(opcode, file.read(length), begin)
-                end = end_of_record
-        except (McapError, struct.error, ValueError, OverflowError, MemoryError) as error:
+                self._record(opcode, end, length)
+                end = begin + length
+        except (struct.error, ValueError, OverflowError, MemoryError) as error:
             self.problem = str(error) or type(error).__name__
+        rest = self._until_zeros(end)
+        if not self._is_torn_message(rest) and not mcap_file.end(self._topics, end).startswith(
+            rest
+        ):
+            self.note_damage_at(end)
         return end
+
+    def note_damage_at(self, place: int) -> None:
+        """Nothing is understood from this byte on, though more was written."""
+        found = Damage(self._number + 1, f"the file is damaged at byte {place}")
+        if found not in self.damage:
+            self.damage.append(found)
+
+    def _is_torn_message(self, found: bytes) -> bool:
+        """Whether this may be the beginning of the next message, which was not written whole."""
+        frame, fields = mcap_file.FRAME.size, mcap_file.MESSAGE_FIELDS
+        if found[:1] not in (b"", bytes([mcap_file.MESSAGE])):
+            return False
+        content = found[frame : frame + fields.size]
+        if len(content) < fields.size:
+            return True
+        channel, number, log_ns, publish_ns = fields.unpack(content)
+        text = found[frame + fields.size :].rstrip(b"\0")
+        fits = channel in self._of_channel and number == self._number + 1 and log_ns == publish_ns
+        return fits and text.isascii() and text.decode().isprintable()
+
+    def _begin(self) -> int:
+        """Read what is before the messages, which follows from the metadata; returns its end."""
+        file, frame, end = self._file, mcap_file.FRAME, len(mcap_file.MAGIC)
+        file.seek(0)
+        is_mcap = file.read(end) == mcap_file.MAGIC
+        if not is_mcap:
+            self.problem = "not a valid MCAP file"
+        while is_mcap and self.metadata is None and end + frame.size <= self._solid:
+            file.seek(end)
+            opcode, length = frame.unpack(file.read(frame.size))
+            if end + frame.size + length > self._solid:
+                break
+            if opcode == mcap_file.METADATA_RECORD:
+                with contextlib.suppress(ValueError):
+                    name, values = mcap_file.read_metadata(file.read(length))
+                    if name == mcap_file.METADATA:
+                        self.metadata = values
+            end += frame.size + length
+        file.seek(0)
+        content = file.read(end)
+        if self.metadata is None:
+            self.is_empty = self._is_begun()
+            return 0
+        if CHANNELS[BEATS].name.encode() not in content:
+            self._topics = tuple(topic for topic in CHANNELS if topic != BEATS)
+        numbers = mcap_file.channel_numbers(self._topics)
+        self._of_channel = {number: topic for topic, number in numbers.items()}
+        if content != mcap_file.begin(self._topics, self.metadata):
+            self._say(0, "it does not begin as recordings of mrbt do: other records, or changed")
+        self._check = first_check(self.metadata)
+        with contextlib.suppress(ValueError):
+            self._epoch_ns = int(self.metadata.get("epoch_ns", ""))
+        return end
+
+    def _is_begun(self) -> bool:
+        """Whether this may be the beginning of a recording, with nothing but zeros behind it."""
+        self._file.seek(0)
+        content = self._file.read(self._solid)
+        known = mcap_file.before_metadata(tuple(CHANNELS))
+        shorter = mcap_file.before_metadata(tuple(t for t in CHANNELS if t != BEATS))
+        return any(
+            each.startswith(content)
+            or (content.startswith(each) and content[len(each)] == mcap_file.METADATA_RECORD)
+            for each in (known, shorter)
+        )
+
+    def _end(self, place: int) -> int:
+        """Read the end of a recording that was closed; returns its first byte if it is torn."""
+        wanted = mcap_file.end(self._topics, place)
+        self._file.seek(place)
+        found = self._file.read(len(wanted) + 1)
+        if found[: len(wanted)] == wanted:
+            self.is_closed = True
+            end = place + len(wanted)
+            if end < self._solid:
+                self._say(self._number, f"something follows its end, from byte {end} on")
+            return end
+        written = self._until_zeros(place)
+        if not wanted.startswith(written):
+            self._say(self._number, f"its end, from byte {place} on, was changed")
+        return place
+
+    def _until_zeros(self, place: int) -> bytes:
+        self._file.seek(place)
+        return self._file.read(max(0, self._solid - place))
 
     def has_message_behind(self, place: int) -> bool:
         """Whether there is a check of a message behind this byte."""
         self._file.seek(place)
         before = b""
         # The file may have grown since.
-        while block := self._file.read(min(BUFFER_BYTES, self._size - self._file.tell())):
+        while block := self._file.read(min(BUFFER_BYTES, self.size - self._file.tell())):
             if _CHECK.search(before + block) is not None:
                 return True
             before = block[-CHECK_LENGTH:]
         return False
 
-    def _record(self, opcode: int, content: bytes, place: int) -> None:
-        """Take in one record of MCAP. Chunks, which no recording has, stay packed."""
-        if opcode == Opcode.MESSAGE:
-            if self.metadata is not None:
-                self._message(content, place)
+    def _record(self, opcode: int, place: int, length: int) -> None:
+        """Take in one record of MCAP: only messages stand between the beginning and the end."""
+        if opcode == mcap_file.MESSAGE:
+            self._message(self._file.read(length), place + mcap_file.FRAME.size)
             return
-        stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.METADATA:
-            found = Metadata.read(stream)
-            if found.name == METADATA and not self.metadata:
-                self.metadata = dict(found.metadata)
-                self._check = first_check(self.metadata)
-                with contextlib.suppress(ValueError):
-                    self._epoch_ns = int(self.metadata.get("epoch_ns", ""))
-        elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            self._schemas[schema.id] = (schema.name, schema.encoding, schema.data)
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            encoding, schema_id = channel.message_encoding, channel.schema_id
-            self._channel(channel.id, channel.topic, encoding, schema_id)
-        elif opcode == Opcode.DATA_END:
-            self.is_closed = True
-
-    def _channel(self, number: int, topic: str, encoding: str, schema: int) -> None:
-        self._topics[number] = topic
-        known = CHANNELS.get(topic)
-        if known is None:
-            return  # of another program
-        wanted = (known.name, "jsonschema", known.schema_text)
-        if self._schemas.get(schema) != wanted or encoding != "json":
-            self.damage.append(Damage(0, f"the schema of {topic} is not that of this format"))
+        what = mcap_file.NAMES.get(opcode, f"unknown, {opcode}")
+        text = f"a record of another kind ({what}) stands at byte {place}: mrbt writes none there"
+        self._say(self._number + 1, text)
 
     def _message(self, content: bytes, place: int) -> None:
-        channel, number, log_ns, publish_ns = _MESSAGE.unpack_from(content)
-        topic, data = self._topics.get(channel, ""), content[_MESSAGE.size :]
+        channel, number, log_ns, publish_ns = mcap_file.MESSAGE_FIELDS.unpack_from(content)
+        topic = self._of_channel.get(channel, "")
+        data = content[mcap_file.MESSAGE_FIELDS.size :]
         expected = self._number + 1
         if number != expected:
             self._say(expected, f"in its place is record {number}: it is missing, or was changed")
@@ -361,21 +462,23 @@ class _Reading:
                 raise ValueError("there is no such channel")
             if self._checks_schemas or topic == SIGNATURES:
                 message = _read_message(topic, data)
+                if to_json(message).encode() != body:
+                    raise ValueError("its text is not as mrbt writes it")
                 if topic == SIGNATURES:
-                    self._signature(message, number, check)
-        except ValueError as error:
+                    self._signature(message, number, check, log_ns)
+        except (ValueError, RecursionError) as error:
             self._say(number, f"no message of {topic or 'a known channel'}: {error}")
             return
         at_us = (log_ns - self._epoch_ns) // 1_000
-        self.records.add(number, topic, at_us, place + _MESSAGE.size, len(data))
+        self.records.add(number, topic, at_us, place + mcap_file.MESSAGE_FIELDS.size, len(data))
 
-    def _signature(self, content: Mapping[str, Any], number: int, check: bytes) -> None:
+    def _signature(self, content: Mapping[str, Any], number: int, check: bytes, at_ns: int) -> None:
         """Raises ValueError."""
         by, is_end, signature = content["by"], content["end"], read_bytes(content["signature"])
         times_us = self.records.times_us
         until_us = times_us[-1] if times_us else 0
-        wanted = signed_content(number - 1, check, is_end)
-        self.signatures.append(Signature(number, by, until_us, is_end, wanted, signature))
+        wanted = signed_content(number - 1, check, is_end, at_ns)
+        self.signatures.append(Signature(number, by, until_us, is_end, check, wanted, signature))
 
     def _say(self, number: int, text: str) -> None:
         self.damage.append(Damage(number, text))

@@ -7,22 +7,18 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.wire import RecordingHead
+from mrbt_mesh.recording import mcap_file
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, SIGNATURES
 from mrbt_mesh.recording.folder import open_new
 from mrbt_mesh.recording.messages import MessageEncoder
-from mrbt_mesh.recording.metadata import METADATA, RunMetadata
+from mrbt_mesh.recording.metadata import RunMetadata
 
-# A message of MCAP: opcode and length, then channel, number, and the time twice. The library takes
-# as long for it as all the rest takes together, and robots write some hundred a second.
-_MESSAGE, _OPCODE = struct.Struct("<BQHIQQ"), 0x05
-_HEADER_BYTES = _MESSAGE.size - struct.calcsize("<BQ")
 # What a killed robot recorded last is signed up to this much before its end.
 SIGN_US = 1_000_000
 
@@ -43,9 +39,6 @@ class RecordingWriter:
         beats: bool = False,
         keys: Keys | None = None,
     ) -> None:
-        # It is loaded by those who record alone: it needs some megabytes.
-        from mcap.writer import IndexType, Writer
-
         self._limit_bytes = limit_bytes
         self._encoder = MessageEncoder(metadata)
         self._keys = keys
@@ -53,16 +46,9 @@ class RecordingWriter:
         # Signed and handed over, and not told yet.
         self._head: RecordingHead | None = None
         self._file = open_new(path)
-        self._writer = Writer(
-            self._file, use_chunking=False, index_types=IndexType.NONE, use_statistics=False
-        )
-        self._writer.start(profile="", library="mrbt-mesh")
-        self._schemas: dict[str, int] = {}
-        self._channels = {
-            topic: self._register(topic) for topic in CHANNELS if beats or topic != BEATS
-        }
-        # With it, the library hands over the schemas and channels as well.
-        self._writer.add_metadata(METADATA, metadata.to_values())
+        self._topics = tuple(topic for topic in CHANNELS if beats or topic != BEATS)
+        self._channels = mcap_file.channel_numbers(self._topics)
+        self._file.write(mcap_file.begin(self._topics, metadata.to_values()))
         self._file.flush()
 
     @property
@@ -70,25 +56,19 @@ class RecordingWriter:
         """The Unix time at which the clock of the recording's owner was 0."""
         return self._encoder.epoch_ns
 
-    def _register(self, topic: str) -> int:
-        channel = CHANNELS[topic]
-        if channel.name not in self._schemas:
-            register = self._writer.register_schema
-            self._schemas[channel.name] = register(channel.name, "jsonschema", channel.schema_text)
-        return self._writer.register_channel(topic, "json", self._schemas[channel.name])
-
     def write(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
         """Add a message; `data` is not empty and fits the channel's schema."""
         self._now_us = at_us
         at_ns, text = self._encoder.encode(topic, at_us, data)
         channel, number = self._channels[topic], self._encoder.number
-        length = _HEADER_BYTES + len(text)
-        self._file.write(_MESSAGE.pack(_OPCODE, length, channel, number, at_ns, at_ns) + text)
+        self._file.write(mcap_file.message(channel, number, at_ns, text))
 
     def _sign(self, is_end: bool) -> None:
         if self._keys is not None:
             self._signed_us, self._head = self._now_us, self._encoder.head
-            self.write(SIGNATURES, self._now_us, self._encoder.sign(self._keys, is_end))
+            self.write(
+                SIGNATURES, self._now_us, self._encoder.sign(self._keys, is_end, self._now_us)
+            )
 
     def flush(self, now_us: int) -> None:
         """Hand over what was written: the end of this process does not touch it any more."""
@@ -115,6 +95,6 @@ class RecordingWriter:
             return
         try:
             self._sign(True)
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.write(mcap_file.end(self._topics, self._file.tell()))
         finally:
             self._file.close()

@@ -15,7 +15,7 @@ fork_server.out     what was printed by the process that forks the robots: nothi
 events.jsonl        the physical truth, written by the robots
 recordings/         what each robot knew and did (see `recording.folder`)
 run.mcap            what `up` heard of it
-commands.jsonl        what operators commanded by commands and views, with the times
+commands.jsonl      what operators commanded by commands and views (see `command_log`)
 deaths.json         the times of its deaths, as `up` and `drill` have them
 summary.json        written by `up` at the end; for a detached team by `cli/finished.py`
 summary.signature   its signature, in a team with keys (see `summary_signature`)
@@ -285,20 +285,6 @@ class RunDir:
         return {robot: process for robot, process in found.items() if process is not None}
 
     # -- what happened --------------------------------------------------------------------
-
-    def note_command(self, by: str, command: str, unix_s: float | None = None) -> None:
-        """An operator has commanded something, by default now: by which command or view, and what.
-
-        Raises RunDirError if that cannot be noted; the command itself was carried out.
-        """
-        line = json.dumps({"unix_s": unix_s or time.time(), "by": by, "command": command})
-        path = self.path / COMMANDS_FILE
-        try:
-            with path.open("a") as file:
-                file.write(f"{line}\n")
-        except OSError as error:
-            reason = error.strerror or error
-            raise RunDirError(f"{path}: the command is not noted for reports: {reason}") from error
 
     def write_deaths(self, deaths: Sequence[MajorFault], now_us: int) -> None:
         """Called by the launcher of the robots, whose times of their deaths count."""

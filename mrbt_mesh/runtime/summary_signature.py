@@ -1,13 +1,23 @@
-"""The signature of a run's summary.json, by the observer that wrote it."""
+"""The signature of a run's summary.json, by the observer that wrote it; it also covers how many
+commands had been noted then.
+"""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 
 from mrbt_mesh.core.membership.keys import Keys, Role
+from mrbt_mesh.runtime.command_log import head_of, read_commands
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
-from mrbt_mesh.runtime.run_dir import SUMMARY_FILE, RunDir, RunDirError, write_atomically
+from mrbt_mesh.runtime.run_dir import (
+    COMMANDS_FILE,
+    SUMMARY_FILE,
+    RunDir,
+    RunDirError,
+    write_atomically,
+)
 
 SIGNATURE_FILE = "summary.signature"
 
@@ -20,28 +30,44 @@ def sign_summary(run_dir: RunDir) -> None:
     keys = folder.keys_of(folder.reader())
     try:
         summary = (run_dir.path / SUMMARY_FILE).read_bytes()
-        write_atomically(path, signature_of(keys, run_dir.info().run, summary))
+        commands = head_of(read_commands(run_dir.path / COMMANDS_FILE))
+        write_atomically(path, signature_of(keys, run_dir.info().run, summary, commands))
     except OSError as error:
         raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
-def signature_of(keys: Keys, run: str, summary: bytes) -> str:
+@dataclass(frozen=True)
+class SignedSummary:
+    """What the signature's file has: `commands` is the hash of the last command noted then."""
+
+    by: str
+    commands: str
+    signature: bytes
+
+    def is_for(self, manifest: Manifest, run: str, summary: bytes) -> bool:
+        """Whether an operator or observer of the team has signed this summary of this run."""
+        content = _content(run, summary, self.commands)
+        roles = (Role.OPERATOR, Role.OBSERVER)
+        return any(was_signed(manifest, self.by, content, self.signature, role) for role in roles)
+
+
+def signature_of(keys: Keys, run: str, summary: bytes, commands: str = "") -> str:
     """The content of the signature's file."""
-    data = {"by": keys.name, "signature": keys.sign(_content(run, summary)).hex()}
-    return json.dumps(data) + "\n"
+    signature = keys.sign(_content(run, summary, commands)).hex()
+    return json.dumps({"by": keys.name, "commands": commands, "signature": signature}) + "\n"
 
 
-def is_summary_signed(manifest: Manifest, run: str, summary: bytes, signature: str) -> bool:
-    """Whether an operator or observer of the team has signed this summary of this run."""
+def parse_signature(text: str) -> SignedSummary:
+    """The inverse of `signature_of`; raises ValueError."""
     try:
-        data = json.loads(signature)
-        by, signed = str(data["by"]), bytes.fromhex(data["signature"])
-    except (ValueError, TypeError, KeyError):
-        return False
-    content = _content(run, summary)
-    roles = (Role.OPERATOR, Role.OBSERVER)
-    return any(was_signed(manifest, by, content, signed, role) for role in roles)
+        data = json.loads(text)
+        found = SignedSummary(
+            str(data["by"]), str(data["commands"]), bytes.fromhex(data["signature"])
+        )
+    except (TypeError, KeyError, RecursionError) as error:
+        raise ValueError(f"it is malformed: {error!r}") from None
+    return found
 
 
-def _content(run: str, summary: bytes) -> bytes:
-    return b"mrbt summary\0" + run.encode() + b"\0" + summary
+def _content(run: str, summary: bytes, commands: str) -> bytes:
+    return b"mrbt summary\0" + json.dumps([run, commands]).encode() + b"\0" + summary

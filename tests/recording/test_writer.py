@@ -13,8 +13,9 @@ from mcap.reader import NonSeekingReader, make_reader
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS, LIFE
+from mrbt_mesh.recording.mcap_file import METADATA
 from mrbt_mesh.recording.messages import pack_fact, unpack_fact
-from mrbt_mesh.recording.metadata import METADATA, RunMetadata
+from mrbt_mesh.recording.metadata import RunMetadata
 from mrbt_mesh.recording.reader import parse_recording, read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 from tests.support.build import action, make_mission, task

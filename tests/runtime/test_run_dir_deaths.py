@@ -9,7 +9,7 @@ import pytest
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.observer.episodes import MajorFault
-from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
+from mrbt_mesh.runtime.run_dir import RunDir
 
 NOW_US = 50_000_000
 CLAIM = Claim("act", "repair", "weld", Phase.RUNNING, 1, "")
@@ -30,9 +30,3 @@ def test_another_observer_reads_what_was_written(tmp_path: Path) -> None:
     assert (times.detected_us or 0) - times.at_us == 100_000
     (tmp_path / "deaths.json").write_text('{"deaths": [')
     assert run_dir.deaths(NOW_US) == [], "damaged"
-
-
-def test_a_command_that_cannot_be_noted_is_said(tmp_path: Path) -> None:
-    (tmp_path / "commands.jsonl").mkdir()
-    with pytest.raises(RunDirError, match=r"the command is not noted for reports: Is a"):
-        RunDir(tmp_path).note_command("mrbt kill", "A1 killed")

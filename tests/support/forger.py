@@ -186,12 +186,12 @@ def written_again(run: Run, folder: Path, keys: Mapping[str, Keys], true: Run) -
         for record in each.records:
             data = record.data
             if own is not None and record.topic == SIGNATURES:
-                data = encoder.sign(own, record.data["end"])
+                data = encoder.sign(own, record.data["end"], record.at_us)
             writer.write(record.topic, record.at_us, data)
             encoder.encode(record.topic, record.at_us, data)
         if own is not None and not is_ended(each):
             last_us = each.records[-1].at_us
-            writer.write(SIGNATURES, last_us, encoder.sign(own, True))
+            writer.write(SIGNATURES, last_us, encoder.sign(own, True, last_us))
         writer.close()
         found.append(parse_recording(path.read_bytes(), path))
     return found

@@ -38,8 +38,10 @@ def report(as_json: bool, team: str, robots: Iterable[str], command: str, result
 
 def note_command(run_dir: RunDir, command: str, what: str, unix_s: float | None = None) -> None:
     """Note what was commanded, for reports; warn if that fails, since it was carried out."""
+    from mrbt_mesh.runtime.command_log import note_command
+
     try:
-        run_dir.note_command(f"mrbt {command}", what, unix_s)
+        note_command(run_dir, f"mrbt {command}", what, unix_s)
     except InputError as error:
         click.echo(f"{WARNING} {error}", err=True)
 

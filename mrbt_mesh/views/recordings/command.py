@@ -30,7 +30,7 @@ from mrbt_mesh.cli.options import (
 from mrbt_mesh.plugins import require
 
 file_argument = click.argument("file", metavar="FILE.mcap", type=PATH, help="A recording.")
-GAPS = ("unsigned", "robot", "observer", "end", "summary")
+GAPS = ("unsigned", "robot", "observer", "end", "summary", "commands")
 WHAT_IF = tuple(name for name in FAULTS if name != "performance")
 
 
@@ -175,12 +175,10 @@ def verify(
              mrbt recording verify simulated --accept unsigned
     """
     from mrbt_mesh.cli.terminal import console, print_json
-    from mrbt_mesh.views.recordings.files import chosen, manifest_of, summary_of
+    from mrbt_mesh.views.recordings.files import verified
     from mrbt_mesh.views.recordings.render import render_verdict
-    from mrbt_mesh.views.replay.verify import verify as verify_recordings
 
-    recordings, folder = chosen(paths)
-    found = verify_recordings(recordings, manifest_of(keys or folder), summary_of(paths))
+    found = verified(paths, keys)
     holds = found.holds(accept)
     if as_json:
         print_json({"verified": holds, "accepted": sorted(accept), **found.to_json()})
@@ -218,20 +216,14 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     """
     from mrbt_mesh.cli.terminal import check_outputs, print_json, write_file
     from mrbt_mesh.runtime.known_runs import find_run
-    from mrbt_mesh.views.recordings.files import chosen, manifest_of
-    from mrbt_mesh.views.replay.findings import Verification
-    from mrbt_mesh.views.replay.verify import verify as verify_recordings
+    from mrbt_mesh.views.recordings.files import verified
     from mrbt_mesh.views.report.page import report_html
     from mrbt_mesh.views.report.sources import read_report
 
     if not as_json:
         check_outputs(None, {"-o": output})
 
-    def verified(path: Path) -> Verification:
-        recordings, folder = chosen((path,))
-        return verify_recordings(recordings, manifest_of(folder))
-
-    found = read_report(paths or (find_run(None, "RUN_DIR").path,), verified)
+    found = read_report(paths or (find_run(None, "RUN_DIR").path,), lambda path: verified((path,)))
     if as_json:
         print_json(found.to_json())
     else:

@@ -61,7 +61,7 @@ def continued(
         "at_s": at_s,
         "faults": [each.said for each in named],
         "without_recorded_faults": without_recorded,
-        "assumed": list(ASSUMED),
+        "assumed": [*ASSUMED, *([f"the recording: {recording.torn}"] if recording.torn else [])],
         "under_way": found.under_way,
         "recorded": {
             **found.recorded.summary(),

@@ -1,30 +1,42 @@
-"""Which recordings a command line means."""
+"""Which recordings a command line means, and the other files of their run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
-from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, read_recording
 from mrbt_mesh.runtime.known_runs import find_run
-from mrbt_mesh.runtime.run_dir import KEYS_FOLDER, SUMMARY_FILE
+from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.member_keys import Manifest
-    from mrbt_mesh.views.replay.check_summary import SummaryFile
+    from mrbt_mesh.views.replay.findings import Verification
 
 
-def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
-    """The recordings of files and run directories, by default of the run that `find_run` finds;
-    and the folder of its keys, if it has one.
+@dataclass(frozen=True)
+class ChosenRecordings:
+    """Recordings, and the files that were begun as such and hold nothing. `run_dir`: that of the
+    run, if one was given; `keys`: the folder of its keys, if it has one.
+    """
+
+    recordings: tuple[Recording, ...]
+    empty: tuple[str, ...]
+    run_dir: Path | None
+    keys: Path | None
+
+
+def chosen(paths: Sequence[Path]) -> ChosenRecordings:
+    """The recordings of files and run directories, by default of the run that `find_run` finds.
 
     Raises InputError for a folder without any, RecordingError for a file that is none.
     """
     files: list[Path] = []
-    keys: Path | None = None
+    run_dir: Path | None = None
     for path in paths or (find_run(None, "RUN_DIR").path,):
         if not path.is_dir():
             files.append(path)
@@ -33,25 +45,33 @@ def chosen(paths: Sequence[Path]) -> tuple[list[Recording], Path | None]:
         if not found:
             raise InputError(f"{path} holds no recordings: was its run started with --no-record?")
         files += found
-        if (path / KEYS_FOLDER).is_dir():
-            keys = path / KEYS_FOLDER
-    return [read_recording(file) for file in files], keys
-
-
-def summary_of(paths: Sequence[Path]) -> SummaryFile | None:
-    """The summary of the run directory that has one; raises InputError."""
-    from mrbt_mesh.runtime.summary_signature import SIGNATURE_FILE
-    from mrbt_mesh.views.replay.check_summary import SummaryFile
-
-    for path in paths or (find_run(None, "RUN_DIR").path,):
-        file, signature = path / SUMMARY_FILE, path / SIGNATURE_FILE
+        run_dir = run_dir or path
+    recordings: list[Recording] = []
+    empty: list[EmptyRecordingError] = []
+    for file in files:
         try:
-            if file.is_file():
-                text = signature.read_text("utf-8", "replace") if signature.is_file() else ""
-                return SummaryFile(file.read_bytes(), text)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return None
+            recordings.append(read_recording(file))
+        except EmptyRecordingError as error:
+            empty.append(error)
+    if not recordings:
+        raise empty[0]
+    keys = run_dir / KEYS_FOLDER if run_dir is not None else None
+    if keys is not None and not keys.is_dir():
+        keys = None
+    return ChosenRecordings(tuple(recordings), tuple(map(str, empty)), run_dir, keys)
+
+
+def verified(paths: Sequence[Path], keys: Path | None = None) -> Verification:
+    """What `mrbt recording verify` finds of these; `keys`: the folder with the team's manifest.
+
+    Raises InputError.
+    """
+    from mrbt_mesh.views.replay.check_files import read_run_dir_files
+    from mrbt_mesh.views.replay.verify import verify
+
+    found = chosen(paths)
+    files = read_run_dir_files(found.run_dir) if found.run_dir is not None else None
+    return verify(found.recordings, manifest_of(keys or found.keys), files, found.empty)
 
 
 def manifest_of(folder: Path | None) -> Manifest | None:

@@ -44,6 +44,10 @@ def render_verdict(verdict: Verification, accepted: Collection[str]) -> Renderab
     for gap in verdict.gaps:
         word = "accepted" if gap.kind in accepted else "not proved"
         parts.append(Text(f"{word}: {gap}", "yellow"))
+    parts += [Text(f"note: {each}", "yellow") for each in verdict.notes]
+    if verdict.no_evidence:
+        listed = ", ".join(verdict.no_evidence)
+        parts.append(Text(f"no evidence, as nothing signs them: {listed}", "dim"))
     parts += [Text(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
     more = len(verdict.findings) - MOST_FINDINGS
     if more > 0:

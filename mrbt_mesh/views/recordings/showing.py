@@ -33,6 +33,7 @@ def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
         "run": player.recording.metadata.run,
         "at_s": (at_us - player.begin_us) / SECOND_US,
         "ends_at_s": (player.end_us - player.begin_us) / SECOND_US,
+        "torn": player.recording.torn or None,
         **player.state.to_json(),
     }
 
@@ -71,9 +72,10 @@ def compare(player: Player, other: Player, as_json: bool) -> None:
         for _ in each.play_to(each.end_us):
             pass
     names = [called(each.recording.path) for each in (player, other)]
+    torn = [each.recording.torn or None for each in (player, other)]
     found = compared(player.observer.record, other.observer.record)
     if as_json:
-        print_json({"files": names, **found})
+        print_json({"files": names, "torn": torn, **found})
         return
     rows = table("", *names, "difference")
     rows.add_row("result", *found["results"], "")
@@ -84,6 +86,9 @@ def compare(player: Player, other: Player, as_json: bool) -> None:
         )
         rows.add_row(row["figure"], first, second, difference)
     console.print(rows, highlight=False)
+    for name, text in zip(names, torn, strict=True):
+        if text is not None:
+            click.echo(f"{name}: {text}")
 
 
 async def serve(

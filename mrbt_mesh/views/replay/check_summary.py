@@ -10,7 +10,7 @@ from typing import Any
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest
-from mrbt_mesh.runtime.summary_signature import is_summary_signed
+from mrbt_mesh.runtime.summary_signature import parse_signature
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
 FILE = "summary.json"
@@ -18,7 +18,7 @@ FILE = "summary.json"
 
 @dataclass(frozen=True)
 class SummaryFile:
-    """A run's summary.json as it is on disk, and its signature; empty: there is none."""
+    """A run's summary.json as it is on disk, and its signature; empty: it is missing."""
 
     content: bytes
     signature: str
@@ -35,9 +35,7 @@ def check_summary(
     if manifest is not None and not summary.signature:
         text = "it has no signature"
         gaps.append(Gap(GapKind.SUMMARY, FILE, text, "give summary.signature as it was written"))
-    elif manifest is not None and not is_summary_signed(
-        manifest, run, summary.content, summary.signature
-    ):
+    elif manifest is not None and not _is_signed(manifest, run, summary):
         text = "it is not what was signed in summary.signature"
         findings.append(RecordingFinding(FILE, 0, 0, text))
     observers = [each for each in recordings if not each.metadata.robot]
@@ -45,6 +43,13 @@ def check_summary(
         for text in _differing(summary.content, observers[0]):
             findings.append(RecordingFinding(FILE, 0, 0, text, (observers[0].name,)))
     return findings, gaps
+
+
+def _is_signed(manifest: Manifest, run: str, summary: SummaryFile) -> bool:
+    try:
+        return parse_signature(summary.signature).is_for(manifest, run, summary.content)
+    except ValueError:
+        return False
 
 
 def _differing(content: bytes, recording: Recording) -> Iterator[str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.messages import read_incarnation, signed_content
+from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
 from mrbt_mesh.recording.writer import SIGN_US
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
@@ -60,6 +60,7 @@ class TeamCheck:
         if self.manifest is not None:
             is_ended = last is not None and last.is_end
         end = "its end" if is_ended else self._explained_end(recording)
+        end = _with_torn(end, recording)
         if self.manifest is None or not recording.records:
             return
         if last is None:
@@ -68,6 +69,15 @@ class TeamCheck:
         else:
             until_us = max(0, last.until_us - recording.begin_us)
             self.proved.append(ProvedRecording(recording.name, last.by, until_us, end))
+            self._unsigned_end(recording, last)
+
+    def _unsigned_end(self, recording: Recording, last: Signature) -> None:
+        """What follows the last signature: a robot that is killed has recorded little there."""
+        end_us = recording.records[-1].at_us
+        may_us = recording.metadata.timing.max_detection_us + SIGN_US
+        if end_us > last.until_us + may_us:
+            text = f"the last {(end_us - last.until_us) / 1e6:.1f} s of it are not signed"
+            self._gap(GapKind.END, recording.name, text, "give the file as it was recorded")
 
     def _last_signature(self, check: RecordingCheck) -> Signature | None:
         """The last one of its owner; others are findings."""
@@ -101,8 +111,8 @@ class TeamCheck:
         if not found:
             what = f"{robot} died" if robot else "the observer ended"
             text = f"it has no end, and no other recording says that {what}"
-            remedy = "give the whole file; what a file limit (--keep) cut off is lost"
-            self._gap(GapKind.END, recording.name, text, remedy)
+            remedy = "give the whole file; what the power or a full disk cut off is lost"
+            self._gap(GapKind.END, recording.name, _with_torn(text, recording), remedy)
             return "no end"
         at_us, by = found[0]
         timing = recording.metadata.timing
@@ -155,7 +165,7 @@ class TeamCheck:
         contradiction, as the latter is.
         """
         recording = owner.recording
-        signed = {each.number - 1: each.content for each in recording.signatures}
+        signed = {each.number - 1: each.check for each in recording.signatures}
         last = recording.records[-1].number
         is_ended = any(each.is_end for each in recording.signatures)
         later: list[tuple[int, str]] = []
@@ -163,10 +173,9 @@ class TeamCheck:
         for check, each in self._heard_of(owner, owners):
             owner.counts["heads"] += 1
             number, head = each.data["number"], bytes.fromhex(each.data["head"])
-            wanted = [signed_content(number, head, is_end) for is_end in (False, True)]
             if number >= last:
                 later.append((_unix_us(check.recording, each.at_us), check.recording.name))
-            elif signed.get(number) not in wanted:
+            elif signed.get(number) != head:
                 false.append((number, check.recording.name))
         if later:
             at_us, by = max(later)
@@ -221,6 +230,10 @@ def _record(recording: Recording, number: int) -> RecordedMessage:
     """The record of this number, or the last one before it."""
     before = (each for each in reversed(recording.records) if each.number <= number)
     return next(before, recording.records[0])
+
+
+def _with_torn(text: str, recording: Recording) -> str:
+    return f"{text} ({recording.torn})" if recording.torn else text
 
 
 def lives(recording: Recording) -> list[Incarnation]:

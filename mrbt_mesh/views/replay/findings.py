@@ -7,6 +7,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from mrbt_mesh.runtime.command_log import NotedCommand
+
 # Nobody but the robot itself can say these; its key signs that it did.
 ON_TRUST = "times, positions and progress are as each robot measured them"
 
@@ -45,13 +47,16 @@ class ProvedRecording:
 
 
 class GapKind(enum.StrEnum):
-    """What is not proved: signatures, a robot's recording, the observer's, an end, summary.json."""
+    """What is not proved: signatures, a robot's recording, the observer's, an end, summary.json,
+    commands.jsonl.
+    """
 
     UNSIGNED = "unsigned"
     ROBOT = "robot"
     OBSERVER = "observer"
     END = "end"
     SUMMARY = "summary"
+    COMMANDS = "commands"
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,8 @@ class ProvedTakeover:
 class Verification:
     """The result: numbers of what was checked by kind, what is proved and what is not,
     contradictions, takeovers. `team_key`: the key behind all signatures, empty without one.
+    `notes`: what was left out and why; `no_evidence`: files of the run that nothing proves.
+    `commands`: what was noted of operators' commands.
     """
 
     files: tuple[str, ...]
@@ -95,6 +102,9 @@ class Verification:
     gaps: tuple[Gap, ...]
     findings: tuple[RecordingFinding, ...]
     takeovers: tuple[ProvedTakeover, ...]
+    notes: tuple[str, ...] = ()
+    no_evidence: tuple[str, ...] = ()
+    commands: tuple[NotedCommand, ...] = ()
 
     @property
     def is_proved(self) -> bool:
@@ -115,6 +125,9 @@ class Verification:
             "proved": [asdict(each) for each in self.proved],
             "not_proved": [asdict(each) for each in self.gaps],
             "on_trust": ON_TRUST,
+            "notes": list(self.notes),
+            "no_evidence": list(self.no_evidence),
+            "commands": [asdict(each) for each in self.commands],
             "findings": [asdict(each) for each in self.findings],
             "takeovers": [asdict(each) for each in self.takeovers],
         }

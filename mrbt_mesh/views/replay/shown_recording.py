@@ -188,7 +188,7 @@ class ShownRecording:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """What does not change: whose recording it is, its begin and end."""
+        """What does not change: whose recording it is, its begin and end, whether that is torn."""
         recording, player = self.playback.player.recording, self.playback.player
         return {
             "file": recording.name,
@@ -196,4 +196,5 @@ class ShownRecording:
             "run": recording.metadata.run,
             "from_s": self.seconds(player.begin_us),
             "to_s": self.seconds(player.end_us),
+            "torn": recording.torn or None,
         }

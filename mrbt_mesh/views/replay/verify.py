@@ -15,23 +15,26 @@ from functools import partial
 from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.recording.reader import Recording, RecordingError
+from mrbt_mesh.runtime.command_log import NotedCommand
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
+from mrbt_mesh.views.replay.check_files import RunDirFiles, check_files
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
-from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
 from mrbt_mesh.views.replay.check_team import TeamCheck, lives
 from mrbt_mesh.views.replay.checked_recording import RecordedFact
 from mrbt_mesh.views.replay.findings import Verification
 
+NO_SUMMARY = "without a signed summary.json, the end of commands.jsonl is not proved"
 _Key = tuple[str, str, Version]
 
 
 def verify(
     recordings: Sequence[Recording],
     manifest: Manifest | None = None,
-    summary: SummaryFile | None = None,
+    files: RunDirFiles | None = None,
+    notes: Sequence[str] = (),
 ) -> Verification:
-    """Verify recordings of one run, at least one, and its summary; the `manifest` checks
-    signatures.
+    """Verify recordings of one run, at least one, and its other files; the `manifest` checks
+    signatures. `notes` become those of the result.
 
     Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
     """
@@ -56,10 +59,15 @@ def verify(
     team = TeamCheck(checks, manifest)
     team.run()
     findings = [each for check in checks for each in check.findings]
-    if summary is not None:
-        contradictions, gaps = check_summary(summary, recordings, manifest)
+    commands: Sequence[NotedCommand] = ()
+    if files is not None:
+        missions = {each.metadata.mission_digest for each in recordings}
+        missions |= {check.state.facts.declared.digest for check in checks}
+        contradictions, gaps, commands = check_files(files, recordings, manifest, missions)
         findings += contradictions
         team.gaps += gaps
+        if files.summary is None:
+            notes = [*notes, NO_SUMMARY]
     counts: Counter[str] = Counter()
     for check in checks:
         counts.update(check.counts)
@@ -72,6 +80,9 @@ def verify(
         tuple(team.gaps),
         tuple(findings),
         tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
+        tuple(notes),
+        files.others if files is not None else (),
+        tuple(commands),
     )
 
 

@@ -173,11 +173,15 @@ class Expectation:
 
 @dataclass(frozen=True)
 class ReportedCommand:
-    """What an operator commanded, `by` which command or view; `at_s` None: the clock is unknown."""
+    """What an operator commanded, `by` which command or view; `at_s` None: the clock is unknown.
+
+    `signer`: the operator who is proved to have noted it; empty: it is not proved.
+    """
 
     at_s: float | None
     by: str
     command: str
+    signer: str
 
 
 @dataclass(frozen=True)

@@ -134,8 +134,11 @@ def _clock(run: RunReport, at_s: float | None) -> str:
 def _commands(run: RunReport) -> str:
     if run.proof is None:
         return ""
-    rows = ((_seconds(c.at_s), _clock(run, c.at_s), c.by, c.command) for c in run.commands)
-    table = _table(("at", "clock (UTC)", "by", "command"), rows)
+    rows = (
+        (_seconds(c.at_s), _clock(run, c.at_s), c.by, c.command, c.signer or "not proved")
+        for c in run.commands
+    )
+    table = _table(("at", "clock (UTC)", "by", "command", "signed by"), rows)
     return table or _none("No command and no view commanded anything in this run directory.")
 
 

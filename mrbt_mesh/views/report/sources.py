@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.recording.reader import open_recording
-from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, SUMMARY_FILE
+from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.report.model import (
     CampaignReport,
@@ -67,8 +67,9 @@ def _run_dir(path: Path, verify: Verify) -> RunReport:
         if file is not None:
             found = report_recording(open_recording(file), title)
             began_unix_s = found.identity.began_unix_s if found.identity is not None else None
-            commands = tuple(_commands(path / COMMANDS_FILE, began_unix_s))
-            return replace(found, proof=_proof(verify(path)), commands=commands)
+            proof = verify(path)
+            commands = tuple(_commands(proof, began_unix_s))
+            return replace(found, proof=_proof(proof), commands=commands)
         if data is not None:
             return report_summary(data, title)
     raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
@@ -79,14 +80,12 @@ def _proof(found: Verification) -> Proof:
     return Proof(found.files, found.team_key, dict(found.counts), findings, gaps)
 
 
-def _commands(path: Path, began_unix_s: float | None) -> Iterator[ReportedCommand]:
+def _commands(found: Verification, began_unix_s: float | None) -> Iterator[ReportedCommand]:
     """The commands of a run; a line that was cut off is left out."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    for line in lines:
-        with contextlib.suppress(ValueError):
-            data = json.loads(line)
-            at_s = None if began_unix_s is None else float(data["unix_s"]) - began_unix_s
-            yield ReportedCommand(at_s, str(data["by"]), str(data["command"]))
+    for each in found.commands:
+        if each.unix_s is not None:
+            at_s = None if began_unix_s is None else each.unix_s - began_unix_s
+            yield ReportedCommand(at_s, each.by, each.command, each.signer)
 
 
 def _recording_of(run_dir: Path) -> Path | None:

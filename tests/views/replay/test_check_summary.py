@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.runtime.member_keys import Manifest
 from mrbt_mesh.runtime.summary_signature import signature_of
+from mrbt_mesh.views.replay.check_files import RunDirFiles
 from mrbt_mesh.views.replay.check_summary import SummaryFile
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.keys import keys_of
@@ -25,7 +26,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def found(run: Run, content: bytes, signature: str) -> list[str]:
-    verdict = verify(*run[:2], SummaryFile(content, signature))
+    verdict = verify(*run[:2], RunDirFiles(SummaryFile(content, signature)))
     return [str(each) for each in (*verdict.findings, *verdict.gaps)]
 
 

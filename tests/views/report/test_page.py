@@ -130,7 +130,10 @@ def test_an_incident_has_its_date_clock_version_digest_commands_and_verification
     identity = RunIdentity(1_795_641_208.552, "64cf970d", "5c96016d", "0.1.0")
     findings = ("run.mcap: record 3: wrong",)
     proof = Proof(("run.mcap",), "0123456789abcdef01", {"facts": 1692}, findings, ("cut",))
-    commands = (ReportedCommand(6.685, "mrbt kill", "A1 (pid 7) killed"),)
+    commands = (
+        ReportedCommand(6.685, "mrbt kill", "A1 (pid 7) killed", "root"),
+        ReportedCommand(7.0, "mrbt kill", "D2 killed", ""),
+    )
     run = replace(RUN, identity=identity, proof=proof, commands=commands)
     text = report_html(RunsReport((run,)))
     for wanted in (

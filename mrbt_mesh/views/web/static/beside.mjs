@@ -30,7 +30,7 @@ export class Beside {
   get to() { return this._told.to_s + this._shift; }
 
   _show() {
-    const { files, results, figures, first_death_s: [own, other] } = this._told;
+    const { files, results, figures, torn, first_death_s: [own, other] } = this._told;
     const value = (number, unit, sign = "") => (number === null ? "–" : `${number > 0 ? sign : ""}${Number(number.toFixed(3))} ${unit}`);
     const choice = element("select", { onchange: () => { this.align(choice.value === "death" ? own - other : 0); this._changed(); } },
       element("option", { value: "start" }, "the start"), ...(own !== null && other !== null ? [element("option", { value: "death" }, "the first death")] : []));
@@ -39,7 +39,8 @@ export class Beside {
         element("th", { scope: "col" }, `${SIGN} ${files[1]}`), element("th", { scope: "col" }, "difference"))),
       element("tbody", {}, element("tr", {}, element("th", { scope: "row" }, "result"), ...results.map((result) => element("td", {}, result)), element("td", {})),
         ...figures.map(({ figure, unit, first, second, difference }) => element("tr", {}, element("th", { scope: "row" }, figure),
-          element("td", {}, value(first, unit)), element("td", {}, value(second, unit)), element("td", {}, value(difference, unit, "+")))))));
+          element("td", {}, value(first, unit)), element("td", {}, value(second, unit)), element("td", {}, value(difference, unit, "+")))))),
+      ...(torn ? [element("p", { class: "soft" }, `${files[1]}: ${torn}`)] : []));
     byId("beside").hidden = false;
   }
 }

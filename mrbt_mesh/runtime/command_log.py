@@ -1,0 +1,144 @@
+"""commands.jsonl: what operators commanded by commands and views, for reports.
+
+Each line has a hash of the line before it. In a team with keys the operator whose key is in the run
+directory signs it, so that no line can be added, changed, or taken out of the middle without that
+key; how many lines there are in the end is signed with the summary.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mrbt_mesh.core.membership.keys import Role
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.runtime.key_folder import KeyFolder
+from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys, was_signed
+from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir, RunDirError
+
+HASH_BYTES = 16
+
+
+@dataclass(frozen=True)
+class NotedCommand:
+    """One line. `signer`: who signed it, empty if nobody is shown to; `problem`: why it does not
+    follow the line before it, or is not what was signed; `unix_s` is None for a line that is none.
+    """
+
+    number: int
+    unix_s: float | None
+    by: str
+    command: str
+    signer: str = ""
+    problem: str = ""
+
+
+def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = None) -> None:
+    """An operator has commanded something, by default now: by which command or view, and what.
+
+    Raises RunDirError if that cannot be noted; the command itself was carried out.
+    """
+    path = run_dir.path / COMMANDS_FILE
+    data = {"unix_s": unix_s or time.time(), "by": by, "command": command}
+    try:
+        keys, run = _operator(run_dir), run_dir.info().run
+        with path.open("a+b") as file:
+            # Commands are given by several processes.
+            fcntl.flock(file, fcntl.LOCK_EX)
+            file.seek(0)
+            lines = file.read().splitlines(keepends=True)
+            begin = b"\n" if lines and not lines[-1].endswith(b"\n") else b""
+            file.write(begin + _line(data, lines[-1] if lines else b"", keys, run))
+    except (OSError, InputError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RunDirError(f"{path}: the command is not noted for reports: {reason}") from error
+
+
+def read_commands(path: Path) -> bytes | None:
+    """The file as it is; None if there is none. Raises OSError."""
+    return path.read_bytes() if path.exists() else None
+
+
+def head_of(content: bytes | None) -> str:
+    """The hash of the last line, which depends on all before; empty without any."""
+    lines = (content or b"").splitlines()
+    return _hash(lines[-1]) if lines else ""
+
+
+def heads(content: bytes | None) -> list[str]:
+    """Those that the file had while it grew, from the empty one on."""
+    return ["", *map(_hash, (content or b"").splitlines())]
+
+
+def noted_commands(content: bytes, run: str, manifest: Manifest | None) -> Iterator[NotedCommand]:
+    """The lines of the file; `manifest` checks their signatures."""
+    before = b""
+    for number, line in enumerate(content.splitlines(), start=1):
+        yield _noted(number, line, before, run, manifest)
+        before = line
+
+
+def _operator(run_dir: RunDir) -> MemberKeys | None:
+    """The keys of the operator in the run directory; None in a team without keys, or without his
+    key here.
+    """
+    if not run_dir.keys_path.is_dir():
+        return None
+    folder = KeyFolder(run_dir.keys_path)
+    try:
+        keys = folder.keys_of(folder.reader())
+    except InputError:
+        return None  # the line is not signed, and `verify` says so
+    return keys if keys.role_of(keys.name) is Role.OPERATOR else None
+
+
+def _line(data: dict[str, Any], before: bytes, keys: MemberKeys | None, run: str) -> bytes:
+    data = {**data, "after": _hash(before.rstrip(b"\n")) if before else ""}
+    if keys is not None:
+        signature = keys.sign(_content(run, data)).hex()
+        data = {**data, "signer": keys.name, "signature": signature}
+    return json.dumps(data).encode() + b"\n"
+
+
+def _noted(
+    number: int, line: bytes, before: bytes, run: str, manifest: Manifest | None
+) -> NotedCommand:
+    try:
+        data = json.loads(line)
+        known = NotedCommand(number, float(data["unix_s"]), str(data["by"]), str(data["command"]))
+        signed = {name: data[name] for name in ("unix_s", "by", "command", "after")}
+        signer, signature = data.get("signer", ""), data.get("signature", "")
+        again = signed | ({"signer": signer, "signature": signature} if signer else {})
+        is_whole = json.dumps(again).encode() == line
+        proof = bytes.fromhex(signature)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return NotedCommand(number, None, "", "", problem="is no command that mrbt has noted")
+    problem = ""
+    if not is_whole:
+        problem = "is not as mrbt writes it"
+    elif data["after"] != (_hash(before) if before else ""):
+        problem = "does not follow the line before it"
+    elif (
+        manifest is not None
+        and signer
+        and not was_signed(manifest, signer, _content(run, signed), proof, Role.OPERATOR)
+    ):
+        problem = f"was not signed by {signer}"
+    is_proved = bool(signer) and manifest is not None and not problem
+    return NotedCommand(
+        number, known.unix_s, known.by, known.command, signer if is_proved else "", problem
+    )
+
+
+def _hash(line: bytes) -> str:
+    return hashlib.blake2b(line, digest_size=HASH_BYTES).hexdigest()
+
+
+def _content(run: str, data: dict[str, Any]) -> bytes:
+    return b"mrbt command\0" + run.encode() + b"\0" + json.dumps(data).encode()

@@ -1,0 +1,129 @@
+"""The other files of a run directory: what the recordings, or signatures, prove of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mrbt_mesh.core.mission.compiled import mission_from_compiled
+from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import FOLDER, observer_files
+from mrbt_mesh.recording.reader import Recording
+from mrbt_mesh.runtime.command_log import NotedCommand, heads, noted_commands, read_commands
+from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.runtime.run_dir import (
+    COMMANDS_FILE,
+    KEYS_FOLDER,
+    MISSION_FILE,
+    REVISION_FILE,
+    SUMMARY_FILE,
+)
+from mrbt_mesh.runtime.summary_signature import SIGNATURE_FILE, parse_signature
+from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
+from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
+
+_CHECKED = {
+    *(FOLDER, KEYS_FOLDER, COMMANDS_FILE, MISSION_FILE, REVISION_FILE),
+    *(SUMMARY_FILE, SIGNATURE_FILE),
+}
+
+
+@dataclass(frozen=True)
+class RunDirFiles:
+    """The files of a run beside its recordings; None, or empty: there is none. `missions`: the
+    texts of mission.json and revision.json by name. `others`: the names of those that nothing
+    signs.
+    """
+
+    summary: SummaryFile | None = None
+    commands: bytes | None = None
+    missions: Mapping[str, str] = field(default_factory=dict)
+    others: tuple[str, ...] = ()
+
+
+def read_run_dir_files(run_dir: Path) -> RunDirFiles:
+    """Raises InputError."""
+    summary, signature = run_dir / SUMMARY_FILE, run_dir / SIGNATURE_FILE
+    missions = [run_dir / name for name in (MISSION_FILE, REVISION_FILE)]
+    known = {path.name for path in observer_files(run_dir)} | _CHECKED
+    try:
+        found = None
+        if summary.is_file() or signature.is_file():
+            text = signature.read_text("utf-8", "replace") if signature.is_file() else ""
+            found = SummaryFile(summary.read_bytes() if summary.is_file() else b"", text)
+        return RunDirFiles(
+            found,
+            read_commands(run_dir / COMMANDS_FILE),
+            {path.name: path.read_text("utf-8", "replace") for path in missions if path.is_file()},
+            tuple(sorted(path.name for path in run_dir.iterdir() if path.name not in known)),
+        )
+    except OSError as error:
+        raise InputError(f"{run_dir}: cannot be read: {error.strerror or error}") from None
+
+
+def check_files(
+    files: RunDirFiles,
+    recordings: Sequence[Recording],
+    manifest: Manifest | None,
+    missions: Collection[str],
+) -> tuple[list[RecordingFinding], list[Gap], list[NotedCommand]]:
+    """Where they differ from the recordings or from what was signed, and what nobody has signed;
+    and the commands that were noted.
+
+    `missions`: the digests of the missions that were in force.
+    """
+    findings: list[RecordingFinding] = []
+    gaps: list[Gap] = []
+    if files.summary is not None:
+        contradictions, gaps = check_summary(files.summary, recordings, manifest)
+        findings += contradictions
+    run, team_digest = recordings[0].metadata.run, recordings[0].metadata.team_digest
+    for name, text in files.missions.items():
+        findings += [_finding(name, each) for each in _mission(name, text, team_digest, missions)]
+    noted = list(noted_commands(files.commands or b"", run, manifest))
+    findings += [
+        RecordingFinding(COMMANDS_FILE, 0, 0, f"line {each.number} {each.problem}")
+        for each in noted
+        if each.problem
+    ]
+    if manifest is not None:
+        findings += [_finding(COMMANDS_FILE, each) for each in _end_of_commands(files)]
+        gaps += _unsigned(noted)
+    return findings, gaps, noted
+
+
+def _finding(name: str, text: str) -> RecordingFinding:
+    return RecordingFinding(name, 0, 0, text)
+
+
+def _mission(name: str, text: str, team_digest: str, missions: Collection[str]) -> Iterator[str]:
+    try:
+        mission = mission_from_compiled(text, name)
+    except InputError:
+        yield "it is no compiled mission"
+        return
+    if mission.team_digest != team_digest:
+        yield "it is not the mission with which the recorded team was started"
+    elif mission.digest not in missions:
+        yield "it is no revision of the mission that was in force in the recordings"
+
+
+def _end_of_commands(files: RunDirFiles) -> Iterator[str]:
+    """The summary's signature has the last line that was there then."""
+    if files.summary is None or not files.summary.signature:
+        return
+    try:
+        signed = parse_signature(files.summary.signature)
+    except ValueError:
+        return  # a finding of the summary
+    if signed.commands not in heads(files.commands):
+        yield f"it lacks lines that were there when {SUMMARY_FILE} was signed"
+
+
+def _unsigned(noted: Sequence[NotedCommand]) -> Iterator[Gap]:
+    lines = [each.number for each in noted if not each.signer and not each.problem]
+    if lines:
+        more = f" and {len(lines) - 1} more are" if len(lines) > 1 else " is"
+        text = f"line {lines[0]}{more} not signed by an operator"
+        yield Gap(GapKind.COMMANDS, COMMANDS_FILE, text, "give commands with the operator's key")

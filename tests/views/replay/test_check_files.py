@@ -1,0 +1,84 @@
+"""The other files of a run: signed, or held against the recordings, or named as no evidence."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.recording.reader import Recording
+from mrbt_mesh.runtime.command_log import head_of
+from mrbt_mesh.runtime.member_keys import Manifest
+from mrbt_mesh.runtime.summary_signature import signature_of
+from mrbt_mesh.views.replay.check_files import RunDirFiles, read_run_dir_files
+from mrbt_mesh.views.replay.check_summary import SummaryFile
+from mrbt_mesh.views.replay.findings import GapKind
+from mrbt_mesh.views.replay.verify import verify
+from tests.support.keys import keys_of
+from tests.support.recorded import read_all, record_keyed
+from tests.support.runs import example
+
+Run = tuple[list[Recording], Manifest, bytes]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("files")
+    result, manifest = record_keyed(folder, "explore", 3)
+    return read_all(folder), manifest, json.dumps(result.summary).encode()
+
+
+def files_of(run: Run, commands: bytes | None, signed: bytes | None) -> RunDirFiles:
+    """With a summary that was signed when the commands were `signed`."""
+    key = keys_of("R1", "R2", observer="eye")["eye"]
+    text = signature_of(key, run[0][0].metadata.run, run[2], head_of(signed))
+    mission = {"mission.json": compile_mission(example("explore")[0])}
+    return RunDirFiles(SummaryFile(run[2], text), commands, mission)
+
+
+def found(run: Run, files: RunDirFiles) -> list[str]:
+    verdict = verify(*run[:2], files)
+    return [str(each) for each in (*verdict.findings, *verdict.gaps)]
+
+
+LINE = b'{"unix_s": 1.0, "by": "mrbt kill", "command": "D2 killed", "after": ""}\n'
+
+
+def test_without_commands_nothing_is_missing(run: Run) -> None:
+    assert found(run, files_of(run, None, None)) == []
+
+
+def test_a_command_that_nobody_signed_is_a_gap(run: Run) -> None:
+    verdict = verify(*run[:2], files_of(run, LINE, LINE))
+    (gap,) = verdict.gaps
+    assert gap.kind is GapKind.COMMANDS
+    assert "line 1 is not signed by an operator" in gap.text
+    assert [each.signer for each in verdict.commands] == [""]
+
+
+def test_commands_removed_after_the_summary_was_signed_are_missed(run: Run) -> None:
+    for commands in (None, b""):
+        (text,) = found(run, files_of(run, commands, LINE))
+        assert text.startswith("commands.jsonl: it lacks lines that were there")
+
+
+def test_another_mission_is_named(run: Run) -> None:
+    files = files_of(run, None, None)
+    other = compile_mission(example("dispense")[0])
+    (text,) = found(run, replace(files, missions={"mission.json": other}))
+    assert "not the mission with which the recorded team was started" in text
+    (text,) = found(run, replace(files, missions={"revision.json": "{}"}))
+    assert "it is no compiled mission" in text
+
+
+def test_files_that_nothing_signs_are_named(run: Run, tmp_path: Path) -> None:
+    for name in ("deaths.json", "events.jsonl", "commands.jsonl", "run.mcap"):
+        (tmp_path / name).touch()
+    files = read_run_dir_files(tmp_path)
+    assert files.others == ("deaths.json", "events.jsonl")
+    verdict = verify(*run[:2], files)
+    assert verdict.no_evidence == files.others
+    assert any("the end of commands.jsonl is not proved" in each for each in verdict.notes)
