@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import contextvars
 import gc
 import json
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -53,6 +55,7 @@ from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.blackboard import Value
+from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.scheduling.problem import Schedule
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
@@ -94,6 +97,12 @@ SEARCH_S, SEARCH_PAUSE_S = 0.001, 0.0005
 MAX_SPACING_US = 20_000
 # A link is silent when this many beats are missing, but not before a dead one lost its lease.
 SILENT_BEATS = 5
+# The exit status of a robot that has stopped because of a bug of its own: sysexits.h, EX_SOFTWARE.
+BROKEN = 70
+
+
+class BrokenRobotError(RuntimeError):
+    """A bug: code of the robot itself, not of its program, has raised, so that it has stopped."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +126,18 @@ class RobotSetup:
     is_guest: bool = False
 
 
+def make_known_to_anyio() -> None:
+    """Let anyio find the event loop in callbacks that this task, or one that it starts, asks for.
+
+    Where sniffio is installed, anyio asks it, and it knows tasks only: in a callback neither a
+    task could be started nor a cancel scope made. anyio sets this variable too, in `anyio.run`.
+    """
+    with contextlib.suppress(ImportError):
+        import sniffio
+
+        sniffio.current_async_library_cvar.set("asyncio")
+
+
 class Driver:
     """Runs one agent until it stops. Implements `actions.Host`.
 
@@ -132,7 +153,7 @@ class Driver:
         self._meter = setup.meter
         self._journal = JournalWriter(
             setup.journal,
-            lambda news: self._from_thread(self.submit, news),
+            lambda news: self._from_thread(self._submit, news),
             setup.config.journal_problem,
             self._meter.sync_s if self._meter else None,
         )
@@ -144,8 +165,9 @@ class Driver:
         self._timer: asyncio.TimerHandle | None = None
         self._timer_us = 0
         self._stop: Stop | None = None
-        # What the agent has raised: a fault of ours.
         self._broken: Exception | None = None
+        # That of its tasks, once they run.
+        self._context = contextvars.copy_context()
         self._is_ready = False
         # When the agent had its last input, and when those of others were taken in last.
         self._last_us = self._drained_us = 0
@@ -171,13 +193,13 @@ class Driver:
 
     def run(self, launcher: LauncherWatch | None = None) -> Stop:
         """Run until the agent stops; raises TransportError if the session cannot be opened,
-        InputError if metrics cannot be served.
+        InputError if metrics cannot be served, BrokenRobotError.
 
         The robot leaves when its `launcher` has ended. The session is closed in the background at
         the end: end the process with `os._exit`.
         """
         selector = FencingSelector(self._config.timing.fence_us)
-        selector.on_gap = lambda: self.submit(TimerFired())
+        selector.on_gap = lambda: self._call(self._submit, TimerFired())
         options = {"loop_factory": lambda: RobotLoop(selector)}
         return anyio.run(self._main, launcher, selector, backend_options=options)
 
@@ -185,10 +207,11 @@ class Driver:
         """Run in the running event loop of another program, until the agent stops or is cancelled.
 
         Raises TransportError if the session cannot be opened, InputError in a loop in which a
-        robot cannot fence itself off.
+        robot cannot fence itself off, BrokenRobotError.
         """
         loop, limit_us = asyncio.get_running_loop(), self._config.timing.fence_us
-        with fenced(loop, limit_us, lambda: self.submit(TimerFired())) as selector:
+        wake = partial(self._call, self._submit, TimerFired())
+        with fenced(loop, limit_us, wake) as selector:
             return await self._live(None, selector)
 
     async def _main(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
@@ -200,9 +223,11 @@ class Driver:
     async def _live(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         self._stopped = anyio.Event()
         self._loop = asyncio.get_running_loop()
+        make_known_to_anyio()
+        self._context = contextvars.copy_context()
         setup, config, transport = self._setup, self._config, self._setup.transport
         self._inbox = inbox = Inbox(
-            self._loop, lambda: self._wake(inbox, gate), are_beats_quiet=True
+            self._loop, lambda: self._call(self._wake, inbox, gate), are_beats_quiet=True
         )
         is_shared = bool(transport.routers)
         gate = FloodGate(config.keys, config.run, inbox.put, is_link_shared=is_shared)
@@ -217,22 +242,27 @@ class Driver:
                 self._runner = ActionRunner(group, setup.program, setup.mission, identity, self)
                 self._runner.start_background()
                 for task in (self._watch_links, self._look_regularly):
-                    group.start_soon(task)
+                    group.start_soon(self._guarded_task, task)
                 if not setup.is_guest:
-                    group.start_soon(self._watch_signals)
+                    group.start_soon(self._guarded_task, self._watch_signals)
                 self._is_ready = True
                 self._journal.start()
                 self.begun.set()
                 self.submit(TimerFired())
-                self._drain(inbox, gate)
+                self._guarded(self._drain, inbox, gate)
                 if launcher is not None:
                     launcher.call_when_gone(lambda: self._from_thread(self._lose_launcher))
-                with loop_watchdog(self, config, self._run_dir, selector.step):
-                    await self._stopped.wait()
+                try:
+                    with loop_watchdog(self, config, self._run_dir, selector.step):
+                        await self._stopped.wait()
+                finally:
+                    # A task of the group may have raised: the robot is silent from now on, also
+                    # while its program is still being stopped.
+                    self._is_ready = False
+                    self._loop.call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
                 group.cancel_scope.cancel()
-                if self._broken is not None:
-                    raise self._broken
-                self._loop.call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
+        except Exception as error:
+            self._break(error)
         finally:
             if self._timer is not None:
                 self._timer.cancel()
@@ -243,6 +273,8 @@ class Driver:
         if self._stop is None:
             self._carry_out(Stop(1, "its program cancelled the robot's own tasks"))
         assert self._stop is not None
+        if self._broken is not None:
+            raise BrokenRobotError(self._stop.reason) from self._broken
         return self._stop
 
     async def _close_journal(self) -> None:
@@ -258,6 +290,49 @@ class Driver:
 
         No input is taken before everything that effects need has been started.
         """
+        self._guarded(self._submit, event)
+
+    def _call(self, call: Callable[..., None], *arguments: Any) -> None:
+        """`_guarded` for what does not come from the robot's own tasks and timers."""
+        self._context.run(self._guarded, call, *arguments)
+
+    def _guarded(self, call: Callable[..., None], *arguments: Any) -> None:
+        """Run what the event loop, or the program, has called: if it raises, the robot stops.
+
+        The event loop would only log it, and half a step would have been done.
+        """
+        if self._broken is None:
+            try:
+                call(*arguments)
+            except Exception as error:
+                self._break(error)
+
+    async def _guarded_task(self, task: Callable[..., Awaitable[None]], *arguments: Any) -> None:
+        """The same for a task: it is silent at once, not when the event loop ends its tasks."""
+        try:
+            await task(*arguments)
+        except Exception as error:
+            self._break(error)
+
+    def _break(self, error: Exception) -> None:
+        """Stop as if killed: nothing more is sent or handed over, and the others take over."""
+        if self._broken is not None:
+            return
+        while isinstance(error, ExceptionGroup):
+            error = error.exceptions[0]
+        self._broken = error
+        last = traceback.extract_tb(error.__traceback__)[-1:]
+        where = "".join(f" ({os.path.basename(at.filename)}:{at.lineno})" for at in last)
+        reason = one_line(f"broke, a bug of mrbt: {type(error).__name__}: {error}{where}")
+        self._stop = Stop(BROKEN, reason)
+        self._stopped.set()
+        with contextlib.suppress(Exception):  # the log may be what has raised
+            details = "".join(traceback.format_exception(error))
+            self.log("error", "stopped", code=BROKEN, reason=reason, error=details)
+        if self._run_dir is not None:
+            self._run_dir.write_last_words(self._config.robot, reason)
+
+    def _submit(self, event: Input) -> None:
         self._take_quiet_beats()
         self._step(event, boottime_us())
         self._set_timer()
@@ -276,13 +351,7 @@ class Driver:
         self._last_us = now_us
         if self._meter is not None:
             self._meter.take(event)
-        try:
-            effects = self._agent.handle(event, now_us)
-        except Exception as error:
-            # Raised in a callback of the loop it would only be logged: the robot must end.
-            self._broken = error
-            self._stopped.set()
-            raise
+        effects = self._agent.handle(event, now_us)
         if self._recording is not None:
             # Recorded before it is sent, whatever becomes of this process.
             self._recording.do(lambda recorder: recorder.step(event, effects, now_us))
@@ -308,7 +377,7 @@ class Driver:
         """Have the event loop call this; for other threads."""
         # A loop that is closed: the process is about to end.
         with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(call, *arguments)
+            self._loop.call_soon_threadsafe(self._call, call, *arguments)
 
     def _wake(self, inbox: Inbox, gate: FloodGate) -> None:
         """Take in what others have sent, in a large team what comes shortly after one another
@@ -317,7 +386,7 @@ class Driver:
         spacing_us = min(MAX_SPACING_US, self._agent.view.spacing_us)
         wait_us = self._drained_us + spacing_us - boottime_us()
         if wait_us > 0:
-            asyncio.get_running_loop().call_later(wait_us / 1e6, self._drain, inbox, gate)
+            self._loop.call_later(wait_us / 1e6, self._guarded, self._drain, inbox, gate)
         else:
             self._drain(inbox, gate)
 
@@ -330,7 +399,7 @@ class Driver:
                 self._meter.dropped += inbox.dropped
             inbox.dropped = 0
         for event in together((*inbox.take(), *gate.take_refused())):
-            self.submit(event)
+            self._submit(event)
         self._drained_us = boottime_us()
 
     def _set_timer(self) -> None:
@@ -345,13 +414,13 @@ class Driver:
             self._timer.cancel()
         self._timer_us = due_us
         wait_s = max(0, due_us - now_us) / 1e6
-        self._timer = asyncio.get_running_loop().call_later(wait_s, self._fire)
+        self._timer = self._loop.call_later(wait_s, self._guarded, self._fire)
 
     def _fire(self) -> None:
         self._timer = None
         now_us = boottime_us()
         if self._agent.next_deadline_us(now_us) <= now_us:
-            self.submit(TimerFired())
+            self._submit(TimerFired())
         else:
             self._set_timer()
 
@@ -363,7 +432,7 @@ class Driver:
     def _lose_launcher(self) -> None:
         if self._stop is None:
             self.log("warning", "launcher_gone")
-            self._group.start_soon(self.leave)
+            self._group.start_soon(self._guarded_task, self.leave)
 
     async def leave(self) -> None:
         """Hand the work over and stop; at most LEAVE_TIMEOUT_S."""
@@ -453,7 +522,7 @@ class Driver:
             case Reply(query, pages):
                 self._transport.reply(query, pages)
             case MakePlan():
-                self._group.start_soon(self._make_plan, effect)
+                self._group.start_soon(self._guarded_task, self._make_plan, effect)
             case SearchSchedule():
                 threading.Thread(target=self._search_schedule, args=(effect,), daemon=True).start()
             case DeclareToken(incarnation):
@@ -498,7 +567,7 @@ class Driver:
                     begun_s = time.monotonic()
         except Exception as error:
             self._from_thread(partial(self.log, "error", "search_failed", reason=repr(error)))
-        self._from_thread(self.submit, ScheduleFound(effect.number, schedule))
+        self._from_thread(self._submit, ScheduleFound(effect.number, schedule))
 
     # -- actions.Host ---------------------------------------------------------------------
 

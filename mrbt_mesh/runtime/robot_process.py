@@ -23,7 +23,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.driver import Driver, RobotSetup
+from mrbt_mesh.runtime.driver import BROKEN, BrokenRobotError, Driver, RobotSetup
 from mrbt_mesh.runtime.journal import Journal, journal_path
 from mrbt_mesh.runtime.launcher_lock import LauncherWatch
 from mrbt_mesh.runtime.limited_file import protect_output
@@ -211,6 +211,8 @@ def run_robot(mission: Path, robot: str, options: RobotOptions) -> NoReturn:
         code = stop.code
         if code == 2 or options.run_dir is None:
             message = f"{robot}: {stop.reason}"
+    except BrokenRobotError as error:
+        code, message = BROKEN, f"{robot} {error}"
     except (InputError, OSError, ValueError) as error:
         code, message = 2, str(error)
     if message:

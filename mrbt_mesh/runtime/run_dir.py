@@ -9,6 +9,7 @@ keys/               the keys of all members (see `key_folder`)
 <robot>.process     pid and start time of the robot's process, written by itself; its
                     modification time is the last sign of life
 <robot>.blocked     what blocks its event loop, while it does
+<robot>.died        why its process ended, where it could still write that
 <robot>.log         its log, JSON lines; <robot>.out: what it printed. What is too long becomes
                     <robot>.log.1, and so on
 fork_server.out     what was printed by the process that forks the robots: nothing, unless it fails
@@ -242,6 +243,7 @@ class RunDir:
 
     def write_process(self, robot: str) -> None:
         """Called by a robot's process at its start."""
+        self._last_words(robot).unlink(missing_ok=True)
         write_atomically(self.path / f"{robot}.process", identity_of_this_process())
 
     def mark_alive(self, robot: str) -> None:
@@ -258,6 +260,21 @@ class RunDir:
             else:
                 path.unlink(missing_ok=True)
 
+    def write_last_words(self, robot: str, text: str) -> None:
+        """Why the robot's process is about to end by itself."""
+        with contextlib.suppress(OSError):
+            write_atomically(self._last_words(robot), text)
+
+    def last_words(self, robot: str) -> str:
+        """Why the robot's process has ended by itself; empty if it has not, or runs again."""
+        with contextlib.suppress(OSError):
+            if self.process(robot) is None:
+                return self._last_words(robot).read_text()
+        return ""
+
+    def _last_words(self, robot: str) -> Path:
+        return self.path / f"{robot}.died"
+
     def blocked(self, robot: str) -> str:
         """What blocks the robot's event loop now, empty if nothing is known to do so."""
         with contextlib.suppress(OSError):
@@ -268,6 +285,10 @@ class RunDir:
     def blocked_robots(self) -> list[str]:
         """The robots of which something is written that blocks, or blocked, their event loop."""
         return self._names_of("blocked")
+
+    def died_robots(self) -> list[str]:
+        """The robots whose processes have written last words."""
+        return self._names_of("died")
 
     def alive_mark_ns(self, robot: str) -> int:
         """When the robot began, or was marked alive last, in Unix time; 0 if it has not begun."""

@@ -19,7 +19,6 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.episodes import DeathTimes
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.blocked_loop import SUBJECT
 from mrbt_mesh.runtime.capacity import allow_open_files
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.journal import read_journals
@@ -37,6 +36,7 @@ from mrbt_mesh.runtime.launcher import (
     with_newcomer,
 )
 from mrbt_mesh.runtime.logged_deaths import LoggedDeaths
+from mrbt_mesh.runtime.noted_problems import take_noted_problems
 from mrbt_mesh.runtime.robot_forks import CAN_FORK, ForkedRobot, RobotForks
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import Place, RunDir, RunInfo
@@ -320,7 +320,7 @@ class Team:
         return found
 
     async def note_exits(self, watcher: Watcher) -> None:
-        """Note in the record exactly when processes end, and what blocks them.
+        """Note in the record exactly when processes end and why, and what blocks them.
 
         The launcher of the team also collects the times of its deaths from the robots' logs, and
         writes them into the run directory, where other observers on this machine find them. Never
@@ -362,10 +362,8 @@ class Team:
                     if process is not None:
                         awaited.add(robot)
                         group.start_soon(note, robot, process.pid)
-                for robot in self.run_dir.blocked_robots():
-                    if blocked := self.run_dir.blocked(robot):
-                        record.problem(robot, SUBJECT, blocked, boottime_us())
-                        watcher.changed.set()
+                if take_noted_problems(self.run_dir, record, boottime_us()):
+                    watcher.changed.set()
                 await anyio.sleep(EXITS_LOOK_S)
 
     async def end(self) -> None:

@@ -60,6 +60,7 @@ class UserCall:
 
     `report` is called for failures beside its result: the kind, the call, the failure. `stepping`
     is the call whose code runs now, in the `steps`-th step of any; `tasks` carry out calls.
+    `is_cancelled`: the runtime has cancelled it.
     `blocked`: where it kept the simulator waiting in real time, which has made it fail.
     """
 
@@ -78,9 +79,14 @@ class UserCall:
         self.function = function
         self.blocked = ""
         self.report = report
+        self.is_cancelled = False
+        # By which its cancellation differs from all others that reach the function.
+        self.token = f"mrbt call {id(self):x}"
         self._call = call
         self._task: asyncio.Task[Any] | None = None
+        self._scope: anyio.CancelScope | None = None
         self._driven: _Driven | None = None
+        self._over = asyncio.Event()
         self._result: Any = None
         self._error: BaseException | None = None
         self._has_ended = False
@@ -96,6 +102,11 @@ class UserCall:
             # cancel it) ends with it.
             async with anyio.create_task_group() as group:
                 group.start_soon(self._carry_out)
+                try:
+                    await self._over.wait()
+                except anyio.get_cancelled_exc_class():
+                    self._cancel()
+                    raise
         except anyio.get_cancelled_exc_class():
             if not self._has_ended or self.was_cancelled:
                 raise
@@ -108,8 +119,8 @@ class UserCall:
 
     @property
     def was_cancelled(self) -> bool:
-        """Whether a cancellation has reached the function."""
-        return self._driven is not None and self._driven.cancellations > 0
+        """Whether the cancellation by the runtime has reached the function."""
+        return self._driven is not None and self._driven.was_cancelled
 
     @property
     def late_failure(self) -> UserCodeError | None:
@@ -129,11 +140,27 @@ class UserCall:
         frames = self._driven.frames() if self._driven is not None else []
         return place_of(self.function, frames)
 
+    def _cancel(self) -> None:
+        self.is_cancelled = True
+        if self._scope is not None:
+            self._scope.cancel(self.token)
+
     async def _carry_out(self) -> None:
         self._task = asyncio.current_task()
         assert self._task is not None
         UserCall.tasks.add(self._task)
         running_call.set(self)
+        try:
+            # A shield, so that the runtime cancels the function in one way only, which it can tell
+            # from the timeouts of the function's own.
+            with anyio.CancelScope(shield=True) as self._scope:
+                if self.is_cancelled:
+                    self._cancel()
+                await self._drive()
+        finally:
+            self._over.set()
+
+    async def _drive(self) -> None:
         try:
             self._result = self.step(self._call)
             if inspect.isawaitable(self._result):
@@ -158,13 +185,15 @@ class UserCall:
 
 
 class _Driven:
-    """Awaits something, and counts how often it was cancelled.
+    """Awaits something, and counts how often the runtime has cancelled it.
 
-    What goes on after MAX_SWALLOWED cancellations is ended.
+    What goes on after MAX_SWALLOWED cancellations is ended. Timeouts of its own (`move_on_after`,
+    `asyncio.timeout`) arrive as cancellations too; these do not count.
     """
 
     def __init__(self, owner: UserCall, awaitable: Awaitable[Any]) -> None:
-        self.cancellations = 0
+        self.was_cancelled = False
+        self._cancellations = 0
         self.is_abandoned = False
         self._owner = owner
         self._coroutine: Coroutine[Any, Any, Any] = (
@@ -191,8 +220,12 @@ class _Driven:
                 yield awaited
                 step = partial(self._coroutine.send, None)
             except asyncio.CancelledError as cancellation:
-                self.cancellations += 1
-                if self.is_abandoned or self.cancellations > MAX_SWALLOWED:
+                self.was_cancelled |= self._owner.is_cancelled
+                self._cancellations += any(
+                    isinstance(text, str) and self._owner.token in text
+                    for text in cancellation.args
+                )
+                if self.is_abandoned or self._cancellations > MAX_SWALLOWED:
                     del step
                     self._end()
                 step = partial(self._coroutine.throw, cancellation)

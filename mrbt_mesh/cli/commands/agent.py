@@ -100,7 +100,7 @@ def agent(mission: Path, robot: str, options: RobotOptions) -> None:
     """Run one robot, anywhere on the network.
 
     Exit status: 0 the mission succeeded or the robot left on purpose, 1 the mission failed, 2 bad
-    input or refused.
+    input or refused, 70 the robot stopped because of a bug of mrbt.
 
     \b
     Example, two machines whose robots find each other by multicast:

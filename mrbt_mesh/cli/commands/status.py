@@ -97,9 +97,12 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
     from mrbt_mesh.core.observer.forecast import forecast_of
     from mrbt_mesh.core.observer.headline import headline, robots_that_differ
     from mrbt_mesh.runtime.fencing import boottime_us
+    from mrbt_mesh.runtime.noted_problems import take_noted_problems
 
     observer, run_dir = watcher.observer, watcher.address.run_dir
     started = run_dir.robots() if run_dir is not None else []
+    if run_dir is not None:
+        take_noted_problems(run_dir, observer.record, boottime_us())
     robots = {r: _robot(watcher, r) for r in sorted({*observer.robots(), *started})}
     plan = observer.plan
     statements = headline(observer, robots_that_differ(observer))
@@ -143,6 +146,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
 
 
 def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
+    from mrbt_mesh.core.facts.records import PROCESS
     from mrbt_mesh.core.facts.team_facts import changed_performances
     from mrbt_mesh.core.membership.peer import State
     from mrbt_mesh.core.mission.mission import MICRO
@@ -157,8 +161,11 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
     pid = member[0].pid if member is not None and state is not State.DEAD else None
     if run_dir is not None:
         pid, state = _here(run_dir, robot, state)
-        if blocked := run_dir.blocked(robot):
-            problems[SUBJECT] = blocked
+        problems |= {
+            subject: episode.problem
+            for (of, subject), episode in observer.record.problems.items()
+            if of == robot and subject in (SUBJECT, PROCESS) and episode.to_us is None
+        }
     return {
         "host": member[0].host if member else None,
         "pid": pid,

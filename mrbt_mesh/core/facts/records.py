@@ -41,8 +41,8 @@ MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
 # Of a compiled mission, in characters.
 MAX_MISSION = 250_000
-# The subject of problems with the journal; all other subjects are parts of the robot's program.
-JOURNAL, CLOCK = "journal", "clock"
+# Subjects of problems; all others are parts of the robot's program.
+JOURNAL, CLOCK, PROCESS = "journal", "clock", "process"
 
 
 class Plain(NamedTuple):
@@ -518,7 +518,7 @@ class RobotProblem(Record):
 
 def problem_text(subject: str, text: str) -> str:
     """A problem in words."""
-    return text if subject in (JOURNAL, CLOCK) else f"program problem, {subject}: {text}"
+    return text if subject in (JOURNAL, CLOCK, PROCESS) else f"program problem, {subject}: {text}"
 
 
 def as_subject(text: str) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import CommandKind, problem_text
+from mrbt_mesh.core.facts.records import PROCESS, CommandKind, problem_text
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.mission.names import type_name
@@ -219,7 +219,7 @@ def _faulty(observer: Observer) -> Iterator[Statement]:
             text = f"{fault.robot} {lost_text(fault.local_tasks, fault.reason)}"
             yield Statement(Level.WARN, text)
     for (robot, subject), episode in record.problems.items():
-        if episode.to_us is None and robot in members:
+        if episode.to_us is None and (robot in members or subject == PROCESS):
             text = f"{robot}: {problem_text(subject, episode.problem)}"
             yield Statement(Level.WARN, text)
 
