@@ -95,4 +95,5 @@ def test_it_needs_anyio_and_the_standard_library_alone() -> None:
     isolated = [sys.executable, "-S", "-c", f"import sys; sys.path[:0] = {sys.path!r}; {code}"]
     done = subprocess.run(isolated, capture_output=True, text=True, check=True)
     others = set(done.stdout.split()) - set(sys.stdlib_module_names)
-    assert others == {"__main__", "anyio", "mrbt_mesh"}
+    # anyio imports sniffio where it is installed.
+    assert others - {"sniffio"} == {"__main__", "anyio", "mrbt_mesh"}
