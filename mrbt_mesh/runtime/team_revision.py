@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import anyio
 
-from mrbt_mesh.core.agent.commands import REVISE, WITHDRAW
-from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.agent.commands import CHECK_REVISION, REVISE, WITHDRAW
+from mrbt_mesh.core.agent.reviser import size_problem
 from mrbt_mesh.core.facts.records import MAX_MISSION, MISSION
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.revisions import RevisionError, revise
-from mrbt_mesh.core.planning.make_plan import make_plan
+from mrbt_mesh.core.planning.objections import not_feasible, objections
 from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ANALYSES
@@ -24,6 +24,18 @@ from mrbt_mesh.runtime.watcher import Watcher
 
 # An operator who interrupts waits no longer for an answer.
 WITHDRAW_S = 2.0
+# How long robots' runtimes may take to look at their programs.
+CHECK_S, CHECK_AGAIN_S = 5.0, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Consent:
+    """What the operator takes into account, and signs with the revision: that work is cancelled and
+    robots leave; that exclusive tasks are begun again that were begun.
+    """
+
+    is_forced: bool = False
+    repeats_exclusive: bool = False
 
 
 class RevisionRefusedError(Exception):
@@ -43,17 +55,48 @@ def next_revision(watcher: Watcher, mission: Mission) -> tuple[Mission, Revision
     size = len(compile_mission(found))
     if size > MAX_MISSION:
         raise InputError(f"compiled it has {size} characters, and a revision at most {MAX_MISSION}")
-    return found, revision_changes(facts, found)
+    return found, revision_changes(facts, found, watcher.observer.membership.members())
 
 
 def unserved(watcher: Watcher, mission: Mission) -> list[str]:
     """What the robots that are alive could not do of this revision, and why."""
     observer = watcher.observer
-    alive = {r: i for r, i in observer.membership.members().items() if r in mission.robots}
-    if not alive:
-        return []
-    plan = make_plan(facts_under(observer.facts, mission), alive, default_solver)
-    return [f"{each.global_task}: {each.reason}" for each in plan.waiting if each.shortages]
+    return not_feasible(observer.facts, mission, observer.membership.members())
+
+
+async def refusals(
+    watcher: Watcher, mission: Mission, changes: RevisionChanges, consent: Consent
+) -> list[str]:
+    """Why the team would refuse this revision now, each with the remedy; empty if it would not."""
+    observer = watcher.observer
+    before, alive = observer.facts.declared, observer.membership.members()
+    found = [size_problem(before, mission, watcher.timing)]
+    found += objections(
+        observer.facts,
+        mission,
+        changes,
+        alive,
+        is_forced=consent.is_forced,
+        repeats_exclusive=consent.repeats_exclusive,
+    )
+    text, problems = compile_mission(mission), dict[str, str]()
+
+    async def ask(robot: str) -> None:
+        with anyio.move_on_after(CHECK_S):
+            while True:
+                good, answer = await watcher.command(robot, CHECK_REVISION, text)
+                problem = json.loads(answer)["problem"] if good else answer
+                if problem is not None:
+                    problems[robot] = problem
+                    return
+                await anyio.sleep(CHECK_AGAIN_S)
+        problems[robot] = f"it has not looked at its program within {CHECK_S:g} s; ask again"
+
+    async with anyio.create_task_group() as group:
+        for robot in alive.keys() & mission.robots.keys():
+            group.start_soon(ask, robot)
+    found += [f"{robot}: {problems[robot]}" for robot in sorted(problems) if problems[robot]]
+    return [each for each in found if each]
 
 
 def survived_losses(watcher: Watcher, mission: Mission) -> Mapping[str, str]:
@@ -75,7 +118,7 @@ def survived_losses(watcher: Watcher, mission: Mission) -> Mapping[str, str]:
 async def take_up(
     watcher: Watcher,
     revision: Mission,
-    is_forced: bool,
+    consent: Consent,
     timeout_s: float,
     say: Callable[[str], None],
 ) -> None:
@@ -88,7 +131,12 @@ async def take_up(
     alive = sorted(observer.membership.members())
     if not alive:
         raise RevisionRefusedError("no robot of the team is heard")
-    given = {"mission": compile_mission(revision), "operator": user_name(), "force": is_forced}
+    given = {
+        "mission": compile_mission(revision),
+        "operator": user_name(),
+        "force": consent.is_forced,
+        "repeat_exclusive": consent.repeats_exclusive,
+    }
     proof = watcher.signed(f"{MISSION}/{number}", [*given.values()])
     good, answer = await watcher.command(alive[0], REVISE, json.dumps(given | proof))
     if not good:

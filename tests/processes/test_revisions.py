@@ -45,11 +45,17 @@ def test_a_team_takes_up_another_mission_while_it_works(team: Team, tmp_path: Pa
     team.signal(away, signal.SIGKILL)
     team.wait_for_line(f"{away} is dead")
     new = revised(tmp_path)
-    told = json.loads(team.mrbt("revise", str(new), "--dry-run", "--json"))
+    would_be = team.command("revise", str(new), "--dry-run", "--json")
+    told = json.loads(would_be.stdout)
+    assert would_be.returncode == 1
+    assert told["refused"] == [
+        "C4 is alive and would leave: keep C4 in it, or use --force",
+    ]
+    team.mrbt("revise", str(new), "--dry-run", "--force")
     assert [row[0] for row in told["going_on"]] == [begun["robot"]]
     assert (told["new_robots"], told["removed_robots"]) == (["D3"], ["C4"])
     assert f"any one robot (except {begun['robot']})" in told["survives"]["inspect"]
-    assert "revision 1 is in force" in team.mrbt("revise", str(new))
+    assert "revision 1 is in force" in team.mrbt("revise", str(new), "--force")
     # The one that works goes on; the one that was away takes it up before it joins.
     team.mrbt("join", away)
     team.mrbt("join", "D3")

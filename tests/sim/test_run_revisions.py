@@ -155,7 +155,7 @@ def test_a_program_without_the_function_is_named() -> None:
     text = FILE.replace("look: {parameters: [part], work: 2}", "look: {parameters: [part, how]}")
     text = text.replace("look($part): ", '"look($part,slow)": ')
     after = mission_from_yaml(text % "join(1), check(1), join(2)", "line.yaml", Path())
-    result = run(BEFORE, (5, revised("A1", after)))
+    result = run(BEFORE, (5, revised("A1", after, is_forced=True)))
     assert in_force(result) == {0}
     revisions = next(iter(result.agents.values())).view.facts.revisions
     assert "its program does not fit" in revisions.void_reason(1)

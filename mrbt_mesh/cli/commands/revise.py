@@ -16,7 +16,9 @@ from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.core.planning.revised import RevisionChanges
+    from mrbt_mesh.runtime.team_revision import Consent
     from mrbt_mesh.runtime.watcher import Watcher
 
 
@@ -24,7 +26,14 @@ if TYPE_CHECKING:
 @click.argument("new", metavar="[MISSION]", type=PATH, required=False, help="Mission file.")
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
 @click.option("--withdraw", is_flag=True, help="Take a proposal back that is not in force.")
-@click.option("--force", is_flag=True, help="Also if work that is under way is cancelled.")
+@click.option(
+    "--force", is_flag=True, help="Also if it cancels work, robots leave, or cannot do it."
+)
+@click.option(
+    "--repeat-exclusive",
+    is_flag=True,
+    help="Also if exclusive tasks that were begun are begun again.",
+)
 @click.option(
     "--timeout",
     "timeout_s",
@@ -40,6 +49,7 @@ def revise(
     dry_run: bool,
     withdraw: bool,
     force: bool,
+    repeat_exclusive: bool,
     timeout_s: float,
     team: TeamOptions,
     as_json: bool,
@@ -47,58 +57,100 @@ def revise(
     """Give a running team another mission: other tasks, robots, types, places, or another tree.
 
     What is done of tasks that have not changed stays done, and robots go on with them. No robot
-    begins anything between the proposal and the moment when all act by the new mission. --dry-run
-    also says which faults the new mission survives with the robots that are alive.
+    begins anything between the proposal and the moment when all act by the new mission.
+
+    A revision that would cancel work, of a mission of another name, by which robots that are alive
+    would leave, or that they cannot do, is refused without --force. One that would begin
+    `exclusive` tasks again is refused without --repeat-exclusive.
+
+    --dry-run says what would be kept, begun again and cancelled, why the revision would be refused
+    (its exit status is then 1), and which faults the new mission survives with the robots that are
+    alive.
 
     \b
     Example: mrbt revise new.yaml --dry-run
              mrbt revise new.yaml
     """
     from mrbt_mesh.formats.mission_file import load_mission
-    from mrbt_mesh.runtime.team_revision import (
-        RevisionRefusedError,
-        next_revision,
-        survived_losses,
-        take_up,
-        unserved,
-    )
+    from mrbt_mesh.runtime.team_revision import Consent
 
     if withdraw is (new is not None):
         raise InputError("give the new mission's file, or --withdraw")
     after = load_mission(new) if new is not None else None
-    address = team.find_running()
-    name = address.transport.team
+    address, consent = team.find_running(), Consent(force, repeat_exclusive)
 
     async def act(watcher: Watcher) -> int:
         if not watcher.observer.membership.members():
             fail(nobody(watcher), FAILURE)
+        name = address.transport.team
         if after is None:
             return await _withdraw(watcher, name, as_json)
-        revision, changes = next_revision(watcher, after)
-        number, blocked = revision.revision_number, unserved(watcher, revision)
-        survived = survived_losses(watcher, revision) if dry_run else {}
-        if not as_json:
-            click.echo("\n".join(lines(changes, blocked, survived)), err=not dry_run)
-        if not dry_run:
-            if changes.cancelled and not force:
-                fail("work that is under way would be cancelled: wait for it, or --force", FAILURE)
-            try:
-                await take_up(
-                    watcher, revision, force, timeout_s, lambda text: click.echo(text, err=True)
-                )
-            except RevisionRefusedError as error:
-                fail(f"{name}: revision {number} is refused: {error}", FAILURE)
-            if address.run_dir is not None:
-                note_command(address.run_dir, "revise", f"revision {number} is in force")
-        if as_json:
-            told = {"team": name, "revision": number, "in_force": not dry_run, "blocked": blocked}
-            told |= {"survives": survived} if dry_run else {}
-            click.echo(json.dumps(told | changes.to_json(), indent=2))
-        elif not dry_run:
-            click.echo(f"{name}: revision {number} is in force")
+        if dry_run:
+            return await _dry_run(watcher, name, after, consent, as_json)
+        number = await _revise(watcher, name, after, consent, timeout_s, as_json)
+        if address.run_dir is not None:
+            note_command(address.run_dir, "revise", f"revision {number} is in force")
         return SUCCESS
 
     with_team(address, act)
+
+
+async def _dry_run(
+    watcher: Watcher, team: str, after: Mission, consent: Consent, as_json: bool
+) -> int:
+    """Say what would change, and whether the team would refuse it."""
+    from mrbt_mesh.runtime.team_revision import next_revision, refusals, survived_losses, unserved
+
+    revision, changes = next_revision(watcher, after)
+    blocked, survived = unserved(watcher, revision), survived_losses(watcher, revision)
+    reasons = await refusals(watcher, revision, changes, consent)
+    if as_json:
+        told = {"team": team, "revision": revision.revision_number, "in_force": False}
+        told |= {"blocked": blocked, "survives": survived, "refused": reasons}
+        click.echo(json.dumps(told | changes.to_json(), indent=2))
+    else:
+        shown = lines(changes, blocked, survived)
+        shown += [f"{'would be refused:':<20} {each}" for each in reasons]
+        click.echo("\n".join(shown))
+    return FAILURE if reasons else SUCCESS
+
+
+async def _revise(
+    watcher: Watcher,
+    team: str,
+    after: Mission,
+    consent: Consent,
+    timeout_s: float,
+    as_json: bool,
+) -> int:
+    """Have the team take it up; its number."""
+    from mrbt_mesh.runtime.team_revision import (
+        RevisionRefusedError,
+        next_revision,
+        refusals,
+        take_up,
+        unserved,
+    )
+
+    revision, changes = next_revision(watcher, after)
+    number, blocked = revision.revision_number, unserved(watcher, revision)
+    if not as_json:
+        click.echo("\n".join(lines(changes, blocked, {})), err=True)
+    reasons = await refusals(watcher, revision, changes, consent)
+    if reasons:
+        fail("\n".join(f"{team}: this revision is refused: {each}" for each in reasons), FAILURE)
+    try:
+        await take_up(
+            watcher, revision, consent, timeout_s, lambda text: click.echo(text, err=True)
+        )
+    except RevisionRefusedError as error:
+        fail(f"{team}: revision {number} is refused: {error}", FAILURE)
+    if as_json:
+        told = {"team": team, "revision": number, "in_force": True, "blocked": blocked}
+        click.echo(json.dumps(told | changes.to_json(), indent=2))
+    else:
+        click.echo(f"{team}: revision {number} is in force")
+    return number
 
 
 async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
@@ -132,12 +184,15 @@ def lines(
         "stays done": subjects(changes.kept),
         "goes on": works(changes.going_on),
         "begins again": subjects(changes.begun_again),
+        "exclusive, again": subjects(changes.repeated),
         "is cancelled": works(changes.cancelled),
         "is forgotten": subjects(changes.dropped),
         "new tasks": ", ".join(changes.new_tasks),
         "new robots": ", ".join(changes.new_robots),
         "robots that leave": ", ".join(changes.removed_robots),
         "jobs without a type": ", ".join(changes.lost_jobs),
+        "jobs that end": ", ".join(f"{job} {how}" for job, how in changes.ended_jobs),
+        "the mission ends": changes.result,
         "blocked": "; ".join(blocked),
     }
     shown = [f"{what + ':':<20} {text}" for what, text in found.items() if text]

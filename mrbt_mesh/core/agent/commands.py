@@ -33,7 +33,7 @@ BORROW, RETURN = "borrow", "return"
 ATTEND = "attend"
 # Of BORROW: before or after the task that the robot has.
 AT_ONCE, AFTER_TASK = "at_once", "after_task"
-REVISE, WITHDRAW = "revise", "withdraw"
+REVISE, WITHDRAW, CHECK_REVISION = "revise", "withdraw", "check_revision"
 REFUSALS = "refusals"
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
@@ -90,6 +90,7 @@ class Commands:
             DECIDE: self._decide,
             REVISE: reviser.propose,
             WITHDRAW: reviser.withdraw,
+            CHECK_REVISION: reviser.check,
         }
         if context.facts.jobs is not None:
             desk = JobDesk(context, context.facts.jobs)
@@ -107,7 +108,8 @@ class Commands:
         ):
             return False, "a command is a list of two texts"
         command, argument = body
-        if max(len(command), len(argument)) > MAX_ARGUMENT and command != REVISE:
+        has_mission = command in (REVISE, CHECK_REVISION)
+        if max(len(command), len(argument)) > MAX_ARGUMENT and not has_mission:
             return False, "a command is a list of two texts, and this one is too long"
         if self._context.is_new and command in _ONCE_JOINED:
             me = self._context.me

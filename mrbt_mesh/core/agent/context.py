@@ -16,7 +16,7 @@ from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
-from mrbt_mesh.core.facts.records import NoClaim
+from mrbt_mesh.core.facts.records import Claim, NoClaim
 from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
@@ -116,10 +116,10 @@ class Context:
 
     @property
     def place(self) -> str:
-        """Where this robot is, or from which it has set out."""
-        if self.mission.travel is None:
-            return ""
-        return self.work.place or self.facts.place_of(self.me)
+        """Where this robot is, or from which it has set out, also if the mission lacks it now."""
+        said = self.facts.map.get(self.me, records.CLAIM)
+        known = said.record.place if said and isinstance(said.record, Claim | NoClaim) else ""
+        return self.work.place or known or self.facts.place_of(self.me)
 
     def claim(self) -> Fact:
         """The fact of what this robot works on, and where it is."""

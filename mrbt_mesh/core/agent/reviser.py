@@ -21,10 +21,23 @@ from mrbt_mesh.core.facts.records import (
     ProposedMission,
 )
 from mrbt_mesh.core.facts.revisions import read_mission
+from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.planning.revised import is_at_work, revision_changes
+from mrbt_mesh.core.planning.objections import objections
+from mrbt_mesh.core.planning.revised import revision_changes
 from mrbt_mesh.errors import FileError
+
+
+def size_problem(before: Mission, after: Mission, timing: Timing) -> str:
+    """Why a team cannot have as many robots as a revision names; empty if it can."""
+    sizes = len(before.robots), len(after.robots)
+    if len({timing.all_are_neighbours(size) for size in sizes}) == 1:
+        return ""
+    return (
+        f"a team of {sizes[0]} robots cannot become one of {sizes[1]} while it runs, since small "
+        "and large teams exchange heartbeats in different ways: start it anew"
+    )
 
 
 class Reviser:
@@ -37,16 +50,16 @@ class Reviser:
         self._answer: str | None = None
 
     def propose(self, argument: str, now_us: int) -> tuple[bool, str]:
-        """An operator proposes a revision: JSON of `mission` (compiled), `operator` and `force`,
-        in a team with keys also of `signer` and `signature`, as of a job.
+        """An operator proposes a revision: JSON of `mission` (compiled), `operator`, `force` and
+        `repeat_exclusive`, in a team with keys also of `signer` and `signature`, as of a job.
         """
         context, revisions = self._context, self._context.facts.revisions
         try:
             given = json.loads(argument)
             text, operator, is_forced = (given[key] for key in ("mission", "operator", "force"))
-            stamp = context.facts.max_stamp + 1
+            repeats, stamp = given.get("repeat_exclusive", False), context.facts.max_stamp + 1
             proof = given.get("signer", ""), given.get("signature", "")
-            proposed = ProposedMission.parse([text, operator, is_forced, stamp, *proof])
+            proposed = ProposedMission.parse([text, operator, is_forced, repeats, stamp, *proof])
             mission = read_mission(text)
         except (ValueError, TypeError, KeyError, RecursionError, FileError) as error:
             return False, f"this is no revision of the mission: {one_line(str(error))}"
@@ -61,6 +74,17 @@ class Reviser:
         context.log("warning", "revision_proposed", number=number, operator=operator)
         context.write([(name, proposed)], now_us)
         return True, f"revision {number} is proposed"
+
+    def check(self, argument: str, _: int) -> tuple[bool, str]:
+        """Whether the robot's program could do a compiled mission: JSON of `problem`, null while
+        the runtime has not looked yet.
+        """
+        try:
+            mission = read_mission(argument)
+        except FileError as error:
+            return False, f"this is no mission: {one_line(str(error))}"
+        problem = "" if self._context.me not in mission.robots else self._program_problem(mission)
+        return True, json.dumps({"problem": problem})
 
     def withdraw(self, argument: str, now_us: int) -> tuple[bool, str]:
         """An operator takes a proposal back; `argument` is its number."""
@@ -124,30 +148,25 @@ class Reviser:
 
     def _problem(self, proposed: ProposedMission, mission: Mission) -> str | None:
         """Why this robot does not hold a revision; empty if it does, None while that is open."""
-        context, claim, timing = (
-            self._context,
-            self._context.work.claim,
-            self._context.config.timing,
+        context, alive = self._context, self._context.alive()
+        if problem := size_problem(context.mission, mission, context.config.timing):
+            return problem
+        changes = revision_changes(context.facts, mission, alive)
+        reasons = objections(
+            context.facts,
+            mission,
+            changes,
+            alive,
+            is_forced=proposed.is_forced,
+            repeats_exclusive=proposed.repeats_exclusive,
         )
-        sizes = len(context.mission.robots), len(mission.robots)
-        if len({timing.all_are_neighbours(size) for size in sizes}) > 1:
-            return (
-                f"a team of {sizes[0]} robots cannot become one of {sizes[1]} while it runs, since "
-                "small and large teams exchange heartbeats in different ways: start it anew"
-            )
-        if is_at_work(claim) or context.me == min(context.alive()):
-            changes = revision_changes(context.facts, mission)
-            if changes.lost_jobs:
-                return f"it has no place for the open job {changes.lost_jobs[0]}: cancel it first"
-            for robot, global_task, _ in changes.cancelled:
-                if robot == context.me and not proposed.is_forced:
-                    return (
-                        f"it works on {global_task}, which would be cancelled: wait until that "
-                        "has ended, or use --force"
-                    )
-        if context.me not in mission.robots:
-            return ""
+        if reasons:
+            return reasons[0]
+        return "" if context.me not in mission.robots else self._program_problem(mission)
+
+    def _program_problem(self, mission: Mission) -> str | None:
+        """Why the robot's program cannot do a mission; None until the runtime has answered."""
         if self._asked != mission.digest:
             self._asked, self._answer = mission.digest, None
-            context.emit(CheckMission(mission))
+            self._context.emit(CheckMission(mission))
         return self._answer

@@ -182,12 +182,17 @@ class _Tick:
         another attempt: all activations below have other names then. An attempt is used up by
         outcomes, never by conditions alone. Where conditions alone decide, all remaining attempts
         would end the same way at once: a node with a limit takes that status, one without waits.
+        One that has used up as many attempts as it has, since a revision has given it fewer, has
+        ended.
         """
         names, child = self.names, node.children[0]
         again = Status.FAILURE if node.kind is Kind.RETRY else Status.SUCCESS
         limit = names.limit(node.index)
         activation = str(names.activation(node.index, self.attempts, self.facts))
         recorded = self.facts.attempts_used(activation)
+        if 0 <= limit <= recorded:
+            self.reset(child)
+            return again, True
         attempt = names.current_attempt(node.index, recorded)
         while True:
             mark = len(self.failures)

@@ -193,6 +193,13 @@ class Jobs:
         hashes = {number for each in self._archives.values() for number in each}
         self._archived = array("Q", sorted(hashes))
 
+    def fits(self, job: Job) -> bool:
+        """Whether the mission has its type, and that takes its arguments. Until a revision does, an
+        open job is known and waits.
+        """
+        kind = self._mission.jobs.get(job.type)
+        return kind is not None and not kind.problem(job.arguments)
+
     def node_status(self, origin: int) -> Status:
         """RUNNING, or how a Jobs node was ended by a job whose type ends it."""
         return self._ended_nodes.get(origin, Status.RUNNING)
@@ -300,8 +307,10 @@ class Jobs:
     def _end_node(self, known: KnownJob) -> None:
         end = known.end
         assert end is not None
-        kind = self._mission.jobs[end.type]
-        if kind.ends_mission and end.state in (JobState.SUCCEEDED, JobState.FAILED):
+        kind = self._mission.jobs.get(end.type)
+        if kind is None or not kind.ends_mission:
+            return
+        if end.state in (JobState.SUCCEEDED, JobState.FAILED):
             origin = self._node_of[kind.name].index
             is_success = end.state is JobState.SUCCEEDED
             if is_success or origin not in self._ended_nodes:
@@ -318,7 +327,8 @@ class Jobs:
         job = known.job
         self._ended.pop(known.id, None)
         self._unended.pop(known.id, None)
-        if known.ends and not self._mission.jobs[next(iter(known.ends.values())).type].ends_mission:
+        kind = self._mission.jobs.get(next(iter(known.ends.values())).type) if known.ends else None
+        if known.ends and not (kind is not None and kind.ends_mission):
             self._ended[known.id] = None
         if not known.keys and not known.is_begun:
             del self.known[known.id]
@@ -326,7 +336,7 @@ class Jobs:
         if is_open:
             self._unended[known.id] = None
         waits = known.change.is_held or not known.is_due
-        if job is None or not is_open or (waits and not known.is_begun):
+        if job is None or not is_open or (waits and not known.is_begun) or not self.fits(job):
             return
         key = JobKey(-known.priority, job.stamp, known.id)
         insort(self._open[job.type], key)
@@ -359,3 +369,9 @@ def job_in_guard(guard: str) -> str:
     if guard.startswith("#"):
         return guard.partition("@")[2].partition(":")[0]
     return owning_job(guard)
+
+
+def guard_number(guard: str) -> int:
+    """The number of the node that a guard is (`#7`, `#7@morning-1:2`); -1: it is of none."""
+    number = guard.removeprefix("#").partition(":")[0].partition("@")[0]
+    return int(number) if guard.startswith("#") and number.isdecimal() else -1

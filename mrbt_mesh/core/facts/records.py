@@ -603,17 +603,24 @@ class JobArchive(Record):
 @dataclass(frozen=True, slots=True)
 class ProposedMission(Record):
     """A revision of the mission that an operator proposes. `text`: it, compiled. `is_forced`: also
-    if robots are at work on what it does not have. `signer` and `signature`: as those of a job.
+    if it cancels work or robots leave, `repeats_exclusive`: also if exclusive tasks are begun again
+    that were begun (`planning.objections`). `signer` and `signature`: as those of a job.
     """
 
     text: Annotated[str, Plain(partial(read_text, limit=MAX_MISSION))]
     operator: str
     is_forced: bool
+    repeats_exclusive: bool
     stamp: int
     signer: str = ""
     signature: str = ""
 
     write_once: ClassVar[bool] = True
+
+
+def stamp_of(record: Record) -> int:
+    """The Lamport stamp of a record; 0: it has none."""
+    return record.since if isinstance(record, Claim) else getattr(record, "stamp", 0)
 
 
 def submitted_values(record: Job | ProposedMission) -> list[Any]:

@@ -6,7 +6,8 @@ the rules see the package's docstring.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
@@ -15,7 +16,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts, KnownBids, Outcomes
 from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
-from mrbt_mesh.core.facts.jobs import Jobs
+from mrbt_mesh.core.facts.jobs import Jobs, guard_number, job_of
 from mrbt_mesh.core.facts.records import (
     Borrowed,
     Claim,
@@ -32,15 +33,17 @@ from mrbt_mesh.core.facts.records import (
     NoClaim,
     Phase,
     Proposal,
+    Record,
     RobotProblem,
     TeamCommand,
     TravelTimes,
+    stamp_of,
 )
 from mrbt_mesh.core.facts.revisions import Revisions
 from mrbt_mesh.core.facts.stamps import Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, refusal_reason
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, task_of_job, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
@@ -100,8 +103,6 @@ class TeamFacts:
         self._stamps = Stamps(me)
         self.changes = 0
         self.outcome_changes = 0
-        # What the mission in force has no place for.
-        self._dropped: dict[tuple[str, str], None] = {}
         self._has_news_of_mission = False
         self.is_revised = mission.revision is not None
         self._begin(mission)
@@ -128,24 +129,21 @@ class TeamFacts:
         # Robot -> the operator who has borrowed it.
         self.borrowers: dict[str, str] = {}
         self._results: dict[str, MissionResult] = {}
+        # What says nothing while this mission is in force, and whether `prune` has to look at it.
+        self._unbelieved: dict[tuple[str, str], Entry] = {}
+        self._may_drop_unbelieved = False
         # What `prune` has to look at: all activations, if the reach of some may have changed, or
         # those that are new.
         self._has_reach_changed = False
         self._new_activations: dict[str, None] = {}
 
     def _take_up(self, mission: Mission) -> None:
-        """A revision is in force: read all facts by it, and drop those that have no place in it."""
-        entries = list(self.map)
+        """A revision is in force: read all facts by it."""
         self._begin(mission)
         self.changes += 1
         self.outcome_changes += 1
-        unfit = [each for each in entries if refusal_reason(each, mission, self.run) is not None]
-        self._dropped |= dict.fromkeys((each.author, each.name) for each in unfit)
-        for entry in entries:
-            if (entry.author, entry.name) not in self._dropped:
-                self._add(entry)
-        for entry in unfit:
-            self.map.drop(entry.author, entry.name)
+        for entry in self.map:
+            self._believe(None, entry)
         self._has_reach_changed = True
 
     @property
@@ -416,9 +414,7 @@ class TeamFacts:
         keys = self.obsolete(self.activations if self._has_reach_changed else self._new_activations)
         for author, name in keys:
             self.map.drop(author, name)
-        if self._dropped:
-            keys, self._dropped = sorted([*keys, *self._dropped]), {}
-        self._has_reach_changed = False
+        self._has_reach_changed = self._may_drop_unbelieved = False
         self._new_activations.clear()
         return keys
 
@@ -431,6 +427,8 @@ class TeamFacts:
         keys = [key for each in obsolete for key in each.keys]
         if self.is_revised:
             keys += self.revisions.obsolete(self.declared.revision_number)
+        if self._may_drop_unbelieved:
+            keys += [key for key, entry in self._unbelieved.items() if self.is_past(entry)]
         return sorted([*keys, *(self.jobs.obsolete if self.jobs is not None else ())])
 
     def is_obsolete(self, activation: Activation) -> bool:
@@ -440,15 +438,67 @@ class TeamFacts:
             return True
         return self.mission.evaluator.is_obsolete(activation, self)
 
+    def unbelieved(self) -> Iterator[Entry]:
+        """The facts that say nothing while this mission is in force, since it lacks what they are
+        about.
+        """
+        return iter(self._unbelieved.values())
+
+    def is_past(self, entry: Entry) -> bool:
+        """Whether no revision can have a place for this fact, which is not believed: it is of an
+        ended job, or of a part of an earlier tree that is not known any more.
+        """
+        revision, kind, name = self.declared.revision, entry.parts[0], "/".join(entry.parts[1:2])
+        if kind in ACTIVATION_KINDS:
+            activation = parse_activation(name)
+            number, job = activation.node, activation.job
+        elif kind in (records.CONDITION, records.EXPRESSION):
+            number, job = guard_number(name), job_of(entry)
+        else:
+            return False
+        if job:
+            return self.jobs is not None and self.jobs.has_ended(job)
+        return number >= 0 and revision is not None and not revision.keeps_number(number)
+
     # -- keeping the indices ------------------------------------------------------------------
+
+    def _believe(self, old: Entry | None, new: Entry) -> None:
+        """Take in what a fact says where the mission in force has a place for it."""
+        key = (new.author, new.name)
+        was_believed = old is not None and self._unbelieved.pop(key, None) is None
+        record: Record | None = new.record
+        if self.declared.revision is not None and new.parts[0] not in records.MISSION_KINDS:
+            record = believed(new, self.declared, self.run)
+            self._stamps.see(new.author, stamp_of(new.record))
+        if record is None:
+            if old is not None and was_believed:
+                self._forget(old)
+            self._unbelieved[key] = new
+            self._may_drop_unbelieved = True
+        else:
+            self._add(new if record is new.record else replace(new, record=record))
+
+    def _forget(self, entry: Entry) -> None:
+        """The author has said something else in the place of this, which is not believed."""
+        author, kind, name = entry.author, entry.parts[0], "/".join(entry.parts[1:2])
+        if kind == records.SCHEDULE:
+            self.proposals.pop(author, None)
+        elif kind == records.TRAVEL_TIMES:
+            self.travel_times.pop(author, None)
+            self._travel_tables.clear()
+        elif kind in OF_JOBS:
+            if self.jobs is not None and job_of(entry):
+                self.jobs.remove(entry)
+            if kind == records.CONDITION:
+                self.conditions.drop(name, author)
+            elif kind == records.EXPRESSION:
+                self.conditions.forget(name, author)
 
     def _index(self, changes: Sequence[Change]) -> None:
         for old, new in changes:
             self.changes += 1
             if new is not None:
-                if self._dropped:
-                    self._dropped.pop((new.author, new.name), None)  # a newer one has a place
-                self._add(new)
+                self._believe(old, new)
             elif old is not None:
                 self._remove(old)
         if self._has_news_of_mission:
@@ -508,6 +558,7 @@ class TeamFacts:
         jobs.add(entry)
         if isinstance(entry.record, Job | JobChange | JobEnd):
             self._stamps.see(entry.author, entry.record.stamp)
+            self._may_drop_unbelieved = bool(self._unbelieved)
         if jobs.has_ended(entry.parts[1]) and entry.parts[1] in jobs.known:
             ended = jobs.known[entry.parts[1]].activations
             self._new_activations |= dict.fromkeys(ended)
@@ -550,9 +601,9 @@ class TeamFacts:
 
     def _remove(self, entry: Entry) -> None:
         """Dropped are entries of activations, those of one together, of jobs, about earlier
-        revisions, and what the mission in force has no place for, which is in no index.
+        revisions, and some that are not believed, which are in no index.
         """
-        if (entry.author, entry.name) in self._dropped:
+        if self._unbelieved.pop((entry.author, entry.name), None) is not None:
             return
         if entry.parts[0] in records.MISSION_KINDS:
             self.revisions.remove(entry)

@@ -1,10 +1,17 @@
-"""What is accepted: whether a well-formed entry has a place in this mission and run.
+"""What is accepted, and what is believed: whether an entry has a place in this mission and run.
 
-`records` has checked the form of name and value before. Whatever is refused here is not joined,
-so that no robot can write about conditions, nodes or tasks that the mission does not have.
+`records` has checked the form of name and value before. Whatever is refused here is not joined, so
+that no robot can write about conditions, nodes or tasks that the mission does not have.
+
+A team whose mission was revised keeps what has no place in the mission in force: it may be about an
+earlier revision or a later one. It is not *believed*, so it does nothing until a revision has a
+place for it.
 """
 
 from __future__ import annotations
+
+from collections.abc import Container
+from dataclasses import replace
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, CONTROLS, Kind, Memory
@@ -13,6 +20,7 @@ from mrbt_mesh.core.facts.conditions import expression_value
 from mrbt_mesh.core.facts.jobs import job_in_guard
 from mrbt_mesh.core.facts.records import (
     Arguments,
+    Attempt,
     Claim,
     Coalition,
     CoalitionId,
@@ -20,9 +28,11 @@ from mrbt_mesh.core.facts.records import (
     ExpressionRevision,
     Job,
     JobEnd,
+    MissionResult,
     NoClaim,
     Proposal,
     ProposedMission,
+    Record,
     TravelTimes,
 )
 from mrbt_mesh.core.facts.revisions import MAX_DIGITS as MISSION_DIGITS
@@ -51,6 +61,57 @@ ACTIVATION_KINDS = {
 
 
 def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
+    """Why a robot that runs this mission does not take this entry, or None if it does."""
+    if mission.revision is None or entry.parts[0] in records.MISSION_KINDS:
+        return no_place_reason(entry, mission, run)
+    return _refuse_in_any_mission(entry, entry.parts, run)
+
+
+def believed(entry: Entry, mission: Mission, run: str) -> Record | None:
+    """What an entry says where this revision is in force: its record, without what the mission
+    lacks; None: nothing. A job and its end are known by their id, whatever types there are.
+    """
+    record = entry.record
+    if isinstance(record, Claim | NoClaim):
+        return _believed_claim(record, mission, run)
+    if isinstance(record, TravelTimes) and mission.travel is not None:
+        return _believed_times(record, mission.travel.places)
+    if isinstance(record, Job | JobEnd) and mission.jobs:
+        return record
+    return record if no_place_reason(entry, mission, run) is None else None
+
+
+def _believed_claim(record: Claim | NoClaim, mission: Mission, run: str) -> Claim | NoClaim:
+    """A robot works on nothing that the mission lacks, and is at no such place."""
+    place = record.place if _refuse_place(record.place, mission) is None else ""
+    if isinstance(record, NoClaim) or _refuse_claim(record, mission, run) is not None:
+        return NoClaim(place)
+    return record if place == record.place else replace(record, place=place)
+
+
+def _believed_times(record: TravelTimes, places: Container[str]) -> TravelTimes:
+    known = [number for number, place in enumerate(record.places) if place in places]
+    if len(known) == len(record.places):
+        return record
+    ways = tuple(tuple(record.ways_ms[a][b] for b in known) for a in known)
+    return TravelTimes(tuple(record.places[number] for number in known), ways)
+
+
+def _refuse_in_any_mission(entry: Entry, parts: tuple[str, ...], run: str) -> str | None:
+    """Why no mission of this run has a place for this entry."""
+    if parts[0] in ACTIVATION_KINDS:
+        reason = _refuse_text(parts[1], run)
+        if reason is None and parts[0] in records.COALITION_KINDS:
+            return _refuse_coalition(parts[-1])
+        return reason
+    if parts[0] == records.JOB_ARCHIVE:
+        return _refuse_archive(parts[1])
+    if parts[0] in records.JOB_KINDS and not is_job_id(parts[1]):
+        return f"{parts[1]!r:.80} names no job"
+    return None
+
+
+def no_place_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     """Why this entry has no place in this run of the mission, or None if it has one."""
     parts = entry.parts
     if parts[0] == records.CONDITION:
@@ -60,23 +121,31 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     if parts[0] in ACTIVATION_KINDS:
         return _refuse_of_activation(entry, parts, mission, run)
     if parts[0] == records.JOB_ARCHIVE:
-        fits = bool(mission.jobs) and parts[1].isdecimal() and len(parts[1]) < MAX_DIGITS
-        return None if fits else f"{parts[1]!r:.80} is no number of an archive of jobs"
+        return _refuse_archive(parts[1]) if mission.jobs else "this mission has no jobs"
     if parts[0] in records.JOB_KINDS:
         return _refuse_of_job(entry, parts[1], mission)
     if parts[0] in records.MISSION_KINDS:
         return _refuse_of_mission(entry, parts, mission)
-    if parts[0] == records.SCHEDULE:
-        return _refuse_proposal(entry, mission, run)
-    if isinstance(entry.record, Claim | NoClaim):
-        return _refuse_place(entry.record.place, mission)
-    if isinstance(entry.record, TravelTimes):
-        if mission.travel is None:
-            return "this mission has no places"
-        reasons = (_refuse_place(place, mission) for place in entry.record.places)
-        return next((reason for reason in reasons if reason is not None), None)
-    if parts[0] == records.RESULT and mission.ends is MissionEnd.NEVER:
-        return "this mission never ends"
+    return _refuse_of_robot(entry, mission, run)
+
+
+def _refuse_of_robot(entry: Entry, mission: Mission, run: str) -> str | None:
+    """What a robot says of itself."""
+    match entry.record:
+        case Proposal():
+            return _refuse_proposal(entry, mission, run)
+        case Claim() as claim:
+            reason = _refuse_claim(claim, mission, run)
+            return reason or _refuse_place(claim.place, mission)
+        case NoClaim(place):
+            return _refuse_place(place, mission)
+        case TravelTimes(places):
+            if mission.travel is None:
+                return "this mission has no places"
+            reasons = (_refuse_place(place, mission) for place in places)
+            return next((reason for reason in reasons if reason is not None), None)
+        case MissionResult() if mission.ends is MissionEnd.NEVER:
+            return "this mission never ends"
     return None
 
 
@@ -94,6 +163,23 @@ def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -
     if found.team_digest != mission.team_digest or found.revision_number != int(parts[1]):
         return f"revision {parts[1]} is one of another mission"
     return None
+
+
+def _refuse_claim(claim: Claim, mission: Mission, run: str) -> str | None:
+    """A robot works on a local task that an action of the tree needs."""
+    reason = _refuse_name(records.OUTCOME, claim.activation, mission, run)
+    if reason is not None:
+        return reason
+    task = _task_of(parse_activation(claim.activation), mission)
+    if task is None or task.need(claim.local_task) is None:
+        return f"{claim.activation!r:.80} needs no {claim.local_task!r:.80}"
+    return None
+
+
+def _refuse_archive(number: str) -> str | None:
+    if number.isdecimal() and len(number) < MAX_DIGITS:
+        return None
+    return f"{number!r:.80} is no number of an archive of jobs"
 
 
 def _refuse_place(place: str, mission: Mission) -> str | None:
@@ -177,6 +263,10 @@ def _refuse_of_activation(
         positions = map(str, range(len(node.children)))
         if node.memory is Memory.NONE or parts[2] not in positions:
             return f"{text!r:.80} has no child {parts[2]!r:.20} to remember"
+    if isinstance(entry.record, Attempt) and mission.revision is None:
+        node = mission.tree.nodes[mission.evaluator.index_of[activation.node, ""]]
+        if 0 < mission.evaluator.limit(node.index) <= entry.record.number:
+            return f"{text!r:.80} has no attempt {entry.record.number}"
     if ACTIVATION_KINDS[kind] == {Kind.ACTION}:
         task = _task_of(activation, mission)
         return _refuse_of_task(entry, parts, task) if task is not None else "no such task"
@@ -190,13 +280,23 @@ def has_activation(mission: Mission, activation: str, run: str) -> bool:
 
 def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None:
     """Why this is no activation of this run to which an entry of this kind could belong."""
+    reason = _refuse_text(text, run)
+    if reason is None and not _could_exist(kind, parse_activation(text), mission):
+        return f"{text!r:.80} names no node of this mission's tree"
+    return reason
+
+
+def _refuse_text(text: str, run: str) -> str | None:
+    """Why this is no name of an activation of this run, whatever its mission."""
     try:
         activation = parse_activation(text)
     except ValueError:
         return f"{text!r:.80} names no activation"
     if activation.run != run:
         return f"{text!r:.80} belongs to another run"
-    if str(activation) != text or not _could_exist(kind, activation, mission):
+    numbers = (activation.node, activation.turns, *activation.attempts)
+    is_named = not activation.job or is_job_id(activation.job)
+    if str(activation) != text or min(numbers) < 0 or not is_named:
         return f"{text!r:.80} names no node of this mission's tree"
     return None
 
@@ -204,7 +304,7 @@ def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None
 def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
     """Whether some evaluation could use this name for an entry of this kind."""
     nodes, index = mission.tree.nodes, mission.evaluator.index_of.get((activation.node, ""))
-    if index is None or min((activation.turns, *activation.attempts)) < 0:
+    if index is None:
         return False
     node = nodes[index]
     if node.kind not in ACTIVATION_KINDS[kind]:
@@ -215,7 +315,7 @@ def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
     if not is_of_job or node.kind is not Kind.ACTION:
         if node.subject != activation.subject:
             return False
-    elif not is_job_id(activation.job) or _task_of(activation, mission) is None:
+    elif _task_of(activation, mission) is None:
         return False
     enclosing_loops, outer = 0, node.parent
     while outer >= 0:
@@ -266,13 +366,20 @@ def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> s
         return f"{task.id!r} has no coalitions"
     if kind not in records.COALITION_KINDS and len(names) != 3:
         return None
-    try:
-        coalition = CoalitionId.parse(names[-1])
-    except ValueError:
-        return f"{names[-1]!r:.80} names no coalition"
+    if (reason := _refuse_coalition(names[-1])) is not None:
+        return reason
+    coalition = CoalitionId.parse(names[-1])
     if isinstance(entry.record, Coalition) and (
         entry.author != coalition.leader
         or any(member.local_task not in local_tasks for member in entry.record.members)
     ):
         return f"{names[-1]!r:.80}: no coalition of {task.id!r}"
+    return None
+
+
+def _refuse_coalition(text: str) -> str | None:
+    try:
+        CoalitionId.parse(text)
+    except ValueError:
+        return f"{text!r:.80} names no coalition"
     return None

@@ -152,6 +152,10 @@ def _check_revision(mission: Mission) -> None:
     numbers = [node.number for node in mission.tree.nodes]
     _expect(all(_is_integer(each, 0, MAX_NUMBER) for each in numbers), "numbers of nodes")
     _expect(_is_integer(known.next_node, max(numbers) + 1, MAX_NUMBER), "numbers of nodes")
+    for key, *kept in known.retired:
+        used = [number for numbers in kept for number in numbers]
+        _expect(isinstance(key, str) and len(key) <= DIGEST_LENGTH, "retired parts")
+        _expect(all(_is_integer(each, 0, known.next_node - 1) for each in used), "retired parts")
 
 
 def _check_jobs(mission: Mission) -> None:

@@ -14,7 +14,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Tree, build_tree, spec_from_json, spec_to_json
@@ -423,21 +423,50 @@ def micro_performance(value: float) -> int:
     return round(value * MICRO)
 
 
+class RetiredPart(NamedTuple):
+    """A part of an earlier tree that the mission in force lacks, and the numbers of its nodes.
+
+    `key`: a hash of all that its steps depend on. `guards`: the numbers of the nodes whose
+    conditions decide together whether it is reached.
+    """
+
+    key: str
+    nodes: tuple[int, ...]
+    guards: tuple[int, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Revision:
     """What a mission is that a running team takes up in the place of another one.
 
     `number`: 1 for the first one. `team`: the digest of the mission with which the team was
     started, which its messages name. `next_node`: all smaller numbers of nodes are used up.
+    `retired`: parts that earlier missions had, the last removed at the end.
     """
 
     number: int
     team: str
     next_node: int
+    retired: tuple[RetiredPart, ...] = ()
+
+    def keeps_number(self, number: int) -> bool:
+        """Whether a node of an earlier tree may come back under this number, or is yet to come."""
+        return number >= self.next_node or any(
+            number in part.nodes or number in part.guards for part in self.retired
+        )
 
     def to_json(self, tree: Tree) -> list[Any]:
         """Plain data, with the numbers of the nodes of the tree."""
-        return [self.number, self.team, self.next_node, [node.number for node in tree.nodes]]
+        retired = [[key, list(nodes), list(guards)] for key, nodes, guards in self.retired]
+        numbers = [node.number for node in tree.nodes]
+        return [self.number, self.team, self.next_node, retired, numbers]
+
+    @classmethod
+    def from_json(cls, data: list[Any]) -> tuple[Revision, list[int]]:
+        """The inverse, and the numbers; raises TypeError or ValueError for anything else."""
+        number, team, next_node, retired, numbers = data
+        parts = tuple(RetiredPart(key, tuple(n), tuple(guards)) for key, n, guards in retired)
+        return cls(number, team, next_node, parts), numbers
 
 
 @dataclass(frozen=True)
@@ -723,8 +752,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     try:
         tree, revision = build_tree(spec_from_json(data["tree"])), None
         if "revision" in data:
-            *values, numbers = data["revision"]
-            revision = Revision(*values)
+            revision, numbers = Revision.from_json(data["revision"])
             tree = tree.with_numbers(numbers)
         return Mission(
             name=data["name"],

@@ -10,6 +10,7 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.mission.jobs import named_arguments
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -78,8 +79,13 @@ class JobRows:
                 when = (1, -known.end.stamp)
                 made[name] = known, known.version, when, _ended(known, types)
             elif known.job is not None:
-                arguments = types[known.job.type].values_of(known.job.arguments)
-                row = _open(known, arguments, working.get(name, []), reasons, name in in_tree)
+                why = reasons.get(name, "")
+                if not facts.jobs.fits(known.job):
+                    why = "the mission in force has no place for it"
+                elif name not in in_tree:
+                    why = "behind others"
+                arguments = named_arguments(types, known.job.type, known.job.arguments)
+                row = _open(known, arguments, working.get(name, []), why)
                 place = (0, -known.priority, known.job.stamp)
                 made[name] = known, known.version, place, row
         self._made, self._lively = made, lively
@@ -93,7 +99,7 @@ def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
     return JobRow(
         known.id,
         end.type,
-        types[end.type].values_of(end.arguments),
+        named_arguments(types, end.type, end.arguments),
         str(end.state),
         end.reason,
         known.priority,
@@ -106,20 +112,18 @@ def _open(
     known: KnownJob,
     arguments: dict[str, str],
     robots: list[str],
-    reasons: Mapping[str, str],
-    is_in_tree: bool,
+    why: str,
 ) -> JobRow:
+    """`why`: what it waits for, if nothing else is in the way."""
     job = known.job
     assert job is not None
-    state, why = WAITING, reasons.get(known.id, "")
+    state = WAITING
     if robots:
         state, why = RUNNING, ""
     elif known.change.is_held:
-        state = HELD
+        state, why = HELD, ""
     elif not known.is_due:
         why = f"not before {datetime.fromtimestamp(job.not_before_us // 1_000_000, UTC):%F %T} UTC"
-    elif not is_in_tree:
-        why = "behind others"
     shown = tuple(robots)
     return JobRow(
         known.id,

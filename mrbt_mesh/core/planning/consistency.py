@@ -247,7 +247,7 @@ def shortages(
     Empty if it is not blocked. Where each local task alone could be met but not all together,
     every one of them is listed.
     """
-    if _could_be_met(group, capabilities.team):
+    if could_be_met(group, capabilities.team):
         return ()
 
     def shortage(demand: Demand) -> Shortage:
@@ -264,7 +264,7 @@ def shortages(
     return tuple(shortage(demand) for demand in short or [d for d in group if d.lower])
 
 
-def _could_be_met(group: Sequence[Demand], team: Collection[str]) -> bool:
+def could_be_met(group: Sequence[Demand], team: Collection[str]) -> bool:
     """Whether one request could be served if all robots were free."""
     needed = sum(demand.lower for demand in group)
     # Demands with as many candidates as the whole request needs can be met last.

@@ -20,7 +20,12 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, join
 from mrbt_mesh.core.facts.team_facts import OF_JOBS
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, has_activation, refusal_reason
+from mrbt_mesh.core.facts.validation import (
+    ACTIVATION_KINDS,
+    believed,
+    has_activation,
+    no_place_reason,
+)
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.process import SimProcess
 
@@ -109,13 +114,15 @@ def stands(agent: AgentView, entry: Entry) -> bool:
 
 
 def is_revised_away(agent: AgentView, entry: Entry) -> bool:
-    """Whether the mission in force has no place for this entry: it is of an earlier revision."""
+    """Whether no revision can have a place for this entry any more."""
     facts, parts = agent.facts, entry.parts
     if not facts.is_revised:
         return False
     if parts[0] in MISSION_KINDS:
         return len(parts) > 1 and int(parts[1]) < facts.declared.revision_number
-    return refusal_reason(entry, facts.declared, facts.run) is not None
+    if facts.declared.revision is None:
+        return no_place_reason(entry, facts.declared, facts.run) is not None
+    return believed(entry, facts.declared, facts.run) is None and facts.is_past(entry)
 
 
 def is_obsolete(agent: AgentView, entry: Entry) -> bool:

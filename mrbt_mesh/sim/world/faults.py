@@ -102,6 +102,7 @@ class Revise(RobotFault):
 
     mission: str = field(repr=False)
     is_forced: bool = False
+    repeats_exclusive: bool = False
 
 
 @dataclass(frozen=True, slots=True)

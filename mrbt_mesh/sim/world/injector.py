@@ -170,7 +170,12 @@ class Injector:
             return
         facts = process.agent.view.facts
         found = revise(facts.declared, read_mission(fault.mission), facts.revisions.last_number + 1)
-        given = {"mission": compile_mission(found), "operator": "op", "force": fault.is_forced}
+        given = {
+            "mission": compile_mission(found),
+            "operator": "op",
+            "force": fault.is_forced,
+            "repeat_exclusive": fault.repeats_exclusive,
+        }
         process.deliver(self._input(faults.Command(fault.robot, REVISE, json.dumps(given))))
 
     def _input(self, fault: faults.RobotFault) -> Input:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from tests.support.build import (
     World,
     action,
@@ -17,6 +20,7 @@ from tests.support.build import (
     inverter,
     keep_running,
     parallel,
+    refusal,
     repeat,
     retry,
     sequence,
@@ -257,13 +261,21 @@ def test_a_late_success_of_a_used_attempt_does_not_count_for_the_next_one() -> N
     assert world.asked() == ["a"]
 
 
-def test_an_attempt_number_beyond_the_limit_reads_as_the_last_one() -> None:
-    world = World(retry(2, A))
+@pytest.mark.parametrize(("loop", "status"), [(retry, FAILURE), (repeat, SUCCESS)])
+@pytest.mark.parametrize("used", [2, 7])
+def test_a_loop_that_has_used_up_its_attempts_has_ended(
+    loop: Callable[[int, NodeSpec], NodeSpec], status: Status, used: int
+) -> None:
+    """A revision has given it fewer; with more of them again, it would go on."""
+    world = World(loop(2, A))
     scope = str(Activation("r1", 0, "", (), 0))
-    world.write("R9", (f"attempt/{scope}", 7))
-    requested = world.activation("a")
-    assert parse_activation(requested).attempts == (1,)
-    assert not world.evaluator.is_obsolete(parse_activation(requested), world.facts)
+    beyond = parse_entry("R9", f"attempt/{scope}", Version(Incarnation(1, "n"), 1), used)
+    assert refusal(world.facts, beyond) == f"'{scope}' has no attempt {used}"
+    world.facts.map.merge([beyond])  # as it stands after a revision
+    assert world.tick().status is status
+    assert not world.asked()
+    last = Activation("r1", 1, "a", (1,), 0)
+    assert not world.evaluator.is_obsolete(last, world.facts)
 
 
 def test_a_name_that_is_ahead_of_the_facts_is_not_obsolete() -> None:

@@ -20,6 +20,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.revisions import revise
@@ -65,7 +66,7 @@ def entry(author: str, name: str, record: Record, number: int = 1) -> Entry:
 
 
 def proposed(found: Mission, author: str = "A1", stamp: int = 1) -> Entry:
-    record = ProposedMission(compile_mission(found), "op", False, stamp)
+    record = ProposedMission(compile_mission(found), "op", False, False, stamp)
     return entry(author, f"mission/{found.revision_number}", record)
 
 
@@ -107,17 +108,31 @@ def test_it_is_in_force_once_that_and_the_mission_are_known() -> None:
     assert facts(adopted(AFTER), proposed(AFTER)).declared == AFTER
 
 
-def test_what_has_no_place_in_it_is_dropped() -> None:
+def test_what_has_no_place_in_it_is_kept_and_does_nothing_until_it_has_one() -> None:
     look = entry("A3", f"outcome/{RUN}:2:look::0/look", Outcome(True, None))
-    weld = DONE
+    weld, back = DONE, revise(OTHER, BEFORE)
     found = facts(weld, look, proposed(OTHER), adopted(OTHER))
-    assert (weld.author, weld.name) in found.prune()
+    found.prune()
+    assert found.map.get("A3", weld.name) == weld
+    assert [each.name for each in found.unbelieved()] == [weld.name]
     assert found.has_outcome(f"{RUN}:2:look::0")
-    assert found.map.get("A3", weld.name) is None
+    assert not found.has_outcome(f"{RUN}:1:weld::0")
+    found.map.merge([proposed(back), adopted(back)])
+    assert found.has_outcome(f"{RUN}:1:weld::0")
+    assert not [*found.unbelieved()]
+
+
+def test_what_no_revision_can_have_a_place_for_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So are parts that were removed so long ago that no mission knows their numbers."""
+    monkeypatch.setattr(revisions, "MAX_RETIRED", 0)
+    other = revise(BEFORE, mission("look"))
+    found = facts(DONE, proposed(other), adopted(other))
+    assert (DONE.author, DONE.name) in found.prune()
+    assert found.map.get("A3", DONE.name) is None
 
 
 def test_a_newer_fact_of_the_same_name_is_not_dropped() -> None:
-    """It came with the revision, before what has no place was forgotten."""
+    """It came with the revision, before what has no place was set aside."""
     before = driving("{Sequence: [weld, look]}")
     other = revise(before, driving("look"))
     schedules = [
@@ -127,7 +142,7 @@ def test_a_newer_fact_of_the_same_name_is_not_dropped() -> None:
     old, new = (entry("A3", "schedule", each, n) for n, each in enumerate(schedules, 1))
     found = TeamFacts(before, RUN)
     found.map.merge([old, proposed(other), adopted(other)])
-    assert found.map.get("A3", "schedule") is None
+    assert not found.proposals
     found.map.merge([new])
     assert ("A3", "schedule") not in found.prune()
     assert found.proposals["A3"] == schedules[1]
@@ -181,5 +196,5 @@ def test_of_two_proposals_the_earlier_one_counts() -> None:
     ],
 )
 def test_no_other_mission_is_accepted(name: str, text: str, why: str) -> None:
-    given = entry("A1", name, ProposedMission(text, "op", False, 1))
+    given = entry("A1", name, ProposedMission(text, "op", False, False, 1))
     assert why in (refusal_reason(given, BEFORE, RUN) or "")

@@ -237,7 +237,7 @@ tree: {Jobs: all}
     Path(),
 )
 BRING = Job("bring", ("1",), 5, 0, 0, "anna", 1)
-REVISED = ProposedMission(compile_mission(revise(WITH_JOBS, WITH_JOBS)), "anna", False, 1)
+REVISED = ProposedMission(compile_mission(revise(WITH_JOBS, WITH_JOBS)), "anna", False, False, 1)
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_a_revision_that_is_not_held_by_all_says_whom_it_waits_for() -> None:
     after = revise(observer.mission, observer.mission)
     held = HeldMission(1, after.digest, "", 0)
     facts = {
-        ("op", "mission/1"): ProposedMission(compile_mission(after), "anna", False, 1),
+        ("op", "mission/1"): ProposedMission(compile_mission(after), "anna", False, False, 1),
         ("B", "mission_held"): held,
     }
     version = Version(Incarnation(9, "n"), 1)

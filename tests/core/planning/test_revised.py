@@ -33,7 +33,7 @@ def test_a_dry_run_says_what_stays_and_what_does_not(seed: int) -> None:
     now = TeamFacts(before.mission, facts.run)
     now.map.merge(facts.map)
     version = Version(Incarnation(9, "n"), 1)
-    proposed = ProposedMission(compile_mission(after), "op", False, 1)
+    proposed = ProposedMission(compile_mission(after), "op", False, False, 1)
     records: dict[str, Record] = {
         "mission/1": proposed,
         "mission_adopted/1": AdoptedMission(after.digest),
