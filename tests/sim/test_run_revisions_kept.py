@@ -12,12 +12,14 @@ import pytest
 from mrbt_mesh import TaskContext, TaskFailedError
 from mrbt_mesh.core.agent.commands import BORROW, RETURN
 from mrbt_mesh.core.agent.job_desk import SUBMIT
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.headline import headline
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Revise
+from mrbt_mesh.sim.world.faults import Freeze, Revise, Thaw
 
 S = 1_000_000
 
@@ -290,3 +292,44 @@ def test_attempts_that_are_used_up_stay_used_up(attempts: int, state: str, begun
     assert in_force(result) == {1}
     assert state_of(result, "one") == {state}
     assert count(result, "began")["look(bed_1)"] in (begun, begun + 1)
+
+
+# -- robots ---------------------------------------------------------------------------------------
+
+WITHOUT_A3 = WITH_P2.replace("A2: A, A3: A}", "A2: A}").replace(", A3: p0}", "}")
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (),
+        ((5.0, Kill("A3")),),
+        ((10.001, Kill("A3")),),
+        ((5.0, Kill("A3")), (15.0, Restart("A3"))),
+        ((5.0, Freeze("A3")), (20.0, Thaw("A3"))),
+    ],
+    ids=["alive", "dead", "dies of it", "comes back", "frozen"],
+)
+def test_a_robot_that_a_revision_removes_has_left(faults: tuple[tuple[float, Fault], ...]) -> None:
+    result = run(WITH_P2, *faults, (10, revised(WITHOUT_A3, True, robot="A1")), seconds=30)
+    observer, views = result.observer, [result.agents[robot].view for robot in ("A1", "A2")]
+    assert {view.facts.declared.revision_number for view in views} == {1}
+    assert observer.robot_state("A3") is State.LEFT
+    assert [fault for fault in observer.record.major if fault.until_us is None] == []
+    assert not any("dead" in each.text for each in headline(observer, []))
+    assert result.stops.get("A3") in (None, (0, "left"))
+
+
+def test_a_mission_of_another_name_or_that_the_robots_cannot_do_is_refused() -> None:
+    for changed, why in (
+        (DOSES.replace("mission: dosing", "mission: other"), "it is the mission other"),
+        (doses(("look($p): {min: 1}", "look($p): {min: 2}")), "cannot do check(bed_1)"),
+        (doses(("A1: arm, A2: arm, E1: eye", "A1: arm, E1: eye")), "A2 is alive and would leave"),
+    ):
+        refused = run(DOSES, (5, revised(changed)), seconds=10)
+        assert in_force(refused) == {0}, why
+        facts = next(iter(refused.agents.values())).view.facts
+        assert why in facts.revisions.void_reason(1)
+        assert "--force" in facts.revisions.void_reason(1)
+        forced = run(DOSES, (5, revised(changed, True)), seconds=10)
+        assert in_force(forced) >= {1}

@@ -104,12 +104,18 @@ def _team(view: AgentView, meter: Meter) -> Iterator[Family]:
     yield gauge("mrbt_agreement", text, float(view.agrees()))
     text = "When it began to agree with all, or ceased to, in Unix time."
     yield gauge("mrbt_agreement_changed_timestamp_seconds", text, meter.agreed_since_s)
-    states = Counter(str(peer.state) for peer in view.peers.values())
+    peers = {
+        robot: State.LEFT
+        if robot in view.facts.removed_robots and peer.state is State.DEAD
+        else peer.state
+        for robot, peer in view.peers.items()
+    }
+    states = Counter(map(str, peers.values()))
     text = "Other robots by state, as this one sees them."
     yield gauge("mrbt_peers", text, by_name(states, STATES), "state")
     dead = Counter({robot: 0 for robot in view.mission.robots if robot != view.robot})
-    for robot, peer in view.peers.items():
-        dead[robot_label(view.mission, robot)] += peer.state is State.DEAD
+    for robot, state in peers.items():
+        dead[robot_label(view.mission, robot)] += state is State.DEAD
     text = "Whether this robot holds another one for dead (`other`: how many that are not listed)."
     yield gauge("mrbt_peer_dead", text, by_name(dead), "peer")
     text = "How often it began to suspect a robot."

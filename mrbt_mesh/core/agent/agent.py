@@ -79,8 +79,10 @@ class Agent:
         self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
         self.view = AgentView(context, self._planner, tree)
-        # The one for which the parts below were composed.
+        # The one for which the parts below were composed, and whether it or one before it names
+        # this robot.
         self._mission = mission
+        self._was_named = config.robot in mission.robots
         self._compose(now_us)
         self._deadline_us = now_us
         # When time alone asks for more than asking others, and heartbeats.
@@ -175,7 +177,7 @@ class Agent:
     def _take_up_revision(self, now_us: int) -> None:
         """Another revision of the mission is in force: compose what it needs, and go on."""
         context, mission = self._context, self._context.facts.declared
-        was_named = context.me in self._mission.robots
+        self._was_named |= context.me in self._mission.robots
         self._mission = mission
         context.use(mission)
         context.log("info", "revision_taken_up", number=mission.revision_number)
@@ -192,14 +194,20 @@ class Agent:
         self._compose(now_us)
         if context.is_new:
             return
-        if robot is None and was_named:
-            context.log("warning", "not_in_the_mission_any_more")
-            self._reports.leave(now_us)
-        else:
+        if not self._leave_if_removed(now_us):
             said = context.facts.map.get(context.me, records.CLAIM)
             claims = [context.claim()] if is_dropped or said is None else []
             context.write([context.member(), *claims], now_us)
             self._withdrawal.joined(now_us)
+
+    def _leave_if_removed(self, now_us: int) -> bool:
+        """Leave if a revision has removed this robot; whether it has."""
+        context = self._context
+        if not self._was_named or context.me in context.mission.robots:
+            return False
+        context.log("warning", "not_in_the_mission_any_more")
+        self._reports.leave(now_us)
+        return True
 
     # -- the two calls ------------------------------------------------------------------------
 
@@ -284,6 +292,7 @@ class Agent:
             self._reports.joined(now_us)
             self._health.joined(now_us)
             self._withdrawal.joined(now_us)
+            self._leave_if_removed(now_us)
         if context.facts.is_revised and context.joining is None:
             self._follow_revisions(now_us)
         if context.joining is None:

@@ -105,6 +105,8 @@ class TeamFacts:
         self.outcome_changes = 0
         self._has_news_of_mission = False
         self.is_revised = mission.revision is not None
+        # Robots that an earlier mission named, and the one in force does not: they have left.
+        self.removed_robots: frozenset[str] = frozenset()
         self._begin(mission)
         self.map.subscribe(self._index)
 
@@ -139,6 +141,7 @@ class TeamFacts:
 
     def _take_up(self, mission: Mission) -> None:
         """A revision is in force: read all facts by it."""
+        self.removed_robots = (self.removed_robots | self.declared.robot_ids) - mission.robot_ids
         self._begin(mission)
         self.changes += 1
         self.outcome_changes += 1

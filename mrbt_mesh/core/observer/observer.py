@@ -279,13 +279,17 @@ class Observer:
         return held[0] if peer.state.is_member else None
 
     def robot_state(self, robot: str) -> State:
-        """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left."""
+        """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left. One that
+        a revision has removed is not dead.
+        """
         peer = self.membership.peers.get(robot)
         member = self.facts.members.get(robot)
         left = member is not None and member[0].is_leaving
         if left and member and (peer is None or peer.incarnation == member[1]):
             return State.LEFT
-        return peer.state if peer is not None else State.DEAD
+        state = peer.state if peer is not None else State.DEAD
+        is_removed = robot in self.facts.removed_robots
+        return State.LEFT if is_removed and state is State.DEAD else state
 
     def robots(self) -> list[str]:
         """All robots that are known, sorted."""

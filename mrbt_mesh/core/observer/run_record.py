@@ -81,6 +81,8 @@ class RunRecord:
         self.unwatched: list[tuple[int | None, int]] = []
         self.is_catching_up = False
         self._exits: dict[str, int] = {}
+        # Robots that revisions have removed: they leave, and do not die.
+        self._removed: set[str] = set()
         # Of those deaths that another observer has recorded: its times count, not those seen here.
         self._known_times: dict[tuple[str, Incarnation], DeathTimes] = {}
         self._declared: set[tuple[str, Incarnation]] = set()
@@ -98,7 +100,15 @@ class RunRecord:
     # -- when it is watched ---------------------------------------------------------------
 
     def revised(self, mission: Mission, now_us: int) -> None:
-        """Another revision of the mission is in force."""
+        """Another revision of the mission is in force. Robots that it removes leave; of those that
+        were dead the fault is over.
+        """
+        removed = sorted(self.mission.robots.keys() - mission.robots.keys())
+        self._removed = (self._removed - mission.robots.keys()).union(removed)
+        for fault in self.major:
+            if fault.robot in removed and fault.until_us is None:
+                self._is_back(fault, now_us)
+                self.robots[fault.robot]["state"] = State.LEFT
         self.mission = mission
         self.task_log.revised(mission)
         self.say(now_us, f"revision {mission.revision_number} of the mission is in force")
@@ -191,7 +201,8 @@ class RunRecord:
 
     def _note_death(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         fault = self._open_fault(robot, incarnation)
-        if fault is None and self.robots[robot].get("state") is not State.LEFT:
+        has_left = robot in self._removed or self.robots[robot].get("state") is State.LEFT
+        if fault is None and not has_left:
             fault = self._died(robot, incarnation, now_us)
         if fault is not None and (robot, incarnation) not in self._declared:
             self._declared.add((robot, incarnation))
@@ -206,6 +217,8 @@ class RunRecord:
         known = self.robots.get(robot)
         if known is None or "incarnation" not in known or self.result is not None:
             return  # it never joined
+        if state is State.DEAD and robot in self._removed:
+            state = State.LEFT
         if state is State.DEAD:
             fault = self._open_fault(robot, known["incarnation"])
             if fault is None:
@@ -219,7 +232,7 @@ class RunRecord:
             if fault is not None:
                 self._is_back(fault, now_us)
                 self.say(now_us, f"{robot} is back")
-        elif state is State.LEFT:
+        elif state is State.LEFT and known.get("state") is not State.LEFT:
             self.say(now_us, f"{robot} left")
         known["state"] = state
 
