@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,8 @@ from mrbt_mesh.recording.metadata import RunMetadata
 if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client
 
+    from mrbt_mesh.core.facts.store import Entry
+    from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
 
@@ -141,6 +143,16 @@ class FoxgloveServer:
 
     def flush(self, now_us: int) -> None:
         """Nothing is held back."""
+
+    @property
+    def is_full(self) -> bool:
+        """Never: nothing is kept."""
+        return False
+
+    def begin_part(
+        self, mission: Mission, facts: Iterable[Entry], about: Mapping[str, Any], now_us: int
+    ) -> None:
+        """Not called, as it is never full."""
 
     def abandon(self) -> None:
         """End the server."""

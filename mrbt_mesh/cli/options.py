@@ -78,7 +78,7 @@ keep_option = click.option(
     type=click.IntRange(1, 1_000_000),
     default=DEFAULT_KEEP_MIB,
     metavar="MIB",
-    help="Size at which log files are rotated and a recording ends.",
+    help="Size at which log files are rotated, and of all parts of a recording that are kept.",
 )
 
 # -- in virtual time --------------------------------------------------------------------------

@@ -1,4 +1,7 @@
-"""What held and what did not: from events.jsonl, the journals, and what was done to the team."""
+"""What held and what did not: from the robots' recordings and journals, and what was done to them.
+
+That something did not happen holds only where it would have been recorded.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,9 @@ class Evidence:
 
     `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot,
     and `ended`: whether its process had really ended. `beside_ended`: processes that should have
-    run until the end. `checks`: the answers of the drill's commands.
+    run until the end. `checks`: the answers of the drill's commands. `events`: starts and ends of
+    local tasks, as `recorded_work` reads them; `unrecorded`: robots that did not record all that
+    they did; `logs`: how many robots have written a log.
     """
 
     result: str
@@ -49,6 +54,8 @@ class Evidence:
     takeovers: list[dict[str, Any]] = field(default_factory=list)
     blocked: frozenset[str] = frozenset()
     events: list[dict[str, Any]] = field(default_factory=list)
+    unrecorded: set[str] = field(default_factory=set)
+    logs: int = 0
     journals: Mapping[str, frozenset[Done]] = field(default_factory=dict)
     is_obsolete: Callable[[str], bool] = lambda activation: False
     links: list[LinkLine] = field(default_factory=list)
@@ -61,8 +68,10 @@ def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[Dri
     return list(_Judge(expect, mission, evidence).results())
 
 
-def _at_most(expected: str, found: Sequence[str], most: int = 0) -> DrillResult:
-    return DrillResult(expected, len(found) <= most, ", ".join(found) or "none")
+def _at_most(expected: str, found: Sequence[str], most: int, unobserved: str) -> DrillResult:
+    """Whether that was found at most so often; `unobserved`: why nothing could be found."""
+    holds = len(found) <= most and not unobserved
+    return DrillResult(expected, holds, ", ".join(found) or unobserved or "none")
 
 
 class _Judge:
@@ -159,7 +168,17 @@ class _Judge:
                 for part in moving(span, self.injected.freezes)
             )
             expected = f"never more than {never.more_than} at {ground}"
-            yield DrillResult(expected, most <= never.more_than, f"at most {most}")
+            unobserved = self.unobserved(works, ground)
+            is_within = most <= never.more_than
+            text = unobserved if is_within and unobserved else f"at most {most}"
+            yield DrillResult(expected, is_within and not unobserved, text)
+
+    def unobserved(self, works: Sequence[Span], what: str) -> str:
+        """Why it is not known what was done; empty if it is."""
+        if not works:
+            return f"nothing was recorded for {what}"
+        robots = ", ".join(sorted(self.evidence.unrecorded))
+        return f"not all was recorded by {robots}" if robots else ""
 
     def yields(self, robot: str) -> DrillResult:
         """When it wakes, a robot must cancel the work in which it was frozen."""
@@ -204,7 +223,9 @@ class _Judge:
             if not each["inflicted"] and not each["ended"]
         ]
         expected = f"at most {most} robots falsely held dead" if most else "no false death"
-        return _at_most(expected, found, most)
+        is_seen = self.evidence.states or self.evidence.takeovers
+        unobserved = "" if is_seen else "no robot was seen"
+        return _at_most(expected, found, most, unobserved)
 
     # -- links ----------------------------------------------------------------------------------
 
@@ -233,14 +254,17 @@ class _Judge:
             and line.pair not in self.injected.disturbed
         ]
         expected = f"at most {most} healthy links stall" if most else "no healthy link stalls"
-        return DrillResult(expected, len(found) <= most, "; ".join(found) or "none")
+        is_logged = self.evidence.logs or self.evidence.links
+        return _at_most(expected, found, most, "" if is_logged else "no robot has a log")
 
     # -- journals -----------------------------------------------------------------------------
 
     def repeated(self, most: int) -> DrillResult:
         found = repeats(self.mission, self.spans, self.injected)
         expected = f"at most {most} journaled local tasks repeated" if most else "nothing repeated"
-        return _at_most(expected, [f"{span.ground} by {span.robot}" for span in found], most)
+        texts = [f"{span.ground} by {span.robot}" for span in found]
+        unobserved = self.unobserved(self.spans, "any local task")
+        return _at_most(expected, texts, most, unobserved)
 
     def lost(self, _: int) -> DrillResult:
         found = [
@@ -248,7 +272,8 @@ class _Judge:
             for done in losses(self.injected, self.evidence.journals)
             if not self.evidence.is_obsolete(done.activation)
         ]
-        return _at_most("nothing journaled is lost", found)
+        unobserved = "" if self.evidence.journals else "no journal was read"
+        return _at_most("nothing journaled is lost", found, 0, unobserved)
 
 
 def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -> list[Span]:

@@ -12,6 +12,7 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.facts.records import RECORDING
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.drills.beside import beside
@@ -22,12 +23,11 @@ from mrbt_mesh.drills.judge import DrillResult, Evidence, judge
 from mrbt_mesh.drills.links import read_links
 from mrbt_mesh.drills.model import Profile
 from mrbt_mesh.drills.network import LinkFaults, places
-from mrbt_mesh.drills.physical import read_events
+from mrbt_mesh.drills.recorded_work import read_work
 from mrbt_mesh.drills.routers import DrillRouters, routers
 from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.formats.mission_file import compile_mission
 from mrbt_mesh.recording.folder import observer_file
-from mrbt_mesh.runtime.driver import EVENTS_FILE
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
@@ -122,8 +122,10 @@ async def run_drill(
         evidence.beside_ended = around.ended()
         evidence.checks = [around.check(command) for command in drill.model.expect.checks]
     evidence.crashes = team.crashes()
-    evidence.events = read_events(run_dir.path / EVENTS_FILE)
     ran = run_dir.robots()
+    evidence.events, recorded = read_work(run_dir.path)
+    evidence.unrecorded |= set(ran) - recorded
+    evidence.logs = sum(run_dir.log_path(robot).exists() for robot in ran)
     evidence.links = read_links(run_dir.path, ran)
     evidence.journals = read(run_dir.path, ran, drill.mission.team_digest, info.run)
     return DrillRun(
@@ -198,6 +200,7 @@ class _Run:
                     strict=True,
                 )
             ],
+            unrecorded={robot for robot, subject in record.problems if subject == RECORDING},
             blocked=frozenset(episode.request for episode in record.blocked),
             is_obsolete=lambda activation: observer.mission.evaluator.is_obsolete(
                 parse_activation(activation), observer.facts

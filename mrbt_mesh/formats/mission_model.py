@@ -494,6 +494,7 @@ class MissionModel(FileModel):
     respect (docs/how-to/constraints.md). `jobs`: types of jobs, which Jobs nodes name.
     `blackboard`: what else robots tell one another (docs/how-to/conditions.md).
     `local_conditions`: what the trees of local tasks may read; each robot has its own.
+    `recorded: required`: a robot that does not record takes no exclusive task.
     """
 
     mission: Name
@@ -501,6 +502,7 @@ class MissionModel(FileModel):
     assignment: Literal["any", "spare_scarce"] = "any"
     blocked: Blocked = "wait"
     ends: Literal["once", "never"] = "once"
+    recorded: Literal["if_possible", "required"] = "if_possible"
     solver: SolverText | None = None
     constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}

@@ -18,7 +18,7 @@ FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
 ROBOT_TREES = "/robot_trees"
 FAULTS, DEATHS, BEATS = "/faults", "/deaths", "/beats"
-SIGNATURES, HEADS = "/signatures", "/heads"
+SIGNATURES, HEADS, PARTS = "/signatures", "/heads", "/parts"
 POSITIONS, SCENE, MAP = "/positions", "/scene", "/map"
 
 SCHEMAS = Path(__file__).with_name("foxglove_schemas")

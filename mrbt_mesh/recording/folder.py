@@ -2,16 +2,22 @@
 
 run.mcap                what the observer of the run has received
 recordings/ROBOT.mcap   what a robot knew and did; ROBOT.2.mcap in its second process, and so on
+
+A long recording goes on in ROBOT.part2.mcap and so on; its first parts may be gone.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from glob import escape
 from pathlib import Path
 from typing import BinaryIO
 
 # A step writes little; a page of facts is some hundred kilobytes.
 BUFFER_BYTES = 1 << 20
 FOLDER, OBSERVERS, SUFFIX = "recordings", "run", ".mcap"
+_PART = re.compile(r"\.part([1-9][0-9]{0,8})$")
 
 
 def robot_file(run_dir: Path, robot: str) -> Path:
@@ -34,17 +40,52 @@ def open_new(path: Path) -> BinaryIO:
     while True:
         name = path.name if number == 1 else f"{path.stem}.{number}{path.suffix}"
         try:
-            return path.with_name(name).open("xb", buffering=BUFFER_BYTES)
+            if not parts_of(path.with_name(name)):
+                return path.with_name(name).open("xb", buffering=BUFFER_BYTES)
         except FileExistsError:
-            number += 1
+            pass
+        number += 1
+
+
+def part_path(path: Path, number: int) -> Path:
+    """The file of a part of the recording whose first part is this file."""
+    name = path.name if number == 1 else f"{path.stem}.part{number}{path.suffix}"
+    return path.with_name(name)
+
+
+def number_of_part(path: Path) -> int:
+    """1: the first part, or the only one."""
+    found = _PART.search(path.stem)
+    return int(found[1]) if found is not None else 1
+
+
+def first_part(path: Path) -> Path:
+    """The file of the first part, which may be gone, of the recording that this is a part of."""
+    return path.with_name(_PART.sub("", path.stem) + path.suffix)
+
+
+def parts_of(path: Path) -> list[Path]:
+    """The parts that are there of the recording whose first part is this file, in their order."""
+    found = (each for each in path.parent.glob(f"{escape(path.stem)}.part*{path.suffix}"))
+    later = [each for each in found if first_part(each) == path]
+    return [*([path] if path.exists() else []), *sorted(later, key=number_of_part)]
+
+
+def first_parts(paths: Iterable[Path]) -> list[Path]:
+    """The files of first parts, which may be gone, of the recordings that these belong to."""
+    return sorted({first_part(path) for path in paths})
 
 
 def observer_files(run_dir: Path) -> list[Path]:
-    """The recordings of a run's observers, sorted."""
+    """The recordings of a run's observers, all parts, sorted."""
     names = (f"{OBSERVERS}{SUFFIX}", f"{OBSERVERS}.*{SUFFIX}")
-    return sorted(path for name in names for path in run_dir.glob(name))
+    return _in_order(path for name in names for path in run_dir.glob(name))
 
 
 def robot_files(run_dir: Path) -> list[Path]:
-    """The recordings of a run's robots, sorted."""
-    return sorted((run_dir / FOLDER).glob(f"*{SUFFIX}"))
+    """The recordings of a run's robots, all parts, sorted."""
+    return _in_order((run_dir / FOLDER).glob(f"*{SUFFIX}"))
+
+
+def _in_order(paths: Iterable[Path]) -> list[Path]:
+    return sorted(paths, key=lambda path: (first_part(path), number_of_part(path)))

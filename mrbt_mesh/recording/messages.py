@@ -20,6 +20,7 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.wire import RecordingHead
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.recording.channels import FORMAT
@@ -218,6 +219,15 @@ class MessageSink(Protocol):
     def flush(self, now_us: int) -> None:
         """Hand over what was written; `now_us` as in `write`."""
 
+    @property
+    def is_full(self) -> bool:
+        """Whether another part is to be begun as soon as that can be."""
+
+    def begin_part(
+        self, mission: Mission, facts: Iterable[Entry], about: Mapping[str, Any], now_us: int
+    ) -> None:
+        """Begin another part with the present state; `about`: more fields of its message."""
+
     def abandon(self) -> None:
         """Leave it as it is: it could not be written."""
 
@@ -248,7 +258,7 @@ class MessageEncoder:
     """Makes the messages of one recording, in their order. `number`: how many there were."""
 
     def __init__(self, metadata: RunMetadata) -> None:
-        self.number = 0
+        self.number = metadata.after_number
         self.epoch_ns = metadata.epoch_ns
         self._check = first_check(metadata.to_values())
 

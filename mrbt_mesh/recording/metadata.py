@@ -27,6 +27,10 @@ class RunMetadata:
     `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
     are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: by how much
     simulated robots are faster. `is_observed`: what launched the robots records their run too.
+
+    A long recording has several parts: `part` is the number of this one, `after_number` and
+    `after_check` are those of the last message of the part before, and `kept_from` was the first
+    part that was kept when this one began.
     """
 
     robot: str
@@ -40,6 +44,10 @@ class RunMetadata:
     has_keys: bool = False
     speed: float = 1.0
     is_observed: bool = False
+    part: int = 1
+    after_number: int = 0
+    after_check: str = ""
+    kept_from: int = 1
 
     @property
     def team_digest(self) -> str:
@@ -70,6 +78,10 @@ class RunMetadata:
             "solver": self.solver,
             "has_keys": str(self.has_keys).lower(),
             "speed": repr(self.speed),
+            "part": str(self.part),
+            "after_number": str(self.after_number),
+            "after_check": self.after_check,
+            "kept_from": str(self.kept_from),
             "is_observed": str(self.is_observed).lower(),
         }
 
@@ -96,6 +108,10 @@ class RunMetadata:
                 _TRUTH[values["has_keys"]],
                 speed,
                 _TRUTH[values["is_observed"]],
+                int(values["part"]),
+                int(values["after_number"]),
+                values["after_check"],
+                int(values["kept_from"]),
             )
         except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"its metadata are damaged: {error!r}") from None

@@ -63,6 +63,7 @@ class ObserverRecorder(Recorder):
         has_succeeded = observer.record.task_log.has_succeeded
         self._write_scene(now_us, has_succeeded, observer.facts.changes, plan)
         self._sink.flush(now_us)
+        self._begin_part(now_us)
 
     def _robot(self, robot: str, peer: Peer, now_us: int) -> None:
         beat, report = peer.heartbeat, peer.report

@@ -64,7 +64,7 @@ class Player:
 
     def _rewind(self) -> None:
         self.observer = self._make_observer()
-        self.state = RecordedState(self.observer.facts)
+        self.state = RecordedState(self.observer.facts, self.recording.metadata.part)
         self._plan = self._engine.plan_making(default_solver)
         # Since when robots have been missed: the best known time of their deaths.
         self._missed_us: dict[str, int] = {}
@@ -153,6 +153,8 @@ class Player:
             self._tree_ticked(data["robot"])
         elif record.topic == channels.PLANS and not self.state.is_skipping:
             self._planned(data, at_us)
+        elif record.topic == channels.PARTS and self.state.plan is not None:
+            self._planned(self.state.plan, at_us)
         elif record.topic in (channels.STATUSES, channels.ACTIONS):
             self._myself(at_us)
         elif record.topic in (channels.SCENE, channels.POSITIONS):

@@ -15,7 +15,7 @@ import weakref
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from io import SEEK_END, BytesIO
 from pathlib import Path
@@ -25,7 +25,16 @@ import fastjsonschema
 
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording import mcap_file
-from mrbt_mesh.recording.channels import ACTIONS, BEATS, CHANNELS, DROPPED, FACTS, SIGNATURES
+from mrbt_mesh.recording.channels import (
+    ACTIONS,
+    BEATS,
+    CHANNELS,
+    DROPPED,
+    FACTS,
+    PARTS,
+    SIGNATURES,
+)
+from mrbt_mesh.recording.folder import first_part, number_of_part, parts_of
 from mrbt_mesh.recording.messages import (
     CHECK_BYTES,
     first_check,
@@ -94,13 +103,30 @@ class RecordedMessages(Sequence[RecordedMessage]):
     def __init__(self, file: BinaryIO) -> None:
         self.times_us = array("q")
         self.topics: list[str] = []
-        self._file = file
+        # By the index of the first message that is in it.
+        self._files: dict[int, BinaryIO] = {0: file}
         self._places = array("Q")
         self._lengths = array("I")
         self._numbers = array("I")
         self._until: array[int] | None = None
-        self._owner: RecordedMessages | None = None
+        # Whose end closes the files.
+        self._owners: list[RecordedMessages] = []
         weakref.finalize(self, file.close)
+
+    @classmethod
+    def joined(cls, parts: Sequence[tuple[RecordedMessages, int]]) -> RecordedMessages:
+        """The messages of several files in one order, those of each from an index on."""
+        found = cls(parts[0][0]._files[0])
+        found._files = {}
+        found._owners = [each for each, _ in parts]
+        for each, begin in parts:
+            found._files[len(found)] = each._files[0]
+            found._numbers += each._numbers[begin:]
+            found._lengths += each._lengths[begin:]
+            found._places += each._places[begin:]
+            found.times_us += each.times_us[begin:]
+            found.topics += each.topics[begin:]
+        return found
 
     def add(self, number: int, topic: str, at_us: int, place: int, length: int) -> None:
         """Note a message of the file."""
@@ -113,7 +139,7 @@ class RecordedMessages(Sequence[RecordedMessage]):
     def shifted(self, by_us: int) -> RecordedMessages:
         """The same messages, later by this."""
         found = copy(self)
-        found._owner = self  # whose end closes the file
+        found._owners = [self]
         found.times_us = array("q", [at_us + by_us for at_us in self.times_us])
         return found
 
@@ -137,8 +163,11 @@ class RecordedMessages(Sequence[RecordedMessage]):
         return (self[index] for index, topic in enumerate(self.topics) if topic in topics)
 
     def _text(self, index: int) -> bytes:
-        self._file.seek(self._places[index])
-        return self._file.read(self._lengths[index])
+        index %= len(self)
+        begin = max(each for each in self._files if each <= index)
+        file = self._files[begin]
+        file.seek(self._places[index])
+        return file.read(self._lengths[index])
 
     def valid_before(self, end: int) -> list[int]:
         """The indexes of the messages before this one that are still valid there.
@@ -182,6 +211,10 @@ class Recording:
     """What a file holds. `cut_off_at`: the byte at which it ends in the middle of a record, or
     without its end; None if it was closed. `torn_bytes`: how many bytes without meaning follow the
     last whole record, as a power cut or a full disk leaves them.
+
+    `parts`: the files, if several parts follow one another; `records` has no states at the
+    beginnings of later ones then, and `metadata` are those of the first. `last`: number and check
+    of the last message.
     """
 
     path: Path
@@ -191,6 +224,8 @@ class Recording:
     cut_off_at: int | None = None
     signatures: tuple[Signature, ...] = ()
     torn_bytes: int = 0
+    last: tuple[int, bytes] = (0, b"")
+    parts: tuple[Recording, ...] = ()
 
     @property
     def begin_us(self) -> int:
@@ -201,6 +236,19 @@ class Recording:
     def name(self) -> str:
         """How it is called where several are compared."""
         return self.path.name
+
+    def name_at(self, number: int) -> str:
+        """The name of the file with the message of this number."""
+        names = (each.name for each in self.parts if each.metadata.after_number < number)
+        return [self.name, *names][-1]
+
+    @property
+    def begins_late(self) -> str:
+        """What is to be said of a recording whose first parts were not kept; empty otherwise."""
+        part = self.metadata.part
+        if part == 1:
+            return ""
+        return f"it begins with part {part}: what was before is not kept (--keep), nor proved"
 
     @property
     def torn(self) -> str:
@@ -213,16 +261,67 @@ class Recording:
 
 def read_recording(path: Path) -> Recording:
     """Read the file, and check every message; raises RecordingError for one that is no recording
-    at all.
+    at all. The parts that follow it are read as well; a later part alone is read alone.
     """
-    return _read_file(path, True)
+    return read_recordings(path)[-1]
 
 
 def open_recording(path: Path) -> Recording:
     """As `read_recording`, in a small part of the time: messages are checked against their schemas
     only when they are taken.
     """
-    return _read_file(path, False)
+    return read_recordings(path, checks_schemas=False)[-1]
+
+
+def read_recordings(path: Path, *, checks_schemas: bool = True) -> list[Recording]:
+    """As `read_recording`; where a part in the middle is missing, or does not follow from the one
+    before it, another recording begins. At least one. Raises RecordingError.
+    """
+    files = (parts_of(path) or [path]) if number_of_part(path) == 1 else [path]
+    found: list[list[Recording]] = []
+    for file in files:
+        each = _read_file(file, checks_schemas)
+        if found and _follows(found[-1][-1], each):
+            found[-1].append(each)
+        else:
+            found.append([each])
+    return [_joined(each) for each in found]
+
+
+def _follows(part: Recording, later: Recording) -> bool:
+    said = later.metadata
+    return (said.part, said.after_number, said.after_check) == (
+        part.metadata.part + 1,
+        part.last[0],
+        part.last[1].hex(),
+    )
+
+
+def _joined(parts: list[Recording]) -> Recording:
+    """The recording of these parts."""
+    first, last = parts[0], parts[-1]
+    if len(parts) == 1:
+        return first
+    begins = [0, *(state_end(part.records) for part in parts[1:])]
+    damage = [each for part in parts for each in part.damage]
+    for part, begin in zip(parts[1:], begins[1:], strict=True):
+        if not begin:
+            damage.append(Damage(part.metadata.after_number + 1, "it begins without a state"))
+    rows = [(part.records, begin) for part, begin in zip(parts, begins, strict=True)]
+    return replace(
+        last,
+        path=first_part(first.path),
+        metadata=first.metadata,
+        records=RecordedMessages.joined(rows),
+        damage=tuple(damage),
+        signatures=tuple(each for part in parts for each in part.signatures),
+        parts=tuple(parts),
+    )
+
+
+def state_end(records: RecordedMessages) -> int:
+    """The index of the first message that is not of the state at the beginning of a part."""
+    return records.topics.index(PARTS) + 1 if PARTS in records.topics else 0
 
 
 def _read_file(path: Path, checks_schemas: bool) -> Recording:
@@ -264,7 +363,8 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
         cut_off = None
     damage, signatures = tuple(reading.damage), tuple(reading.signatures)
     torn = 0 if has_more else reading.size - end
-    return Recording(path, metadata, reading.records, damage, cut_off, signatures, torn)
+    records, last = reading.records, reading.last
+    return Recording(path, metadata, records, damage, cut_off, signatures, torn, last)
 
 
 class _Reading:
@@ -290,6 +390,11 @@ class _Reading:
         self._epoch_ns = 0
         # Behind this byte there are only zeros.
         self._solid = self._end_of_data()
+
+    @property
+    def last(self) -> tuple[int, bytes]:
+        """Number and check of the last message."""
+        return self._number, self._check
 
     def _end_of_data(self) -> int:
         end = self.size
@@ -378,6 +483,7 @@ class _Reading:
         self._check = first_check(self.metadata)
         with contextlib.suppress(ValueError):
             self._epoch_ns = int(self.metadata.get("epoch_ns", ""))
+            self._number = int(self.metadata.get("after_number", ""))
         return end
 
     def _is_begun(self) -> bool:

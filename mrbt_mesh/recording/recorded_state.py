@@ -32,14 +32,14 @@ class RecordedState:
     `plan`, `statuses`, `action` and `robots` are the last messages of their channels, `action` None
     once it has ended, `robots` by name. `changes`: how many changes of facts there were.
     `positions`: of the robots that are there and report them. `is_skipping`: only those records
-    come that are still valid at the next one, the scene first.
+    come that are still valid at the next one, the scene first: so at the beginning of a later part.
     """
 
-    def __init__(self, facts: TeamFacts) -> None:
-        """`facts` are empty, and of the recording's mission and run."""
+    def __init__(self, facts: TeamFacts, part: int = 1) -> None:
+        """`facts` are empty, and of the recording's mission and run; `part`: its first part."""
         self.facts = facts
         self.changes = 0
-        self.is_skipping = False
+        self.is_skipping = part > 1
         self.alive: dict[str, Incarnation] = {}
         self.plan: Mapping[str, Any] | None = None
         self.statuses: Mapping[str, Any] | None = None
@@ -72,10 +72,10 @@ class RecordedState:
                 self.plan = data
             case channels.STATUSES:
                 self.statuses = data
-            case channels.ROBOTS:
-                self.robots[data["robot"]] = data
-            case channels.ROBOT_TREES:
-                self.trees[data["robot"]] = unpack_statuses(data["nodes"])
+            case channels.ROBOTS | channels.ROBOT_TREES:
+                self._robot(record.topic, data)
+            case channels.PARTS:
+                self.is_skipping, self.changes = False, data["changes"]
             case channels.ACTIONS:
                 self._action(data)
             case channels.SCENE:
@@ -83,6 +83,12 @@ class RecordedState:
             case channels.POSITIONS:
                 self._moved(data)
         return None
+
+    def _robot(self, topic: str, data: Mapping[str, Any]) -> None:
+        if topic == channels.ROBOTS:
+            self.robots[data["robot"]] = data
+        else:
+            self.trees[data["robot"]] = unpack_statuses(data["nodes"])
 
     def _scene(self, data: Mapping[str, Any]) -> None:
         self._drawn = {each["id"]: bool(each["arrows"]) for each in data["entities"]}

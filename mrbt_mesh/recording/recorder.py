@@ -34,6 +34,8 @@ class Recorder:
         self._alive: dict[str, Incarnation] = {}
         self._heads: dict[str, RecordingHead] = {}
         self._changes = 0
+        # Whether the last plan is that of the facts and the alive set as they are.
+        self._is_settled = True
         # (topic, number of the change or 0, the fact or the message).
         self._waiting: list[tuple[str, int, Any]] = []
         self._facts_changed([(None, entry) for entry in facts.map])
@@ -50,6 +52,7 @@ class Recorder:
     def _facts_changed(self, changes: Sequence[Change]) -> None:
         if self._facts.declared is not self._mission:
             self._use(self._facts.declared)
+        self._is_settled = False
         for old, new in changes:
             self._changes += 1
             topic = channels.DROPPED if new is None else channels.FACTS
@@ -63,6 +66,7 @@ class Recorder:
         """Note the alive set, if it is another one."""
         if alive != self._alive:
             self._alive = dict(alive)
+            self._is_settled = False
             self._add(channels.ALIVE, {"robots": pack_alive(alive)})
 
     def _add_plan(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
@@ -71,6 +75,13 @@ class Recorder:
         self._plans += 1
         digest = self._facts.map.digest()
         self._add(channels.PLANS, pack_plan(plan, self._plans, self._changes, digest, alive))
+        self._is_settled = True
+
+    def _begin_part(self, now_us: int, **about: Any) -> None:
+        """Go on in another part if this one is full, and the state of now is a whole one."""
+        if self._sink.is_full and self._is_settled and not self._waiting:
+            said = {"incarnation": "", "sequence": 0, "ticket": 0, "changes": self._changes}
+            self._sink.begin_part(self._mission, self._facts.map, {**said, **about}, now_us)
 
     def _noted(self) -> Iterator[TopicMessage]:
         """What was noted; each message is handed over once."""

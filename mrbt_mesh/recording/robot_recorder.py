@@ -16,7 +16,8 @@ from mrbt_mesh.core.agent.inputs import (
     TokenChanged,
 )
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.facts.store import Change, Incarnation
+from mrbt_mesh.core.facts.records import Outcome
+from mrbt_mesh.core.facts.store import Change, Incarnation, Version
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind, RecordingHead
 from mrbt_mesh.core.mission.mission import MICRO, Mission
@@ -50,6 +51,11 @@ class RobotRecorder(Recorder):
         self, sink: RecordingWriter, view: AgentView, now_us: int, *, beats: bool = False
     ) -> None:
         self._tasks = TaskLog(view.facts.declared)
+        self._robot = view.robot
+        # Of its own facts, the last one's.
+        self._version_written = Version(Incarnation(0, ""), 0)
+        # Whether an action has ended whose outcome is still to be written; whether one was, now.
+        self._awaits_outcome = self._has_outcome = False
         super().__init__(sink, view.facts.declared, view.facts)
         self._writer, self._view = sink, view
         self._beats = beats
@@ -79,9 +85,12 @@ class RobotRecorder(Recorder):
 
     def _facts_changed(self, changes: Sequence[Change]) -> None:
         super()._facts_changed(changes)
-        for _, new in changes if self._places else ():
-            if new is not None:
+        for _, new in changes:
+            if new is not None and self._places:
                 self._tasks.fact(new)
+            if new is not None and new.author == self._robot:
+                self._version_written = max(self._version_written, new.version)
+                self._has_outcome |= isinstance(new.record, Outcome)
 
     def take_head(self) -> RecordingHead | None:
         """How far the recording has been signed, once each time: others are to hear it."""
@@ -116,9 +125,16 @@ class RobotRecorder(Recorder):
             self._write(self._effects(effect), now_us)
         # A plan follows a change of facts, if anything does.
         self._write_scene(now_us, self._tasks.has_succeeded, self._plans)
+        self._awaits_outcome &= not self._has_outcome
+        self._has_outcome = False
         if effects:
             # Inputs without effects can wait.
             self._sink.flush(now_us)
+            if not view.is_joining and not view.is_leaving and not self._awaits_outcome:
+                life, written = view.incarnation, self._version_written
+                sequence = written.sequence if written.incarnation == life else 0
+                ticket = self._action.ticket if self._action is not None else 0
+                self._begin_part(now_us, incarnation=str(life), sequence=sequence, ticket=ticket)
 
     # -- what came in -------------------------------------------------------------------------
 
@@ -138,9 +154,16 @@ class RobotRecorder(Recorder):
                 self._percent = percent
                 yield from self._own("progress", ticket, percent=percent)
             case ActionFinished(ticket, success, _, error):
-                yield from self._own("finished", ticket, success=success, error=error)
+                ended = list(self._own("finished", ticket, success=success, error=error))
+                if ended:
+                    self._awaits_outcome = not (success and self._is_on_way)
+                yield from ended
             case ActionStopped(ticket):
                 yield from self._own("stopped", ticket)
+
+    @property
+    def _is_on_way(self) -> bool:
+        return self._action is not None and bool(self._action.travel_to)
 
     def _own(self, event: str, ticket: int, **more: Any) -> Iterator[TopicMessage]:
         action = self._action
@@ -212,6 +235,7 @@ class RobotRecorder(Recorder):
             case Log(_, "grants_ran_out"):
                 yield _fault("grants_ran_out", me, str(self._view.incarnation))
             case Log(_, event) if event in _LIFE:
+                self._awaits_outcome = False  # it belongs to no life, or to the next one
                 said = {"event": event, "incarnation": str(self._view.incarnation)}
                 yield channels.LIFE, said
             case Stop(code, reason):

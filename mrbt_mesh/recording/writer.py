@@ -1,33 +1,87 @@
 """Writes a recording: MCAP without chunks, handed to the system after every step.
 
-What was written survives the end of its process, also by SIGKILL.
+What was written survives the end of its process, also by SIGKILL. A long recording has several
+parts, each a file that can be read alone: the first messages of a later one are the state at its
+beginning. Its metadata, and so all its checks and signatures, follow from the part before.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
+from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.wire import RecordingHead
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording import mcap_file
-from mrbt_mesh.recording.channels import BEATS, CHANNELS, SIGNATURES
-from mrbt_mesh.recording.folder import open_new
-from mrbt_mesh.recording.messages import MessageEncoder
+from mrbt_mesh.recording.channels import (
+    ACTIONS,
+    BEATS,
+    CHANNELS,
+    DEATHS,
+    FACTS,
+    PARTS,
+    SCENE,
+    SIGNATURES,
+)
+from mrbt_mesh.recording.folder import BUFFER_BYTES, open_new, part_path
+from mrbt_mesh.recording.messages import MessageEncoder, pack_fact
 from mrbt_mesh.recording.metadata import RunMetadata
 
 # What a killed robot recorded last is signed up to this much before its end.
 SIGN_US = 1_000_000
+# The limit of a recording is that of so many parts.
+PARTS_IN_LIMIT = 8
+_Message: TypeAlias = tuple[str, int, Mapping[str, Any]]
+
+
+class Standing:
+    """The messages that are still valid, facts excepted, by `Channel.stands_for`."""
+
+    def __init__(self) -> None:
+        self._by_key: dict[tuple[object, ...], _Message] = {}
+        self._action: list[_Message] = []
+
+    def take(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
+        """A message was written."""
+        fields = CHANNELS[topic].stands_for
+        if topic == ACTIONS:
+            self._acted(topic, at_us, data)
+        elif fields is not None and topic != FACTS:
+            self._by_key[topic, *[data[name] for name in fields]] = topic, at_us, data
+
+    def _acted(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
+        """The start, progress and cancellation of an action are valid until it ends."""
+        event = data["event"]
+        if event in ("started", "finished", "stopped"):
+            self._action.clear()
+        if event not in ("finished", "stopped"):
+            self._action.append((topic, at_us, data))
+
+    def messages(self, now_us: int) -> Iterator[tuple[str, Mapping[str, Any]]]:
+        """All of them. A scene has the robots that are there, so it comes before positions."""
+        order = list(CHANNELS)
+        listed = sorted(
+            [*self._by_key.values(), *self._action],
+            key=lambda each: -1 if each[0] == SCENE else order.index(each[0]),
+        )
+        for topic, at_us, data in listed:
+            # How long ago a robot died.
+            later = {"ago_us": data["ago_us"] + now_us - at_us} if topic == DEATHS else {}
+            yield topic, {**data, **later}
 
 
 class RecordingWriter:
     """One recording, in a new file: beside another one where that is there already.
 
-    `keys` sign it every second, and at its end. Raises OSError where the file cannot be written, or
-    has come to `limit_bytes`; None: no limit.
+    `keys` sign it every second, and at the end of each part. With `limit_bytes` it has parts, and
+    the oldest are removed, so that it stays below. Raises OSError where a file cannot be written.
     """
 
     def __init__(
@@ -40,14 +94,22 @@ class RecordingWriter:
         keys: Keys | None = None,
     ) -> None:
         self._limit_bytes = limit_bytes
-        self._encoder = MessageEncoder(metadata)
         self._keys = keys
         self._now_us, self._signed_us = 0, -SIGN_US
         # Signed and handed over, and not told yet.
         self._head: RecordingHead | None = None
-        self._file = open_new(path)
         self._topics = tuple(topic for topic in CHANNELS if beats or topic != BEATS)
         self._channels = mcap_file.channel_numbers(self._topics)
+        self._standing = Standing()
+        # The number of a part that was ended and is kept -> its bytes.
+        self._kept: dict[int, int] = {}
+        self._file = open_new(path)
+        self._first = Path(self._file.name)
+        self._begin(metadata)
+
+    def _begin(self, metadata: RunMetadata) -> None:
+        """Begin a file, with what is before its messages."""
+        self._metadata, self._encoder = metadata, MessageEncoder(metadata)
         self._file.write(mcap_file.begin(self._topics, metadata.to_values()))
         self._file.flush()
 
@@ -60,6 +122,7 @@ class RecordingWriter:
         """Add a message; `data` is not empty and fits the channel's schema."""
         self._now_us = at_us
         at_ns, text = self._encoder.encode(topic, at_us, data)
+        self._standing.take(topic, at_us, data)
         channel, number = self._channels[topic], self._encoder.number
         self._file.write(mcap_file.message(channel, number, at_ns, text))
 
@@ -77,7 +140,67 @@ class RecordingWriter:
             self._sign(False)
         self._file.flush()
         if self._limit_bytes is not None and self._file.tell() > self._limit_bytes:
-            raise OSError(errno.EFBIG, f"it has come to {self._limit_bytes >> 20} MiB (--keep)")
+            text = f"one part of it has come to {self._limit_bytes >> 20} MiB (--keep)"
+            raise OSError(errno.EFBIG, text)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether another part is to be begun as soon as that can be."""
+        return self._limit_bytes is not None and self._file.tell() > self._part_bytes
+
+    @property
+    def _part_bytes(self) -> int:
+        assert self._limit_bytes is not None
+        return self._limit_bytes // PARTS_IN_LIMIT
+
+    def begin_part(
+        self, mission: Mission, facts: Iterable[Entry], about: Mapping[str, Any], now_us: int
+    ) -> None:
+        """End the file and begin another one with the present state: these facts, and all messages
+        that are still valid. `about`: more fields of the message that ends this state.
+        """
+        self._now_us = now_us
+        self._sign(False)
+        number, head = self._metadata.part, self._encoder.head
+        self._end_file()
+        self._kept[number] = self._file.tell()
+        self._file.close()
+        obsolete = self._obsolete()
+        self._file = part_path(self._first, number + 1).open("xb", buffering=BUFFER_BYTES)
+        metadata = replace(
+            self._metadata,
+            part=number + 1,
+            after_number=head.number,
+            after_check=head.check.hex(),
+            kept_from=min(self._kept, default=number + 1),
+        )
+        if mission.digest != metadata.mission_digest:
+            compiled, digest = compile_mission(mission), mission.digest
+            metadata = replace(metadata, mission=compiled, mission_digest=digest)
+        self._begin(metadata)
+        standing = list(self._standing.messages(now_us))
+        for entry in facts:
+            self.write(FACTS, now_us, pack_fact(entry, 0))
+        for topic, data in standing:
+            self.write(topic, now_us, data)
+        self.write(PARTS, now_us, {"part": number + 1, **about})
+        self._sign(False)
+        self._file.flush()
+        for each in obsolete:
+            part_path(self._first, each).unlink(missing_ok=True)
+
+    def _obsolete(self) -> list[int]:
+        """Parts that are kept no more, so that there is room for another one."""
+        assert self._limit_bytes is not None
+        found = []
+        while self._kept and sum(self._kept.values()) + self._part_bytes > self._limit_bytes:
+            found.append(min(self._kept))
+            del self._kept[found[-1]]
+        return found
+
+    def _end_file(self) -> None:
+        self._file.write(mcap_file.end(self._topics, self._file.tell()))
+        self._file.flush()
 
     def take_head(self) -> RecordingHead | None:
         """How far the recording has been signed, once each time."""
@@ -95,6 +218,6 @@ class RecordingWriter:
             return
         try:
             self._sign(True)
-            self._file.write(mcap_file.end(self._topics, self._file.tell()))
+            self._end_file()
         finally:
             self._file.close()

@@ -44,6 +44,7 @@ from mrbt_mesh.core.agent.inputs import (
     Input,
     LeaveRequested,
     PlanMade,
+    RecordingReported,
     RecordingSigned,
     ScheduleFound,
     TimerFired,
@@ -52,6 +53,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
+from mrbt_mesh.core.facts.records import NOT_RECORDED
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.blackboard import Value
@@ -158,7 +160,7 @@ class Driver:
             self._meter.sync_s if self._meter else None,
         )
         self._recording = robot_recording(
-            setup.options, setup.mission, setup.config, self._agent.view, self.log
+            setup.options, setup.mission, setup.config, self._agent.view, self._recording_ended
         )
         self._run_dir = RunDir(setup.options.run_dir) if setup.options.run_dir else None
         # When it fires, on `boottime_us`.
@@ -365,6 +367,11 @@ class Driver:
             self._step(RecordingSigned(head), now_us)
         self._inbox.are_beats_quiet = self._agent.view.is_calm
         self.on_step()
+
+    def _recording_ended(self, reason: str) -> None:
+        self.log("error", "recording_ended", reason=reason)
+        # In the middle of a step, whose effects are still to be carried out.
+        self._from_thread(self.submit, RecordingReported(f"{NOT_RECORDED}: {reason}"))
 
     def _read_wall_clock(self, now_us: int) -> None:
         """Give the agent the wall clock, once and again after it was set."""

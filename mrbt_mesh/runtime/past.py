@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.folder import first_parts, observer_files, parts_of, robot_files
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import RecordingError, open_recording
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -69,10 +69,15 @@ def _by_worth(run_dir: Path) -> Iterator[Path]:
 
     An observer has heard all robots; of robots, the one that was there longest comes first.
     """
-    watched, robots = observer_files(run_dir), robot_files(run_dir)
-    times = {path: path.stat().st_mtime for path in (*watched, *robots)}
+    watched, robots = (
+        {path: [each.stat() for each in parts_of(path)] for path in first_parts(files)}
+        for files in (observer_files(run_dir), robot_files(run_dir))
+    )
+    found = {**watched, **robots}
+    times = {path: max(each.st_mtime for each in found[path]) for path in found}
     newest = max(times.values(), default=0.0)
     fresh = [path for path in times if times[path] > newest - STILL_WRITTEN_S]
     for some in (watched, robots):
-        yield from sorted((p for p in some if p in fresh), key=lambda p: -p.stat().st_size)
+        sizes = {path: sum(each.st_size for each in some[path]) for path in some if path in fresh}
+        yield from sorted(sizes, key=lambda path: -sizes[path])
     yield from sorted((p for p in times if p not in fresh), key=lambda p: -times[p])

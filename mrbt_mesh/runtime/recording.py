@@ -1,4 +1,4 @@
-"""A recording of a real process. A full disk, or their limit, ends them, and nothing else."""
+"""A recording of a real process. A full disk ends it, and nothing else."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.view import AgentView
@@ -25,7 +25,7 @@ _Recorder = TypeVar("_Recorder", bound=Recorder)
 
 
 class GuardedRecorder(Generic[_Recorder]):
-    """A recorder that a full disk, or the limit of its file, ends; `report` gets the reason.
+    """A recorder that a full disk ends; `report` gets the reason.
 
     `recorder`: None once it has ended so.
     """
@@ -54,9 +54,12 @@ def robot_recording(
     mission: Mission,
     config: AgentConfig,
     view: AgentView,
-    log: Callable[..., Any],
+    ended: Callable[[str], None],
 ) -> GuardedRecorder[RobotRecorder] | None:
-    """Begin to record a robot, before its first step; raises InputError if that cannot be."""
+    """Begin to record a robot, before its first step; raises InputError if that cannot be.
+
+    `ended` gets the reason if it cannot go on.
+    """
     path, beats = options.record, options.record_beats
     if path is None:
         return None
@@ -73,7 +76,7 @@ def robot_recording(
         recorder = RobotRecorder(writer, view, boottime_us(), beats=beats)
     except OSError as error:
         raise InputError(cannot_record(path, error)) from None
-    return GuardedRecorder(recorder, lambda reason: log("error", "recording_ended", reason=reason))
+    return GuardedRecorder(recorder, ended)
 
 
 def metadata_of(mission: Mission, robot: str, run: str, timing: Timing) -> RunMetadata:

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 
 from mrbt_mesh import plugins
 from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.facts.records import NOT_ASKED
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
@@ -119,6 +120,7 @@ def robot_setup(
         pid=os.getpid(),
         restored=restored,
         journal_problem=problem,
+        recording_problem="" if options.record is not None else NOT_ASKED,
         keys=keys,
         life=time.time_ns() // 1_000,
     )

@@ -205,6 +205,28 @@ def link(unix_s: float, robot: str, peer: str, *, back: bool) -> LinkLine:
     return LinkLine(unix_s, robot, peer, "link_heard" if back else "link_silent")
 
 
+NEVER = [{"local_task": "replace_hw(2)"}]
+
+
+def test_absence_holds_only_where_something_was_observed() -> None:
+    """Nothing was started, nothing was journaled, nobody was seen: that proves nothing."""
+    found = results(Evidence("success"), never=NEVER, repeated=0, false_deaths=0, stalls=0)
+    assert [(each.holds, each.found) for each in found] == [
+        (False, "nothing was recorded for replace_hw(2)"),
+        (False, "nothing was recorded for any local task"),
+        (False, "no journal was read"),
+        (False, "no robot was seen"),
+        (False, "no robot has a log"),
+    ]
+
+
+def test_absence_does_not_hold_where_a_robot_did_not_record() -> None:
+    injected = InjectedFaults(deaths={PIDS["A1"]: 1.5})
+    evidence = Evidence("success", injected, events=KILLED_AT_WORK, unrecorded={"B1"})
+    found = one(evidence, never=NEVER)
+    assert (found.holds, found.found) == (False, "not all was recorded by B1")
+
+
 def cut_until(healed_s: float, *links: LinkLine, disturbed: str = "A1 B1") -> Evidence:
     heal = InjectedFault(0, healed_s, "heal", (), "")
     injected = InjectedFaults(done=[heal], disturbed={frozenset(disturbed.split())})

@@ -70,6 +70,36 @@ def test_what_did_not_hold_is_told_and_the_run_is_kept(team: Team) -> None:
     assert team.running() == []
 
 
+def test_work_that_the_program_does_not_write_down_is_seen(team: Team) -> None:
+    """The program writes no events and does not give up: two robots work at once."""
+    program = team.folder / "robot.py"
+    program.write_text(
+        "import anyio\nfrom mrbt_mesh import RobotProgram, TaskContext\n"
+        "robot = RobotProgram()\n\n@robot.local_task('*')\n"
+        "async def work(task: TaskContext, *arguments):\n"
+        "    with anyio.CancelScope(shield=True):\n"
+        "        for _ in range(30):\n            await anyio.sleep(0.1)\n"
+    )
+    mission = team.folder / "mission.yaml"
+    mission.write_text(
+        "mission: own\nprogram: robot.py\nlocal_tasks: {scan: {work: 1}}\n"
+        "robot_types: {t: {capabilities: {scan: 1}}}\nrobots: {R1: t, R2: t, R3: t}\n"
+        "global_tasks: {do_scan: {needs: {scan: {min: 1, max: 1}}}}\ntree: do_scan\n"
+    )
+    path = small(
+        team,
+        mission=str(mission),
+        timeout_s="40",
+        steps="[{when: {local_task: scan, phase: running}, after: 0.2, stop: {performing: scan}}, "
+        "{when: {takeover: scan}, after: 0.5, continue: {stopped}}]",
+        expect="{never: [{local_task: scan}], repeated: 0}",
+    )
+    code, data = report(team, path)
+    assert code == 1
+    wrong = [each for each in data["runs"][0]["expectations"] if not each["holds"]]
+    assert [each["found"] for each in wrong] == ["at most 2"], data
+
+
 def test_a_robot_that_ends_by_an_error_is_red_with_its_last_words(team: Team) -> None:
     program = team.folder / "robot.py"
     program.write_text(

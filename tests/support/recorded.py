@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.metadata import OBSERVER
-from mrbt_mesh.recording.reader import Recording, read_recording
+from mrbt_mesh.recording.reader import Recording, read_recordings
 from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 from mrbt_mesh.sim import AgentOptions, Schedule, SimulationResult, simulate
 from mrbt_mesh.sim.run import run_scenario
@@ -62,7 +62,8 @@ def record_chaos(folder: Path, seed: int) -> tuple[dict[str, MemberKeys], Manife
 
 def read_all(folder: Path) -> list[Recording]:
     """The recordings of one run: its robots', then the observer's."""
-    return [read_recording(path) for path in [*robot_files(folder), *observer_files(folder)]]
+    files = [*first_parts(robot_files(folder)), *first_parts(observer_files(folder))]
+    return [each for path in files for each in read_recordings(path)]
 
 
 def state_text(state: Mapping[str, Any]) -> str:

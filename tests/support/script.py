@@ -21,6 +21,7 @@ from mrbt_mesh.core.mission.mission import (
     InDoubtPolicy,
     Mission,
     MissionEnd,
+    Recorded,
 )
 from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.core.observer.observer import Observer
@@ -59,6 +60,7 @@ class Script:
         self.tasks: list[GlobalTask] = []
         self.tree: NodeSpec | None = None
         self.ends = MissionEnd.ONCE
+        self.recorded = Recorded.IF_POSSIBLE
         self.at: dict[str, str] = {}
         self.starts: dict[str, str] = {}
         self._lives = 0
@@ -134,6 +136,10 @@ class Script:
         """ends never: the team stands by when it is done."""
         self.ends = MissionEnd(when)
 
+    def do_recorded(self, how: str) -> None:
+        """recorded required: a robot that does not record takes no exclusive task."""
+        self.recorded = Recorded(how)
+
     def do_at(self, place: str, *names: str) -> None:
         """at dock lift: lift happens there; at home A B: the robots are there at first."""
         for name in names:
@@ -145,7 +151,7 @@ class Script:
         places = dict.fromkeys([*self.at.values(), *self.starts.values()], (0, 0))
         # Without schedules: these conversations are about ways.
         travel = Travel(places, self.at, self.starts, horizon=1) if places else None
-        return replace(mission, ends=self.ends, travel=travel)
+        return replace(mission, ends=self.ends, travel=travel, recorded=self.recorded)
 
     def do_start(self, *names: str) -> None:
         """start A B; start A2=A takeover: a second process under the id A
@@ -259,6 +265,11 @@ class Script:
             self.team.give(process, report)
         self.team.sync(process)
         self.team.give(process, inputs.TimerFired())
+
+    def do_recording(self, name: str, how: str) -> None:
+        """recording A ends: what A does is not recorded any more; recording A works"""
+        problem = "does not record: No space left on device" if how == "ends" else ""
+        self.team.give(self.team.processes[name], inputs.RecordingReported(problem))
 
     def do_router(self, router: str, *names: str) -> None:
         """router r1 A B: from now on these are linked to it, and to others only by it."""

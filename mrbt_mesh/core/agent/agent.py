@@ -157,6 +157,7 @@ class Agent:
             inputs.MissionChecked: self._reviser.checked,
             inputs.JournalSynced: self._journal_synced,
             inputs.JournalReported: health.journal_reported,
+            inputs.RecordingReported: health.recording_reported,
             inputs.JournalOpened: health.journal_opened,
             inputs.TimerFired: lambda *_: None,
         }

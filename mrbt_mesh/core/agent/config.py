@@ -36,7 +36,8 @@ class AgentConfig:
     yet, the robot waits for them up to `gather_us`, at least one detection time. `takeover`: it
     replaces a live robot of the same id. `exit_when_done`: it stops once the whole team has the
     mission's result; otherwise it serves latecomers. `restored`: the entries of its journal;
-    `journal_problem`: why that cannot be written, empty if it can. `plans_apart`: plans are made
+    `journal_problem`: why that cannot be written, empty if it can; `recording_problem`: the same of
+    its recording. `plans_apart`: plans are made
     outside of `Agent.handle` (`deferred_inputs`). With `keys` only messages that a member has
     signed are accepted; `life` is then greater than that of every earlier process of this robot
     (see `membership.envelope`). `resumed`: it goes on with a life that was recorded, without
@@ -59,6 +60,7 @@ class AgentConfig:
     pid: int = 0
     restored: tuple[Entry, ...] = ()
     journal_problem: str = ""
+    recording_problem: str = ""
     engine: Engine = FASTEST
     plans_apart: bool = False
     keys: Keys | None = None

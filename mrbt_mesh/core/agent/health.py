@@ -11,9 +11,10 @@ from mrbt_mesh.core.agent.inputs import (
     JournalOpened,
     JournalReported,
     ProblemFound,
+    RecordingReported,
 )
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import JOURNAL, RobotProblem, as_subject
+from mrbt_mesh.core.facts.records import JOURNAL, OF_ROBOT, RECORDING, RobotProblem, as_subject
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.failure_reasons import one_line
 
@@ -27,6 +28,7 @@ class Health:
         self._context = context
         # Problems that a new life keeps until its incarnation is above all earlier ones.
         self._unsaid: dict[str, str] = {}
+        self._recording_problem = context.config.recording_problem
 
     def joined(self, now_us: int) -> None:
         """Write the problems that were found before the robot joined."""
@@ -34,6 +36,7 @@ class Health:
         for subject, text in unsaid.items():
             self.problem_found(ProblemFound(subject, text), now_us)
         self.report_journal(now_us)
+        self._report_recording(now_us)
 
     # -- problems of its program --------------------------------------------------------------
 
@@ -57,6 +60,7 @@ class Health:
         for given, text in problems.items():
             subject, line = as_subject(given), one_line(text)
             has_room = subject in known or len(known) + len(writes) < MAX_PROBLEMS
+            has_room |= subject in OF_ROBOT
             if has_room and known.get(subject, "") != line:
                 if line:
                     context.log("error", "problem", subject=subject, problem=line)
@@ -126,5 +130,19 @@ class Health:
             facts.append(context.member())
         if is_news and may_promise:
             context.log("info", "journal_works_again")
+        if facts:
+            context.write(facts, now_us)
+
+    # -- its recording ------------------------------------------------------------------------
+
+    def recording_reported(self, event: RecordingReported, now_us: int) -> None:
+        """What the robot does is recorded, or not any more."""
+        self._recording_problem = event.problem
+        self._report_recording(now_us)
+
+    def _report_recording(self, now_us: int) -> None:
+        """Write why the robot does not record, if that has changed."""
+        context = self._context
+        facts = [] if context.is_new else self.problem_facts({RECORDING: self._recording_problem})
         if facts:
             context.write(facts, now_us)

@@ -277,6 +277,13 @@ class JournalReported:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingReported:
+    """Why the robot does not record what it does, in words; empty: it does."""
+
+    problem: str
+
+
+@dataclass(frozen=True, slots=True)
 class JournalOpened:
     """The journal was opened while the robot runs, and holds these entries alone.
 
@@ -323,6 +330,7 @@ Input: TypeAlias = (
     | MissionChecked
     | JournalSynced
     | JournalReported
+    | RecordingReported
     | JournalOpened
 )
 

@@ -41,8 +41,11 @@ MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
 # Of a compiled mission, in characters.
 MAX_MISSION = 250_000
-# Subjects of problems; all others are parts of the robot's program.
-JOURNAL, CLOCK, PROCESS = "journal", "clock", "process"
+# The subjects of problems with the robot itself; all others are parts of its program.
+JOURNAL, CLOCK, PROCESS, RECORDING = "journal", "clock", "process", "recording"
+OF_ROBOT = (JOURNAL, CLOCK, PROCESS, RECORDING)
+# Problems with a recording: it has ended, for a reason that follows; it was not asked for.
+NOT_RECORDED, NOT_ASKED = "does not record", "does not record, as it was started so"
 
 
 class Plain(NamedTuple):
@@ -509,8 +512,8 @@ class Bid(Record):
 
 @dataclass(frozen=True, slots=True)
 class RobotProblem(Record):
-    """The newest problem with the author's journal or clock, or with one part of its program: its
-    bid, a function, the loop. Empty: it is solved.
+    """The newest problem with the author's journal, recording or clock, or with one part of its
+    program: its bid, a function, the loop. Empty: it is solved.
     """
 
     text: _Reason
@@ -518,7 +521,7 @@ class RobotProblem(Record):
 
 def problem_text(subject: str, text: str) -> str:
     """A problem in words."""
-    return text if subject in (JOURNAL, CLOCK, PROCESS) else f"program problem, {subject}: {text}"
+    return text if subject in OF_ROBOT else f"program problem, {subject}: {text}"
 
 
 def as_subject(text: str) -> str:

@@ -463,6 +463,10 @@ class TeamFacts:
             return self.jobs is not None and self.jobs.has_ended(job)
         return number >= 0 and revision is not None and not revision.keeps_number(number)
 
+    def is_recorded(self, robot: str) -> bool:
+        """Whether a robot has not said that it does not record what it does."""
+        return records.RECORDING not in self.problems.get(robot, {})
+
     # -- keeping the indices ------------------------------------------------------------------
 
     def _believe(self, old: Entry | None, new: Entry) -> None:

@@ -90,6 +90,13 @@ class MissionEnd(enum.StrEnum):
     NEVER = "never"
 
 
+class Recorded(enum.StrEnum):
+    """What a robot needs its own recording for: nothing, or exclusive tasks."""
+
+    IF_POSSIBLE = "if_possible"
+    REQUIRED = "required"
+
+
 class InDoubtPolicy(enum.StrEnum):
     """An exclusive task that was begun and ended without an outcome: it is held for the operator,
     counts as failed, or is tried again.
@@ -480,7 +487,8 @@ class Mission:
     `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
     where nothing is said of places. `jobs`: types of jobs, whose trees are below Jobs nodes.
     `revision`: None, unless it takes the place of another mission while a team runs.
-    `on_lost_contact`: what robots do without contact, by robot type.
+    `on_lost_contact`: what robots do without contact, by robot type. `recorded`: whether robots
+    that do not record take exclusive tasks.
     """
 
     name: str
@@ -497,6 +505,7 @@ class Mission:
     solver: str | None = None
     constraints: tuple[Constraint, ...] = ()
     ends: MissionEnd = MissionEnd.ONCE
+    recorded: Recorded = Recorded.IF_POSSIBLE
     local_trees: Mapping[LocalTaskId, Tree] = field(default_factory=dict)
     local_conditions: Mapping[str, ConditionType] = field(default_factory=dict)
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
@@ -707,6 +716,7 @@ class Mission:
             "assignment": None if is_usual else str(self.assignment),
             "solver": self.solver,
             "ends": None if self.ends is MissionEnd.ONCE else str(self.ends),
+            "recorded": None if self.recorded is Recorded.IF_POSSIBLE else str(self.recorded),
             "local_trees": local_trees,
             "local_conditions": {c.name: c.to_json() for c in self.local_conditions.values()},
             "program_trees": program_trees,
@@ -764,6 +774,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             tree=tree,
             assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
             ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
+            recorded=Recorded(data.get("recorded", Recorded.IF_POSSIBLE)),
             parameters=data["parameters"],
             program=data["program"],
             costs=Costs(*data["costs"]),

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import enum
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import PROCESS, CommandKind, problem_text
+from mrbt_mesh.core.facts.records import (
+    NOT_ASKED,
+    PROCESS,
+    RECORDING,
+    CommandKind,
+    problem_text,
+)
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission.mission import performance
+from mrbt_mesh.core.mission.mission import Mission, Recorded, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text, lost_text
 from mrbt_mesh.core.observer.observer import Observer
@@ -218,10 +224,26 @@ def _faulty(observer: Observer) -> Iterator[Statement]:
         if fault.until_us is None and fault.robot in members:
             text = f"{fault.robot} {lost_text(fault.local_tasks, fault.reason)}"
             yield Statement(Level.WARN, text)
+    unrecorded: dict[str, list[str]] = {}
     for (robot, subject), episode in record.problems.items():
-        if episode.to_us is None and (robot in members or subject == PROCESS):
-            text = f"{robot}: {problem_text(subject, episode.problem)}"
-            yield Statement(Level.WARN, text)
+        if episode.to_us is not None or (robot not in members and subject != PROCESS):
+            continue
+        if subject == RECORDING:
+            unrecorded.setdefault(episode.problem, []).append(robot)
+            continue
+        text = f"{robot}: {problem_text(subject, episode.problem)}"
+        yield Statement(Level.WARN, text)
+    yield from _unrecorded(unrecorded, observer.mission)
+
+
+def _unrecorded(robots: Mapping[str, Sequence[str]], mission: Mission) -> Iterator[Statement]:
+    """Robots by why they do not record; the worst first."""
+    is_required = mission.recorded is Recorded.REQUIRED
+    follows = ", so it takes no exclusive task" if is_required else ""
+    for problem in sorted(robots, key=lambda each: (each == NOT_ASKED, each)):
+        is_wanted = is_required or problem != NOT_ASKED
+        level = Level.WARN if is_wanted else Level.INFO
+        yield Statement(level, f"{shortened(sorted(robots[problem]))}: {problem}{follows}")
 
 
 def _agreement(observer: Observer, differing: Collection[str]) -> Iterator[Statement]:

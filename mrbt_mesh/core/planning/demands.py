@@ -16,7 +16,7 @@ from mrbt_mesh.core.facts.coalitions import Coalitions, coalition_at_work, is_st
 from mrbt_mesh.core.facts.records import CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, SameRobotAs
+from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, Recorded, SameRobotAs
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker
 from mrbt_mesh.core.planning.per_robot import asks_for, eligible
 
@@ -44,6 +44,7 @@ class Demand:
 
 Group: TypeAlias = tuple[Demand, ...]
 JOURNALS = " whose journals can be written"
+RECORDINGS = " that record"
 
 
 def demands_of(
@@ -177,7 +178,8 @@ def _coalition_demands(
 ) -> Group:
     """A coalition that has started goes on, and no robot joins it; before, the bounds are nu, mu.
 
-    Only robots whose journals can be written begin an exclusive task.
+    Only robots whose journals can be written begin an exclusive task, and only those that record
+    it if the mission requires that.
     """
     team, found = capabilities.team, facts.coalitions(request.activation)
     token = coalition_at_work(facts, task, request.activation, incarnations(team))
@@ -193,6 +195,10 @@ def _coalition_demands(
             found_able = len(candidates)
             candidates = {r: v for r, v in candidates.items() if team[r].member.may_promise}
             after += JOURNALS if len(candidates) < found_able else ""
+            if facts.mission.recorded is Recorded.REQUIRED:
+                found_able = len(candidates)
+                candidates = {r: v for r, v in candidates.items() if facts.is_recorded(r)}
+                after += RECORDINGS if len(candidates) < found_able else ""
         if token is not None:
             pinned = tuple(r for r in candidates if at_work.get(r) == need.local_task)
             lower = upper = len(pinned)

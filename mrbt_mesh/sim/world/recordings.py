@@ -33,7 +33,7 @@ class Recordings:
         keys = setup.agents.keys.get(robot)
         has_keys = keys is not None
         metadata = replace(found, speed=setup.speed, has_keys=has_keys, is_observed=True)
-        return RecordingWriter(path, metadata, keys=keys)
+        return RecordingWriter(path, metadata, setup.agents.record_limit_bytes, keys=keys)
 
     def begin(self, view: AgentView, now_us: int) -> RobotRecorder:
         """Record a process of a robot from its start on."""

@@ -85,7 +85,7 @@ class AgentOptions:
     `solvers` are those of robots that have another one than `solver`. With `plan_delay_us` plans
     are made outside of the agents, and take so long. Without `exit_when_done` robots stay when
     the mission is over. `keys`: those of each robot and, as "", of the observer; none: the run has
-    no keys.
+    no keys. `record_limit_bytes`: of each recording, which has parts then.
     """
 
     timing: Timing = field(default_factory=Timing)
@@ -95,6 +95,7 @@ class AgentOptions:
     plan_delay_us: int | None = None
     exit_when_done: bool = True
     keys: Mapping[str, Keys] = field(default_factory=dict)
+    record_limit_bytes: int | None = None
 
 
 # Robot, activation and local task.

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.folder import observer_files, robot_files
-from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, read_recording
+from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
+from mrbt_mesh.recording.reader import EmptyRecordingError, Recording, read_recordings
 from mrbt_mesh.runtime.known_runs import find_run
 from mrbt_mesh.runtime.run_dir import KEYS_FOLDER
 
@@ -44,13 +44,13 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
         found = [*robot_files(path), *observer_files(path)]
         if not found:
             raise InputError(f"{path} holds no recordings: was its run started with --no-record?")
-        files += found
+        files += first_parts(found)
         run_dir = run_dir or path
     recordings: list[Recording] = []
     empty: list[EmptyRecordingError] = []
     for file in files:
         try:
-            recordings.append(read_recording(file))
+            recordings += read_recordings(file)
         except EmptyRecordingError as error:
             empty.append(error)
     if not recordings:

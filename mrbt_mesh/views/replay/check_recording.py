@@ -6,21 +6,23 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.facts.store import Entry, Incarnation
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import (
     pack_alive,
     pack_plan,
     pack_statuses,
+    read_incarnation,
     same,
 )
-from mrbt_mesh.recording.reader import RecordedMessage, Recording
-from mrbt_mesh.recording.recorded_state import NothingNewError
+from mrbt_mesh.recording.reader import RecordedMessage, Recording, state_end
+from mrbt_mesh.recording.recorded_state import NothingNewError, RecordedState
 from mrbt_mesh.views.replay.check_steps import StepCheck
 from mrbt_mesh.views.replay.check_work import WorkCheck
 from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedFact
@@ -70,6 +72,9 @@ class RecordingCheck(CheckedRecording):
         self._latest: dict[tuple[str, str], RecordedFact] = {}
         self._to_drop: list[tuple[str, str]] = []
         self._made = 0
+        self._later_parts = list(recording.parts[1:])
+        # The records on actions in the state at the beginning of a recording that begins late.
+        self._actions: list[RecordedMessage] = []
 
     def steps(self) -> Iterator[int]:
         """Check every record, in order; yields the Unix time of each, in us."""
@@ -77,6 +82,7 @@ class RecordingCheck(CheckedRecording):
         for damage in self.recording.damage:
             self.add_to(damage.number, damage.text)
         for record in self.recording.records:
+            self._join(record.number)
             try:
                 self._check(record)
             except ValueError as error:
@@ -87,6 +93,7 @@ class RecordingCheck(CheckedRecording):
                     text = f"it does not fit record {record.number}: one of them is false"
                     self.add(before, text)
             yield epoch_us + record.at_us
+        self._join(self.recording.last[0] + 1)
         if self.recording.cut_off_at is None:
             self._end()
 
@@ -101,7 +108,68 @@ class RecordingCheck(CheckedRecording):
             number = self.recording.records[-1].number
             self.add_to(number, "its last plan is not that of its last facts")
 
+    # -- parts --------------------------------------------------------------------------------
+
+    def _join(self, number: int) -> None:
+        """Before the record of this number, the state at the beginning of each later part must be
+        that at the end of the part before it.
+        """
+        while self._later_parts and self._later_parts[0].metadata.after_number < number:
+            part = self._later_parts.pop(0)
+            said, begin = part.metadata, part.metadata.after_number + 1
+            try:
+                mission = said.read_mission(str(part.path))
+                state = RecordedState(TeamFacts(mission, said.run), said.part)
+                for record in part.records[: state_end(part.records)]:
+                    state.apply(record)
+            except (ValueError, InputError) as error:
+                self.add_to(begin, f"the state at its beginning cannot be read: {error}")
+                continue
+            before, after = self.state.to_json(), state.to_json()
+            differing = ", ".join(name for name in before if before[name] != after[name])
+            if differing or state.changes != self.state.changes:
+                text = "the state at its beginning is not that at the end of the part before it"
+                self.add_to(begin, f"{text}: other {differing or 'changes'}")
+
+    def _take_state(self, record: RecordedMessage) -> None:
+        """A record of the state at the beginning of a recording that begins late."""
+        entry = self.state.apply(record)
+        if entry is not None:
+            self._fact(record, entry)
+            if self._work is not None:
+                self._work.stood(entry)
+        elif record.topic == channels.ACTIONS:
+            self._actions.append(record)
+        elif record.topic == channels.PARTS:
+            self.state_until = record.number
+            self._begin_late(record.data)
+
+    def _begin_late(self, data: Mapping[str, Any]) -> None:
+        """The state is whole: its plan follows from its facts."""
+        state = self.state
+        if data["incarnation"]:
+            life = read_incarnation(data["incarnation"])
+            self.begins_after = Version(life, data["sequence"])
+        self._steps.begin(self._actions, data["ticket"], state.robots)
+        if self._work is not None:
+            self._work.begin(self._actions)
+        if state.plan is None:
+            return
+        self.plan = self._plans.plan(state.facts, state.alive)
+        digest, self._made = state.facts.map.digest(), state.plan["number"]
+        wanted = pack_plan(self.plan, self._made, state.changes, digest, state.alive)
+        statuses = self.plan.evaluation.declared_statuses(state.facts.declared.tree)
+        if any(not same(wanted[key], state.plan.get(key)) for key in wanted):
+            raise ValueError("the plan at its beginning does not follow from the facts there")
+        if state.statuses is not None and state.statuses["nodes"] != pack_statuses(statuses):
+            raise ValueError("the statuses at its beginning do not follow from the facts there")
+
+    # -- records ------------------------------------------------------------------------------
+
     def _check(self, record: RecordedMessage) -> None:
+        if self.state.is_skipping:
+            self._take_state(record)
+            return
         topic, data = record.topic, record.data
         self._steps.before(record)
         if topic != channels.DROPPED and self._to_drop:

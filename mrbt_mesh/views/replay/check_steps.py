@@ -5,6 +5,9 @@ A robot records each of its steps whole, with one time.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from typing import Any
+
 from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.recording import channels
@@ -34,6 +37,14 @@ class StepCheck:
         # Robot -> its state, as recorded before this step.
         self._states: dict[str, str] = {}
 
+    def begin(
+        self, actions: Iterable[RecordedMessage], ticket: int, robots: Mapping[str, Any]
+    ) -> None:
+        """The recording begins late: with this state of the robot's action, and of the others."""
+        self._ticket = ticket
+        self._running = next((each for each in actions if each.data["event"] == "started"), None)
+        self._states = {robot: said["state"] for robot, said in robots.items()}
+
     def before(self, record: RecordedMessage) -> None:
         """With a later record the step is over."""
         if self._step and record.at_us != (begun_us := self._step[0].at_us):
@@ -51,9 +62,14 @@ class StepCheck:
         elif entry is not None and self._is_own(entry):
             if isinstance(entry.record, Claim) and entry.record.phase is Phase.RUNNING:
                 self._claims.append((record, entry.record))
-            elif isinstance(entry.record, Outcome) and entry.hash not in self._outcomes:
+            elif isinstance(entry.record, Outcome) and self._is_news(entry):
                 self._outcomes.add(entry.hash)
                 self._outcome(record, entry, entry.record)
+
+    def _is_news(self, entry: Entry) -> bool:
+        """Whether an own outcome comes for the first time."""
+        begun = self._checked.begins_after
+        return entry.hash not in self._outcomes and (begun is None or entry.version > begun)
 
     def end(self) -> None:
         """Nothing follows."""

@@ -39,6 +39,7 @@ class TeamCheck:
             remedy = _WITHOUT_KEYS if has_keys else _WITHOUT
             self._gap(GapKind.UNSIGNED, "all recordings", "no signature was checked", remedy)
         for check in self.checks:
+            self._parts(check.recording)
             self._recording(check)
         metadata = [check.recording.metadata for check in self.checks]
         if all(each.robot for each in metadata) and any(each.is_observed for each in metadata):
@@ -51,17 +52,32 @@ class TeamCheck:
     def _gap(self, kind: GapKind, of: str, text: str, remedy: str) -> None:
         self.gaps.append(Gap(kind, of, text, remedy))
 
+    def _parts(self, recording: Recording) -> None:
+        """Parts that were kept when the last one began, and are not here."""
+        last = recording.parts[-1].metadata if recording.parts else recording.metadata
+        if recording.metadata.part > last.kept_from:
+            text = (
+                f"part {last.kept_from} of it is missing: it was kept when part {last.part} began"
+            )
+            self._gap(GapKind.END, recording.name, text, "give all its parts")
+
     # -- one recording --------------------------------------------------------------------------
 
     def _recording(self, check: RecordingCheck) -> None:
         recording = check.recording
+        if not recording.records:
+            text = "it holds no record: its writer was ended at once"
+            self._gap(
+                GapKind.END, recording.name, _with_torn(text, recording), "give the whole file"
+            )
+            return
         last = self._last_signature(check)
         is_ended = recording.cut_off_at is None
         if self.manifest is not None:
             is_ended = last is not None and last.is_end
         end = "its end" if is_ended else self._explained_end(recording)
         end = _with_torn(end, recording)
-        if self.manifest is None or not recording.records:
+        if self.manifest is None:
             return
         if last is None:
             text = "it has no signature of its owner"
@@ -141,7 +157,10 @@ class TeamCheck:
                     and each.data["event"] == "joined"
                     and read_incarnation(each.data["incarnation"]) > life
                 ):
-                    yield _unix_us(other, each.at_us), other.name
+                    # When it was noticed is not known if that was in a part that is not kept.
+                    is_known = each.number > check.state_until
+                    end_us = _unix_us(recording, recording.records[-1].at_us)
+                    yield _unix_us(other, each.at_us) if is_known else end_us, other.name
                     break
 
     # -- what robots have said of their recordings --------------------------------------------
@@ -165,6 +184,8 @@ class TeamCheck:
         contradiction, as the latter is.
         """
         recording = owner.recording
+        if not recording.records:
+            return
         signed = {each.number - 1: each.check for each in recording.signatures}
         last = recording.records[-1].number
         is_ended = any(each.is_end for each in recording.signatures)
@@ -173,6 +194,8 @@ class TeamCheck:
         for check, each in self._heard_of(owner, owners):
             owner.counts["heads"] += 1
             number, head = each.data["number"], bytes.fromhex(each.data["head"])
+            if number <= recording.metadata.after_number:
+                continue  # of a part that is not kept
             if number >= last:
                 later.append((_unix_us(check.recording, each.at_us), check.recording.name))
             elif signed.get(number) != head:
@@ -213,6 +236,11 @@ class TeamCheck:
             for check in self.checks
             for life in lives(check.recording)
         }
+        late = {
+            (check.recording.metadata.robot, check.begins_after.incarnation.nonce)
+            for check in self.checks
+            if check.begins_after is not None
+        }
         counted_on: dict[tuple[str, Incarnation], str] = {}
         for check in self.checks:
             for each in check.recording.records.of(channels.ALIVE):
@@ -220,7 +248,8 @@ class TeamCheck:
                     life = read_incarnation(text)
                     counted_on.setdefault((robot, life), check.recording.name)
         for (robot, life), file in sorted(counted_on.items()):
-            if (robot, life) not in there:
+            # Earlier lives of the same process were recorded in parts that are not kept.
+            if (robot, life) not in there and (robot, life.nonce) not in late:
                 text = f"no recording of its life {life} is here, with which {file} counts"
                 remedy = f"give recordings/{robot}.mcap, or its next file, of its computer"
                 self._gap(GapKind.ROBOT, robot, text, remedy)
@@ -240,8 +269,8 @@ def lives(recording: Recording) -> list[Incarnation]:
     """The incarnations that a robot had while it recorded, in order."""
     return [
         read_incarnation(record.data["incarnation"])
-        for record in recording.records.of(channels.LIFE)
-        if record.data["event"] == "joined"
+        for record in recording.records.of(channels.LIFE, channels.PARTS)
+        if record.data.get("event", "joined") == "joined" and record.data["incarnation"]
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from mrbt_mesh.core.facts.records import CLAIM, Claim, Outcome, Phase
@@ -23,7 +23,8 @@ class WorkCheck:
 
     `_at_work`: for a local task of an activation, the robots that ran it, with the incarnation.
     `_planned`: the plan for the present facts. `_is_out`: the robot joins again, catches up, leaves
-    or has stopped.
+    or has stopped. `_is_stopping`: what it does was cancelled, and has not ended yet; until then it
+    need not claim anything else, also in its next life.
     """
 
     def __init__(self, check: CheckedRecording) -> None:
@@ -32,6 +33,17 @@ class WorkCheck:
         self._at_work: dict[Place, dict[str, Incarnation]] = {}
         self._planned: RecordedMessage | None = None
         self._is_out = False
+        self._is_stopping = False
+
+    def begin(self, actions: Sequence[RecordedMessage]) -> None:
+        """The recording begins late, with this state of the robot's action."""
+        self._is_stopping = bool(actions) and actions[-1].data["event"] == "cancelled"
+
+    def stood(self, entry: Entry) -> None:
+        """A fact of the state at the beginning of a recording that begins late."""
+        if isinstance(entry.record, Claim) and entry.record.phase is Phase.RUNNING:
+            place = (entry.record.activation, entry.record.local_task)
+            self._at_work.setdefault(place, {})[entry.author] = entry.version.incarnation
 
     def before(self, record: RecordedMessage) -> None:
         """Before a record is applied: the newest plan is valid until facts or alive set change.
@@ -51,9 +63,11 @@ class WorkCheck:
             self._planned = record
         elif record.topic == channels.LIFE:
             self._is_out = record.data["event"] not in ("joined", "caught_up")
-        elif record.topic == channels.ACTIONS and record.data["event"] == "started":
-            self._check.counts["actions"] += 1
-            self._started(record, record.data)
+        elif record.topic == channels.ACTIONS and record.data["event"] != "progress":
+            self._is_stopping = record.data["event"] == "cancelled"
+            if record.data["event"] == "started":
+                self._check.counts["actions"] += 1
+                self._started(record, record.data)
         if entry is not None and isinstance(entry.record, Claim):
             self._claimed(entry, entry.record)
 
@@ -90,7 +104,8 @@ class WorkCheck:
         wanted = (line.activation, line.local_task) if line is not None else None
         found = (claim.activation, claim.local_task) if claim is not None else None
         has_ended = wanted is not None and self._outcome(self._me, wanted) is not None
-        if wanted != found and not self._is_out and not has_ended:
+        may_differ = self._is_out or self._is_stopping or has_ended
+        if wanted != found and not may_differ:
             text = f"{self._me} holds {_text(found)}, and its plan has {_text(wanted)}"
             check.add(planned, text)
 

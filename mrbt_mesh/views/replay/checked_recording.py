@@ -72,7 +72,12 @@ class CheckedRecording:
     def __init__(self, recording: Recording, mission: Mission) -> None:
         self.recording = recording
         self.robot = recording.metadata.robot
-        self.state = RecordedState(TeamFacts(mission, recording.metadata.run))
+        said = recording.metadata
+        self.state = RecordedState(TeamFacts(mission, said.run), said.part)
+        # Of the robot's own facts, the last before a recording that begins late.
+        self.begins_after: Version | None = None
+        # The number of the last record of the state at the beginning of such a recording.
+        self.state_until = 0
         self.plan: Plan | None = None
         self.findings: list[RecordingFinding] = []
         self.takeovers: list[ProvedTakeover] = []
@@ -86,5 +91,5 @@ class CheckedRecording:
     def add(self, record: RecordPlace, text: str, against: Iterable[str] = ()) -> None:
         """Add a finding about a record, which the recordings `against` contradict."""
         at_us = max(0, record.at_us - self.recording.begin_us)
-        where = (self.recording.name, record.number, at_us)
+        where = (self.recording.name_at(record.number), record.number, at_us)
         self.findings.append(RecordingFinding(*where, text, tuple(sorted(against))))

@@ -80,7 +80,7 @@ def verify(
         tuple(team.gaps),
         tuple(findings),
         tuple(sorted(takeovers, key=lambda each: (each.at_us, each.robot, each.of))),
-        tuple(notes),
+        (*notes, *(f"{each.name}: {each.begins_late}" for each in recordings if each.begins_late)),
         files.others if files is not None else (),
         tuple(commands),
     )
@@ -119,20 +119,24 @@ def _missing(checks: Sequence[RecordingCheck]) -> None:
 
     In such a place a fact that only its own recording has is a finding too.
     """
-    owners: dict[tuple[str, Incarnation], list[str]] = {}
+    owners: dict[tuple[str, Incarnation], list[RecordingCheck]] = {}
     own: set[tuple[str, str, Version, int]] = set()
     heard: set[tuple[str, str, Version, int]] = set()
     for check in checks:
         me = check.recording.metadata.robot
         for incarnation in lives(check.recording):
-            owners.setdefault((me, incarnation), []).append(check.recording.name)
+            owners.setdefault((me, incarnation), []).append(check)
         for fact in check.facts:
             (own if fact.author == me else heard).add(fact.whole)
     missing: dict[tuple[str, str, Incarnation], set[str]] = {}
     for check, fact in _all_facts(checks):
         authors = owners.get((fact.author, fact.version.incarnation), [])
-        if authors and fact.whole not in own and not check.recording.damage:
-            check.add(fact, f"{fact.author} has not recorded its {fact.name}", authors)
+        is_kept = all(
+            each.begins_after is None or fact.version > each.begins_after for each in authors
+        )
+        if authors and is_kept and fact.whole not in own and not check.recording.damage:
+            names = [each.recording.name for each in authors]
+            check.add(fact, f"{fact.author} has not recorded its {fact.name}", names)
             missing.setdefault(fact.place, set()).add(check.recording.name)
     for check, fact in _all_facts(checks):
         others = missing.get(fact.place)

@@ -41,8 +41,7 @@ def report_recording(recording: Recording, title: str) -> RunReport:
     result = summary["result"]
     robot = recording.metadata.robot
     notes = [f"as {robot} saw it; what others reported of their plans is in run.mcap"] * bool(robot)
-    if recording.torn:
-        notes.append(f"{recording.name}: {recording.torn}")
+    notes += [f"{recording.name}: {x}" for x in (recording.torn, recording.begins_late) if x]
     if record.started_us is None:
         notes.append("no robot had joined")
         return RunReport(title, summary["mission"], result, 0.0, notes=tuple(notes))

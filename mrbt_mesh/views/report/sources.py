@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.folder import first_part, observer_files, robot_files
 from mrbt_mesh.recording.reader import open_recording
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
@@ -91,7 +91,8 @@ def _commands(found: Verification, began_unix_s: float | None) -> Iterator[Repor
 def _recording_of(run_dir: Path) -> Path | None:
     """The newest recording of an observer, else of a robot: it has most of the run."""
     files = observer_files(run_dir) or robot_files(run_dir)
-    return max(files, key=lambda file: file.stat().st_mtime_ns, default=None)
+    newest = max(files, key=lambda file: file.stat().st_mtime_ns, default=None)
+    return first_part(newest) if newest is not None else None
 
 
 def _drill(data: Mapping[str, Any]) -> RunReport:

@@ -21,7 +21,7 @@ from mrbt_mesh import plugins
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.folder import observer_files, robot_files
+from mrbt_mesh.recording.folder import first_part, observer_files, robot_files
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.own_trees import own_trees
@@ -117,7 +117,8 @@ class Page:
         if self._run_dir is None:
             return {}
         found = {"make a report": f"mrbt recording report {quote(str(self._run_dir))}"}
-        recordings = [*observer_files(self._run_dir), *robot_files(self._run_dir)]
+        files = [*observer_files(self._run_dir), *robot_files(self._run_dir)]
+        recordings = [first_part(path) for path in files]
         if recordings:
             replay = f"mrbt recording replay {quote(str(recordings[0]))} --web"
             found = {"see it again": replay} | found
