@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         TeamMember,
         join_team,
     )
+    from mrbt_mesh.runtime.threads import run_in_thread
 
 __all__ = [
     "Assignment",
@@ -40,6 +41,7 @@ __all__ = [
     "__version__",
     "connect",
     "join_team",
+    "run_in_thread",
 ]
 
 _MODULES = {
@@ -52,6 +54,7 @@ _MODULES = {
     "RobotOptions": "robot_options",
     "RobotProgram": "program",
     "TaskContext": "context",
+    "run_in_thread": "threads",
 }
 
 

@@ -78,6 +78,7 @@ from mrbt_mesh.runtime.robot_loop import RobotLoop
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+from mrbt_mesh.runtime.threads import note_threads
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
@@ -213,6 +214,7 @@ class Driver:
         """
         loop, limit_us = asyncio.get_running_loop(), self._config.timing.fence_us
         wake = partial(self._call, self._submit, TimerFired())
+        note_threads(loop)
         with fenced(loop, limit_us, wake) as selector:
             return await self._live(None, selector)
 

@@ -16,7 +16,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from mrbt_mesh.runtime.threads import in_noted_thread
 from mrbt_mesh.runtime.user_code import (
+    STRAY,
     UserCall,
     UserCodeError,
     failure_of,
@@ -31,9 +33,6 @@ from mrbt_mesh.runtime.user_code import (
 LOOKS = 2
 # If the exception of a failed task has not been retrieved by then, it will not be.
 UNSEEN_S = 1.0
-# A task that the function has started, and that is not awaited, has failed.
-STRAY = "a task started by"
-
 _logger = logging.getLogger("mrbt_mesh")
 
 
@@ -96,8 +95,12 @@ class RobotLoop(asyncio.SelectorEventLoop):
         call = running_call.get()
         if call is not None:
             self._owners[task] = call
+            call.started.add(task)
             task.add_done_callback(self._ended)
         return task
+
+    def run_in_executor(self, executor: Any, func: Any, *arguments: Any) -> Any:  # type: ignore[override]
+        return in_noted_thread(super().run_in_executor, executor, func, *arguments)
 
     def _ended(self, task: asyncio.Task[Any]) -> None:
         if not task.cancelled() and _is_unseen(task):

@@ -12,33 +12,36 @@ import contextlib
 import inspect
 import reprlib
 import signal
-import sysconfig
 import threading
 import traceback
 import weakref
-from collections.abc import Awaitable, Callable, Coroutine, Generator, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextvars import ContextVar, copy_context
 from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType
-from typing import Any, ClassVar, NoReturn, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import anyio
 
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON, one_line
+from mrbt_mesh.driven import Driven, GivenUpError, is_library
 from mrbt_mesh.errors import TaskFailedError
+from mrbt_mesh.runtime.never_awaited import (
+    noting_where_coroutines_are_made,
+    tell_of_never_awaited,
+)
 
 MAX_DETAILS = 2_000
 # The number of exceptions of a group that a reason names.
 MAX_NAMED = 3
-# A function that swallows this many cancellations in a row will not stop by itself.
-MAX_SWALLOWED = 1_000
-
 _PACKAGE = Path(__file__).parent.parent
-_LIBRARIES = tuple(Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib"))
 
 
 _T = TypeVar("_T")
+
+# A task started by the function, and not awaited, has failed or goes on.
+STRAY = "a task started by"
 
 # The call in whose code, or in a task started by it, the event loop is now.
 running_call: ContextVar[UserCall | None] = ContextVar("running_call", default=None)
@@ -90,13 +93,23 @@ class UserCall:
         self._result: Any = None
         self._error: BaseException | None = None
         self._has_ended = False
+        # As what it has failed, whatever else it does.
+        self._failure: UserCodeError | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: threading.Thread | None = None
+        # Tasks that it has started by itself, and threads in which it has had something done.
+        self.started: weakref.WeakSet[asyncio.Task[Any]] = weakref.WeakSet()
+        self.threads: set[ThreadWork] = set()
+        self._is_abandoned = asyncio.Event()
 
     async def run(self) -> Any:
         """The function's result, awaited if it can be.
 
         Raises UserCodeError for whatever the function raised, and the cancellation if the runtime
-        cancelled it before it had ended.
+        cancelled it before it had ended. What runs on in threads of a function that was cancelled
+        is waited for.
         """
+        self._loop, self._thread = asyncio.get_running_loop(), threading.current_thread()
         try:
             # A task of its own: what the function leaves behind in it (cancel scopes, requests to
             # cancel it) ends with it.
@@ -109,13 +122,59 @@ class UserCall:
                     raise
         except anyio.get_cancelled_exc_class():
             if not self._has_ended or self.was_cancelled:
+                await self._threads_over()
                 raise
         except ExceptionGroup as leftovers:
             # The function itself raises nothing here: this is anyio's, of scopes left open.
             self._error = self._error or leftovers
+        self._look_at_leftovers()
+        if self._failure is not None and isinstance(self._error, asyncio.CancelledError | None):
+            raise self._failure
         if self._error is not None:
             raise failure_of(self._error, self.function) from None
         return self._result
+
+    async def _threads_over(self) -> None:
+        with anyio.CancelScope(shield=True):
+            while self.threads and not self._is_abandoned.is_set():
+                over = [asyncio.ensure_future(each.over.wait()) for each in self.threads]
+                given_up = asyncio.ensure_future(self._is_abandoned.wait())
+                await asyncio.wait([*over, given_up], return_when=asyncio.FIRST_COMPLETED)
+                for each in (*over, given_up):
+                    each.cancel()
+
+    def _look_at_leftovers(self) -> None:
+        """Name what the function leaves behind; what it has forgotten to await is a failure."""
+        for task in [task for task in self.started if not task.done()]:
+            coroutine = task.get_coro()
+            code = getattr(coroutine, "cr_code", None)
+            if code is None or not users_frames([(code.co_filename, code.co_firstlineno)]):
+                continue  # of a library, which may keep a connection
+            name, place = code.co_name, f"{Path(code.co_filename).name}:{code.co_firstlineno}"
+            if (gathered := gathered_in_vain(task)) is not None:
+                gathered.add_done_callback(lambda each: each.cancelled() or each.exception())
+                self._failure = UserCodeError(
+                    f"gather({name}()) was never awaited ({place}): put await before it"
+                )
+                task.cancel()
+            else:
+                remedy = "await it, or make it a background function"
+                self.report(STRAY, self, UserCodeError(f"{name} goes on ({place}): {remedy}"))
+        for work in self.threads:
+            text = f"a thread goes on after it ({work.place}): await it"
+            self.report("after the end of", self, UserCodeError(text))
+
+    def fail(self, failure: UserCodeError) -> None:
+        """End it as failed, whatever it would do; from any thread."""
+        if self._loop is not None and threading.current_thread() is not self._thread:
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self.fail, failure)
+        elif self._has_ended:
+            self.report("after the end of", self, failure)
+        elif self._failure is None:
+            self._failure = failure
+            if self._scope is not None:
+                self._scope.cancel(self.token)
 
     @property
     def was_cancelled(self) -> bool:
@@ -130,13 +189,16 @@ class UserCall:
         return failure_of(self._error, self.function)
 
     def abandon(self) -> None:
-        """End it, whatever it shields itself from."""
+        """End it, whatever it shields itself from; what its threads do is not waited for."""
+        self._is_abandoned.set()
         if self._driven is not None and self._task is not None:
-            self._driven.is_abandoned = True
+            self._driven.is_given_up = True
             self._task.cancel()
 
     def place(self) -> str:
         """Where the function waits now: `robot.py:12`."""
+        if self._has_ended and self.threads:
+            return next(iter(self.threads)).place
         frames = self._driven.frames() if self._driven is not None else []
         return place_of(self.function, frames)
 
@@ -173,85 +235,62 @@ class UserCall:
         self._has_ended = True
 
     def step(self, run: Callable[[], _T]) -> _T:
-        """Run one step of its code. Raises what that raises, and UserCodeError if it blocked."""
-        UserCall.stepping = self
+        """Run one step of its code; raises what that raises."""
+        UserCall.stepping, before = self, UserCall.stepping
         UserCall.steps += 1
         try:
-            return run()
+            with noting_where_coroutines_are_made():
+                return run()
         finally:
-            UserCall.stepping = None
+            UserCall.stepping = before
             if self.blocked:
-                raise UserCodeError(self.blocked)
+                self.fail(UserCodeError(self.blocked))
 
 
-class _Driven:
-    """Awaits something, and counts how often the runtime has cancelled it.
+class ThreadWork:
+    """What a call has had done in a thread; `over` is set in the event loop once it has ended."""
 
-    What goes on after MAX_SWALLOWED cancellations is ended. Timeouts of its own (`move_on_after`,
-    `asyncio.timeout`) arrive as cancellations too; these do not count.
-    """
+    def __init__(self, place: str) -> None:
+        self.place = place
+        self.over = asyncio.Event()
+
+
+def _tell_never_awaited(name: str, frames: list[tuple[str, int]]) -> bool:
+    """Fail the call of the program that has forgotten to await something, if it is one."""
+    call = UserCall.stepping or running_call.get()
+    if call is None:
+        return False
+    where = place_of(call.function, frames)
+    text = f"{name.rpartition('.')[2]}() was never awaited ({where}): put await before it"
+    call.fail(UserCodeError(text))
+    return True
+
+
+tell_of_never_awaited(_tell_never_awaited)
+
+
+def gathered_in_vain(task: asyncio.Task[Any]) -> asyncio.Future[Any] | None:
+    """What `asyncio.gather` returned if it has made this task and nobody awaits that."""
+    # asyncio has no public way to it: the callback of each of its tasks has the future.
+    for callback, _ in getattr(task, "_callbacks", None) or ():
+        if getattr(callback, "__qualname__", "") == "gather.<locals>._done_callback":
+            names = zip(callback.__code__.co_freevars, callback.__closure__ or (), strict=True)
+            outer = {name: cell.cell_contents for name, cell in names}.get("outer")
+            if isinstance(outer, asyncio.Future) and not outer.done():
+                return None if getattr(outer, "_callbacks", None) else outer
+    return None
+
+
+class _Driven(Driven):
+    """What a call awaits."""
 
     def __init__(self, owner: UserCall, awaitable: Awaitable[Any]) -> None:
+        super().__init__(awaitable, owner.token, owner.step)
         self.was_cancelled = False
-        self._cancellations = 0
-        self.is_abandoned = False
         self._owner = owner
-        self._coroutine: Coroutine[Any, Any, Any] = (
-            awaitable if inspect.iscoroutine(awaitable) else _awaited(awaitable)
-        )
 
-    def frames(self) -> list[tuple[str, int]]:
-        """Where it waits: file and line, the outermost first."""
-        found = []
-        each: Any = self._coroutine
-        while (frame := getattr(each, "cr_frame", None)) is not None:
-            found.append((frame.f_code.co_filename, frame.f_lineno))
-            each = each.cr_await
-        return found
-
-    def __await__(self) -> Generator[Any, None, Any]:
-        step = partial(self._coroutine.send, None)
-        while True:
-            try:
-                awaited = self._owner.step(step)
-            except StopIteration as end:
-                return end.value
-            try:
-                yield awaited
-                step = partial(self._coroutine.send, None)
-            except asyncio.CancelledError as cancellation:
-                self.was_cancelled |= self._owner.is_cancelled
-                self._cancellations += any(
-                    isinstance(text, str) and self._owner.token in text
-                    for text in cancellation.args
-                )
-                if self.is_abandoned or self._cancellations > MAX_SWALLOWED:
-                    del step
-                    self._end()
-                step = partial(self._coroutine.throw, cancellation)
-            except BaseException:
-                self._coroutine.close()
-                raise
-
-    def _end(self) -> NoReturn:
-        """Drop the coroutine, here in the event loop: it may go on forever where there is none."""
-        place = self.frames()
-        with contextlib.suppress(RuntimeError):  # it ignores this too
-            self._coroutine.close()
-        self._coroutine = _awaited(None)
-        self._coroutine.close()
-        file, line = place[-1] if place else ("?", 0)
-        where = f"({Path(file).name}:{line})"
-        if self.is_abandoned:
-            raise UserCodeError(f"still ran when the robot ended {where}") from None
-        raise UserCodeError(
-            f"goes on after {MAX_SWALLOWED} cancellations {where} and was ended: raise the "
-            "cancellation again where it is caught"
-        ) from None
-
-
-async def _awaited(awaitable: Any) -> Any:
-    return await awaitable
+    def cancelled(self) -> None:
+        self.was_cancelled |= self._owner.is_cancelled
 
 
 def outside(function: Callable[..., None], *arguments: Any) -> None:
@@ -271,6 +310,9 @@ def failure_of(error: BaseException, function: Callable[..., Any]) -> UserCodeEr
     """
     if isinstance(error, UserCodeError):
         return error
+    if isinstance(error, GivenUpError):
+        remedy = "raise the cancellation again where it is caught"
+        return UserCodeError(f"{error} and was ended: {remedy}")
     try:
         return _failure(error, function)
     except Exception:  # an exception that cannot even be formatted
@@ -354,7 +396,7 @@ def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str
     """
     code = code_of(function)
     folder = Path(code.co_filename).parent if code is not None else None
-    others = [place for place in frames if not _is_ours(Path(place[0]))]
+    others = [place for place in frames if not is_ours(Path(place[0]))]
     own = [place for place in others if folder is not None and Path(place[0]).parent == folder]
     own = own or users_frames(frames)
     if not own and code is not None:
@@ -366,16 +408,12 @@ def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str
 def users_frames(frames: list[tuple[str, int]]) -> list[tuple[str, int]]:
     """Those that are neither Python's nor this package's."""
     files = {file: Path(file) for file, _ in frames}
-    return [(f, line) for f, line in frames if not _is_library(files[f]) and not _is_ours(files[f])]
+    return [(f, line) for f, line in frames if not is_library(files[f]) and not is_ours(files[f])]
 
 
-def _is_ours(file: Path) -> bool:
+def is_ours(file: Path) -> bool:
     """Of this package, but for the adapters, which are robots' programs."""
     return file.is_relative_to(_PACKAGE) and not file.is_relative_to(_PACKAGE / "adapters")
-
-
-def _is_library(file: Path) -> bool:
-    return not file.is_absolute() or any(file.is_relative_to(each) for each in _LIBRARIES)
 
 
 def frames_of(frame: FrameType | None) -> list[tuple[str, int]]:

@@ -213,12 +213,18 @@ def _step() -> int | None:
 def _blocked(frames: list[tuple[str, int]]) -> None:
     """A program blocks for too long: log it at once, and let its work fail when it goes on."""
     call = UserCall.stepping
-    if call is not None:
+    if call is not None and not any(map(_is_no_blocking, frames)):
         call.blocked = (
             f"blocked for {BLOCK_LIMIT_S:g} s of real time at {place_of(call.function, frames)}: "
             "await, or run it with anyio.to_thread.run_sync"
         )
         logging.getLogger("mrbt_mesh").warning("%s %s", call.name, call.blocked)
+
+
+def _is_no_blocking(frame: tuple[str, int]) -> bool:
+    """Whether a program blocks for once: it loads a module, or somebody debugs it."""
+    file = Path(frame[0])
+    return "importlib" in file.name or file.name in ("pdb.py", "bdb.py") or "pydevd" in file.name
 
 
 def _result(world: World) -> SimulationResult:

@@ -14,7 +14,7 @@ import pytest
 
 from mrbt_mesh import RobotContext, RobotProgram, TaskContext
 from mrbt_mesh.core.mission.travel import Travel
-from mrbt_mesh.runtime.user_code import MAX_SWALLOWED
+from mrbt_mesh.driven import MAX_SWALLOWED
 from mrbt_mesh.sim import Lose, SimulationResult, simulate
 from mrbt_mesh.testing import run
 from tests.support.build import action, make_mission, task

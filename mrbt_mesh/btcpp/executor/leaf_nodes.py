@@ -18,8 +18,11 @@ from mrbt_mesh.btcpp.executor.node import (
     TickError,
     TreeNode,
 )
-from mrbt_mesh.btcpp.files.document import pointer
+from mrbt_mesh.btcpp.files.document import Category, pointer
 from mrbt_mesh.errors import TaskFailedError
+
+# How often the coroutine of a condition may let others run.
+MAX_YIELDS = 100
 
 
 class LeafNode(TreeNode):
@@ -74,12 +77,17 @@ class LeafNode(TreeNode):
 
 
 class SyncLeaf(LeafNode):
-    """A condition, or an action that ends within the tick: calls its function at every tick."""
+    """A condition, or an action that ends within the tick: calls its function at every tick.
+
+    An action waits, RUNNING, while one that was cancelled has not stopped: both may move the robot.
+    """
 
     __slots__ = ()
 
     def tick(self) -> NodeStatus:
         self.world.count_leaf(self.place)
+        if self.world.stopping and self.leaf.category is Category.ACTION:
+            return RUNNING
         self.reason = ""
         try:
             result = self.call(self.arguments(), self.output)
@@ -115,6 +123,8 @@ class ActionLeaf(LeafNode):
     def halt(self) -> None:
         if self.status is RUNNING and self.outcome is None:
             self.world.effects.append(CancelLeaf(self.uid, self.run))
+            if self.world.stopping is not None:
+                self.world.stopping.add((self.uid, self.run))
         self.outcome = None
         super().halt()
 
@@ -135,11 +145,15 @@ def status_of(result: Any, node: TreeNode) -> NodeStatus:
 
 
 def _finished(result: Any, node: TreeNode) -> Any:
-    """What a coroutine that does not wait returns."""
+    """What a coroutine that does not wait returns. To let others run (`asyncio.sleep(0)`, a free
+    lock of anyio's) is not to wait.
+    """
     if not inspect.iscoroutine(result):
         return result
     try:
-        result.send(None)
+        for _ in range(MAX_YIELDS):
+            if result.send(None) is not None:
+                break
     except StopIteration as end:
         return end.value
     finally:

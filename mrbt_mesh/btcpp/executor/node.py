@@ -92,7 +92,8 @@ class TreeWorld:
     `exact`: with BehaviorTree.CPP's own oddities (docs/reference/btcpp-nodes.md). `woken_by`: the
     node that asks to be ticked again at once. `deadlines_us` are those of nodes that wait, by uid.
     `given`: what leaves get besides ports, by its type. `entries`: what gives the values of
-    entries before each tick.
+    entries before each tick. `stopping`: actions (uid and run) that were cancelled and have not
+    stopped; None: nobody says when they have.
     """
 
     exact: bool = False
@@ -106,6 +107,7 @@ class TreeWorld:
     given: Mapping[type, Any] = field(default_factory=dict)
     effects: list[Effect] = field(default_factory=list)
     deadlines_us: dict[int, int] = field(default_factory=dict)
+    stopping: set[tuple[int, int]] | None = None
 
     def count_leaf(self, place: NodePlace) -> None:
         """Note that the leaf at `place` is ticked. Raises TickError for a tick without end."""

@@ -5,19 +5,29 @@ Time comes from the event loop, so that on a virtual clock a run takes no time a
 
 from __future__ import annotations
 
+import asyncio
 import inspect
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, TypeAlias
 
 import anyio
 import anyio.abc
 import anyio.lowlevel
 
-from mrbt_mesh.btcpp.executor.leaf_nodes import status_of
-from mrbt_mesh.btcpp.executor.node import FAILURE, MICRO, RUNNING, CancelLeaf, NodeStatus, StartLeaf
+from mrbt_mesh.btcpp.executor.leaf_nodes import LeafNode, status_of
+from mrbt_mesh.btcpp.executor.node import (
+    FAILURE,
+    MICRO,
+    RUNNING,
+    CancelLeaf,
+    NodeStatus,
+    StartLeaf,
+    TickError,
+)
 from mrbt_mesh.btcpp.executor.tree_executor import TreeExecutor
+from mrbt_mesh.driven import Driven, GivenUpError, innermost
 from mrbt_mesh.errors import TaskFailedError
 
 Watcher: TypeAlias = Callable[[], None]
@@ -26,15 +36,56 @@ Watcher: TypeAlias = Callable[[], None]
 # polls, and would use the whole processor. Then every SLOWED_PERIOD_US, if it has no rate.
 MAX_AT_ONCE = 10_000
 SLOWED_PERIOD_US = 100_000
+# After so long, an action that was cancelled and still runs is named; after as long again it is
+# given up where the tree itself is to end.
+STOP_LIMIT_S = 5.0
 _LOG = logging.getLogger(__name__)
 
 
 class _Run:
-    """One action that has been begun and has not stopped."""
+    """One action that has been begun and has not stopped.
 
-    def __init__(self) -> None:
-        self.scope = anyio.CancelScope()
+    A shield, so that it is cancelled in one way only: what the whole tree gets from outside comes
+    to it when the tree is halted.
+    """
+
+    def __init__(self, node: LeafNode) -> None:
+        self.node = node
+        self.scope = anyio.CancelScope(shield=True)
         self.stopped = anyio.Event()
+        self.token = f"halted leaf {id(self):x}"
+        self.driven: Driven | None = None
+        self.task: asyncio.Task[Any] | None = None
+
+    def cancel(self) -> None:
+        self.scope.cancel(self.token)
+
+    def drive(self, awaitable: Awaitable[Any]) -> Driven:
+        """What it awaits."""
+        self.task = asyncio.current_task()
+        self.driven = Driven(awaitable, self.token)
+        return self.driven
+
+    def give_up(self) -> None:
+        """End it, whatever it shields itself from."""
+        if self.driven is not None and self.task is not None:
+            self.driven.is_given_up = True
+            self.task.cancel()
+
+    def tell(self) -> None:
+        """Name it: it still runs."""
+        place = innermost(self.driven.frames() if self.driven is not None else [])
+        _LOG.warning(
+            "%s: %s still runs %g s after it was halted (%s); no other action begins before it has "
+            "ended",
+            *(self.node.place, self.node.type, STOP_LIMIT_S, place),
+        )
+
+
+def _is_cancellation(error: BaseException) -> bool:
+    """Whether the task in which it was raised is cancelled from outside."""
+    is_cancelled = anyio.current_effective_deadline() == -math.inf
+    return is_cancelled and isinstance(error, anyio.get_cancelled_exc_class())
 
 
 class TreeRunner:
@@ -52,6 +103,7 @@ class TreeRunner:
         on_tick: Watcher | None = None,
     ) -> None:
         self._executor = executor
+        executor.await_stops()
         self._period_us = round(MICRO / rate_hz) if rate_hz > 0 else None
         self._clock = clock or anyio.current_time
         self._on_tick = on_tick
@@ -70,20 +122,25 @@ class TreeRunner:
         """The root's status, once it is not RUNNING.
 
         Cancelled, or ended by an error, it halts the tree and waits until its actions have
-        stopped. Raises TickError, and what a leaf raised but for TaskFailedError.
+        stopped; one that has not after twice STOP_LIMIT_S is given up. Raises TickError, and what a
+        leaf raised but for TaskFailedError.
         """
         result = RUNNING
-        async with anyio.create_task_group() as group:
-            try:
-                result = await self._tick_to_the_end(group)
-            except BaseException as error:
-                if anyio.current_effective_deadline() == -math.inf:
-                    raise  # it is cancelled
-                # A task group would wrap it.
-                self._error = self._error or error
-            finally:
-                with anyio.CancelScope(shield=True):
-                    await self._stop(is_halted=result is RUNNING)
+        try:
+            async with anyio.create_task_group() as group:
+                try:
+                    result = await self._tick_to_the_end(group)
+                except BaseException as error:
+                    if _is_cancellation(error):
+                        raise
+                    # A task group would wrap it.
+                    self._error = self._error or error
+                finally:
+                    with anyio.CancelScope(shield=True):
+                        await self._stop(is_halted=result is RUNNING)
+        except anyio.get_cancelled_exc_class():
+            if self._error is None:
+                raise
         if self._error is not None:
             raise self._error
         return result
@@ -140,32 +197,44 @@ class TreeRunner:
         for effect in self._executor.take_effects():
             if isinstance(effect, CancelLeaf):
                 run = self._runs.get((effect.uid, effect.run))
-                if run is not None:
-                    run.scope.cancel()
+                if run is None:
+                    self._executor.stopped(effect.uid, effect.run)
+                else:
+                    run.cancel()
+                    group.start_soon(self._watch, run)
             else:
                 stopping = [run.stopped for run in self._runs.values() if run.scope.cancel_called]
-                run = self._runs[effect.uid, effect.run] = _Run()
+                run = _Run(self._executor.leaf(effect.uid))
+                self._runs[effect.uid, effect.run] = run
                 group.start_soon(self._carry_out, effect, run, stopping)
+
+    async def _watch(self, run: _Run) -> None:
+        """Name an action that does not stop."""
+        with anyio.move_on_after(STOP_LIMIT_S):
+            await run.stopped.wait()
+            return
+        run.tell()
 
     async def _carry_out(self, effect: StartLeaf, run: _Run, before: list[anyio.Event]) -> None:
         try:
             with run.scope:
                 for stopped in before:
                     await stopped.wait()
-                status, reason = await self._call(effect)
+                status, reason = await self._call(effect, run)
                 self._executor.ended(effect.uid, effect.run, status, reason)
         except BaseException as error:
             # Not one of the leaf's own making: the whole tree is cancelled.
-            if anyio.current_effective_deadline() == -math.inf:
+            if _is_cancellation(error):
                 raise
             self._error = self._error or error
         finally:
             del self._runs[effect.uid, effect.run]
+            self._executor.stopped(effect.uid, effect.run)
             run.stopped.set()
             self._happened.set()
 
-    async def _call(self, effect: StartLeaf) -> tuple[NodeStatus, str]:
-        node = self._executor.leaf(effect.uid)
+    async def _call(self, effect: StartLeaf, run: _Run) -> tuple[NodeStatus, str]:
+        node = run.node
 
         def write(port: str, value: Any) -> None:
             self._executor.write(effect.uid, effect.run, port, value)
@@ -173,9 +242,12 @@ class TreeRunner:
 
         try:
             result = node.call(effect.inputs, write)
-            result = await result if inspect.isawaitable(result) else result
+            result = await run.drive(result) if inspect.isawaitable(result) else result
         except TaskFailedError as failure:
             return FAILURE, str(failure)
+        except GivenUpError as error:
+            remedy = "raise the cancellation again where it is caught"
+            raise TickError(f"{node.place}: {node.type} {error} and was ended: {remedy}") from None
         return status_of(result, node), ""
 
     async def _stop(self, is_halted: bool) -> None:
@@ -187,6 +259,15 @@ class TreeRunner:
             self._error = self._error or error
         self._executor.take_effects()
         for run in self._runs.values():
-            run.scope.cancel()
+            run.cancel()
+        for limit in ("told", "given up"):
+            with anyio.move_on_after(STOP_LIMIT_S):
+                while self._runs:
+                    await next(iter(self._runs.values())).stopped.wait()
+            for run in self._runs.values():
+                if limit == "told":
+                    run.tell()
+                else:
+                    run.give_up()
         while self._runs:
             await next(iter(self._runs.values())).stopped.wait()

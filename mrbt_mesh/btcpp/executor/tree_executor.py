@@ -128,6 +128,15 @@ class TreeExecutor:
         node.reason = reason
         return True
 
+    def await_stops(self) -> None:
+        """From now on plain actions wait for those that were cancelled, until `stopped`."""
+        self._world.stopping = set()
+
+    def stopped(self, uid: int, run: int) -> None:
+        """An action that was cancelled has stopped, or any other has ended."""
+        if self._world.stopping:
+            self._world.stopping.discard((uid, run))
+
     def leaf(self, uid: int) -> LeafNode:
         """The node of an action or a condition."""
         node = self.nodes[uid - 1]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
+import anyio
 import pytest
 
 from mrbt_mesh.btcpp import BehaviorTree, InOut, NodeStatus, Out, TaskFailedError, TickError
@@ -60,7 +62,8 @@ def test_a_condition_that_waits_is_told() -> None:
 
     class Forever:
         def __await__(self) -> Any:
-            yield
+            while True:
+                yield
 
     @tree.condition("Ok")
     async def ok() -> None:
@@ -68,6 +71,20 @@ def test_a_condition_that_waits_is_told() -> None:
 
     with pytest.raises(TickError, match="Main/Ok: the condition 'Ok' waits"):
         tree.executor.tick(0)
+
+
+async def test_a_condition_may_let_others_run() -> None:
+    """As an asynchronous lock does that is free."""
+    tree, lock = tree_of("<Ok/>"), anyio.Lock()
+
+    @tree.condition("Ok")
+    async def ok() -> bool:
+        await asyncio.sleep(0)
+        async with lock:
+            return True
+
+    assert tree.executor.tick(0) is NodeStatus.SUCCESS
+    assert not lock.locked()
 
 
 def test_wrong_values_are_told_with_node_and_port() -> None:

@@ -1,0 +1,113 @@
+"""A coroutine that can be given up, whatever it shields itself from or swallows."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import inspect
+import sysconfig
+from collections.abc import Awaitable, Callable, Coroutine, Generator
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+# What swallows this many cancellations in a row will not stop by itself.
+MAX_SWALLOWED = 1_000
+
+
+class GivenUpError(Exception):
+    """Raised in place of the coroutine that was given up; `place`: file and line, where it was."""
+
+    def __init__(self, text: str, place: str) -> None:
+        super().__init__(f"{text} ({place})")
+        self.place = place
+
+
+class Driven:
+    """Awaits something; cancellations that carry `token` in their message are counted.
+
+    What goes on after MAX_SWALLOWED of these is given up. Timeouts of its own (`move_on_after`,
+    `asyncio.timeout`) arrive as cancellations too; these do not count. `step` runs each of its
+    steps.
+    """
+
+    def __init__(
+        self,
+        awaitable: Awaitable[Any],
+        token: str,
+        step: Callable[[Callable[[], Any]], Any] = lambda run: run(),
+    ) -> None:
+        self.is_given_up = False
+        self._step = step
+        self._token = token
+        self._cancellations = 0
+        self._coroutine: Coroutine[Any, Any, Any] = (
+            awaitable if inspect.iscoroutine(awaitable) else _awaited(awaitable)
+        )
+
+    def cancelled(self) -> None:
+        """Called at each cancellation, also at those that do not count."""
+
+    def frames(self) -> list[tuple[str, int]]:
+        """Where it waits: file and line, the outermost first."""
+        found = []
+        each: Any = self._coroutine
+        while (frame := getattr(each, "cr_frame", None)) is not None:
+            found.append((frame.f_code.co_filename, frame.f_lineno))
+            each = each.cr_await
+        return found
+
+    def __await__(self) -> Generator[Any, None, Any]:
+        step = partial(self._coroutine.send, None)
+        while True:
+            try:
+                awaited = self._step(step)
+            except StopIteration as end:
+                return end.value
+            try:
+                yield awaited
+                step = partial(self._coroutine.send, None)
+            except asyncio.CancelledError as cancellation:
+                self.cancelled()
+                texts = (text for text in cancellation.args if isinstance(text, str))
+                self._cancellations += any(self._token in text for text in texts)
+                if self.is_given_up or self._cancellations > MAX_SWALLOWED:
+                    del step
+                    raise self._end() from None
+                step = partial(self._coroutine.throw, cancellation)
+            except BaseException:
+                self._coroutine.close()
+                raise
+
+    def _end(self) -> GivenUpError:
+        """Drop the coroutine, here in the event loop: it may go on forever where there is none."""
+        frames = self.frames()
+        with contextlib.suppress(RuntimeError):  # it ignores this too
+            self._coroutine.close()
+        self._coroutine = _awaited(None)
+        self._coroutine.close()
+        text = "still ran when it was given up"
+        if not self.is_given_up:
+            text = f"goes on after {MAX_SWALLOWED} cancellations"
+        return GivenUpError(text, innermost(frames))
+
+
+def innermost(frames: list[tuple[str, int]]) -> str:
+    """The last of these places that is in no library, else the last: `robot.py:12`."""
+    own = [place for place in frames if not is_library(Path(place[0]))]
+    file, line = (own or frames or [("?", 0)])[-1]
+    return f"{Path(file).name}:{line}"
+
+
+def is_library(file: Path) -> bool:
+    """Whether a module is Python's or an installed package's."""
+    return not file.is_absolute() or any(file.is_relative_to(each) for each in _libraries())
+
+
+@cache
+def _libraries() -> list[Path]:
+    return [Path(sysconfig.get_path(name)) for name in ("stdlib", "purelib", "platlib")]
+
+
+async def _awaited(awaitable: Any) -> Any:
+    return await awaitable
