@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.folder import FOLDER, observer_files
+from mrbt_mesh.recording.folder import FOLDER, SUFFIX, observer_files
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.runtime.command_log import NotedCommand, heads, noted_commands, read_commands
 from mrbt_mesh.runtime.member_keys import Manifest
@@ -56,10 +56,18 @@ def read_run_dir_files(run_dir: Path) -> RunDirFiles:
             found,
             read_commands(run_dir / COMMANDS_FILE),
             {path.name: path.read_text("utf-8", "replace") for path in missions if path.is_file()},
-            tuple(sorted(path.name for path in run_dir.iterdir() if path.name not in known)),
+            tuple(sorted(_others(run_dir, known))),
         )
     except OSError as error:
         raise InputError(f"{run_dir}: cannot be read: {error.strerror or error}") from None
+
+
+def _others(run_dir: Path, known: Collection[str]) -> Iterator[str]:
+    yield from (path.name for path in run_dir.iterdir() if path.name not in known)
+    folder = run_dir / FOLDER
+    if folder.is_dir():
+        listed = (path.name for path in folder.iterdir() if path.suffix != SUFFIX)
+        yield from (f"{FOLDER}/{name}" for name in listed)
 
 
 def check_files(

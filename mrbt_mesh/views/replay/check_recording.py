@@ -23,6 +23,7 @@ from mrbt_mesh.recording.messages import (
 )
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, state_end
 from mrbt_mesh.recording.recorded_state import NothingNewError, RecordedState
+from mrbt_mesh.views.replay.check_derived import DerivedCheck, due_us
 from mrbt_mesh.views.replay.check_steps import StepCheck
 from mrbt_mesh.views.replay.check_work import WorkCheck
 from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedFact
@@ -68,6 +69,7 @@ class RecordingCheck(CheckedRecording):
         self._authorship = authorship
         self._work = WorkCheck(self) if self.robot else None
         self._steps = StepCheck(self)
+        self._derived = DerivedCheck()
         # Author and name of a fact -> its newest record.
         self._latest: dict[tuple[str, str], RecordedFact] = {}
         self._to_drop: list[tuple[str, str]] = []
@@ -156,6 +158,7 @@ class RecordingCheck(CheckedRecording):
         if state.plan is None:
             return
         self.plan = self._plans.plan(state.facts, state.alive)
+        self._derived.planned(state.facts, self.plan)
         digest, self._made = state.facts.map.digest(), state.plan["number"]
         wanted = pack_plan(self.plan, self._made, state.changes, digest, state.alive)
         statuses = self.plan.evaluation.declared_statuses(state.facts.declared.tree)
@@ -190,12 +193,21 @@ class RecordingCheck(CheckedRecording):
         if entry is not None:
             self._fact(record, entry)
         self._steps.after(record, entry)
+        if entry is not None and self._is_own(entry):
+            self._derived.own(entry, record.at_us)
         if self._work is not None:
             self._work.after(record, entry)
+
+    def _is_own(self, entry: Entry) -> bool:
+        """Whether the robot wrote it in its present life."""
+        mine = self.state.alive.get(self.robot)
+        return entry.author == self.robot and entry.version.incarnation == mine
 
     def _fact(self, record: RecordedMessage, entry: Entry) -> None:
         fact = RecordedFact.of(record, entry)
         self.facts.append(fact)
+        if (at_us := due_us(self.state.facts, entry)) is not None:
+            self.timed.append((fact, at_us))
         self._latest[fact.author, fact.name] = fact
         self.counts["facts"] += 1
         if self._authorship is not None:
@@ -222,6 +234,7 @@ class RecordingCheck(CheckedRecording):
         if self._plans.obsolete(state.facts):
             raise ValueError("the plan was made with facts that should have been dropped")
         self.plan = self._plans.plan(state.facts, state.alive)
+        self._derived.planned(state.facts, self.plan)
         digest = state.facts.map.digest()
         wanted = pack_plan(self.plan, self._made, state.changes, digest, state.alive)
         self._made = data["number"]

@@ -4,12 +4,14 @@ of them ends.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording import channels
+from mrbt_mesh.recording.folder import FOLDER, first_part
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
 from mrbt_mesh.recording.writer import SIGN_US
@@ -38,7 +40,9 @@ class TeamCheck:
             has_keys = any(check.recording.metadata.has_keys for check in self.checks)
             remedy = _WITHOUT_KEYS if has_keys else _WITHOUT
             self._gap(GapKind.UNSIGNED, "all recordings", "no signature was checked", remedy)
+        self._doubled()
         for check in self.checks:
+            self._name(check)
             self._parts(check.recording)
             self._recording(check)
         metadata = [check.recording.metadata for check in self.checks]
@@ -51,6 +55,24 @@ class TeamCheck:
 
     def _gap(self, kind: GapKind, of: str, text: str, remedy: str) -> None:
         self.gaps.append(Gap(kind, of, text, remedy))
+
+    def _name(self, check: RecordingCheck) -> None:
+        """In a run directory a file is called by the robot that recorded it."""
+        robot, path = check.robot, first_part(check.recording.path)
+        called = re.sub(r"\.[0-9]+$", "", path.stem)
+        if robot and path.parent.name == FOLDER and called != robot:
+            check.add_to(0, f"it is a recording of {robot}")
+
+    def _doubled(self) -> None:
+        """One life of a robot is recorded once."""
+        known: dict[tuple[str, Incarnation], RecordingCheck] = {}
+        for check in self.checks:
+            for life in lives(check.recording):
+                first = known.setdefault((check.robot, life), check)
+                is_other = first_part(first.recording.path) != first_part(check.recording.path)
+                if check.robot and is_other:
+                    text = f"{check.robot}'s life {life} is recorded in another file, too"
+                    check.add_to(0, text)
 
     def _parts(self, recording: Recording) -> None:
         """Parts that were kept when the last one began, and are not here."""

@@ -83,6 +83,8 @@ class CheckedRecording:
         self.takeovers: list[ProvedTakeover] = []
         self.counts: Counter[str] = Counter()
         self.facts: list[RecordedFact] = []
+        # Facts that are false before a Unix time.
+        self.timed: list[tuple[RecordedFact, int]] = []
 
     def add_to(self, number: int, text: str) -> None:
         """Add a finding about what is no record; 0: about the whole file."""

@@ -17,6 +17,7 @@ from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.command_log import NotedCommand
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
+from mrbt_mesh.views.replay.check_derived import early
 from mrbt_mesh.views.replay.check_files import RunDirFiles, check_files
 from mrbt_mesh.views.replay.check_recording import PlanAgain, RecordingCheck
 from mrbt_mesh.views.replay.check_team import TeamCheck, lives
@@ -56,6 +57,8 @@ def verify(
         pass
     _contradictions(checks)
     _missing(checks)
+    for check, fact in early(checks):
+        check.add(fact, f"{fact.author}'s {fact.name} is written before the time for it")
     team = TeamCheck(checks, manifest)
     team.run()
     findings = [each for check in checks for each in check.findings]
