@@ -248,6 +248,8 @@ verify-recordings: $(READY)
 	MRBT_TESTS=long $(BIN)/pytest -n auto tests/views/replay/test_what_if_unchanged.py
 	MRBT_TESTS=long $(BIN)/pytest -n auto tests/views/replay/test_verify.py -k random_falsifications
 	$(BIN)/python -m benchmarks.verified_recordings
+	$(BIN)/python -m benchmarks.forged_recordings
+	$(BIN)/python -m benchmarks.honest_recordings
 
 walk: $(READY)
 	$(BIN)/python -m benchmarks.walk
