@@ -66,7 +66,7 @@ class Agent:
         self._context = context = Context(mission, config, now_us)
         self._schedule = HeartbeatSchedule(config.timing, now_us)
         self._duplicates = DuplicateIdCheck(
-            config.robot, config.nonce, config.takeover, config.timing
+            config.robot, config.nonce, config.takeover, config.timing, context.membership.reports
         )
         self._tree = tree = RobotTree({type_name(name) for name in config.capabilities})
         self._planner = Planner(context, tree)

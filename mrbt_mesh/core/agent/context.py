@@ -22,6 +22,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Durability, Replica
+from mrbt_mesh.core.membership.signed_reports import SignedReports
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
     Header,
@@ -61,7 +62,9 @@ class Context:
         self.jobs_on_disk = JobsOnDisk(self.facts, self.durability)
         # The mission in force, as its file has it: the agent follows `facts.declared`.
         self.mission = self.facts.declared
-        self.membership = Membership(self.me, config.timing, self.mission.robots)
+        self.membership = Membership(
+            self.me, config.timing, self.mission.robots, SignedReports(config.keys, config.run)
+        )
         self.wall_clock: WallClock | None = None
         self.use(self.mission)
         self.joining: Joining | None = Joining(

@@ -113,8 +113,10 @@ class Heartbeats:
         relays = membership.relays()
         if reports:
             relays = dict(sorted({**relays, **reports}.items()))
+        life = context.replica.incarnation
+        report = SelfReport(life, number, digest, urgent.is_joined, int(result))
         beat = Heartbeat(
-            SelfReport(context.replica.incarnation, number, digest, urgent.is_joined, int(result)),
+            membership.reports.sign(context.me, report),
             context.is_leaving,
             context.facts.map.digest(),
             tuple([int(status) for status in self._tree.statuses]),
@@ -123,7 +125,7 @@ class Heartbeats:
             relays,
             requested,
             grants,
-            around.members_digest(context.replica.incarnation),
+            around.members_digest(life),
             context.position,
             context.work.tree_statuses,
             context.recorded,

@@ -20,11 +20,11 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
-from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.envelope import RefusedError, StaleError
 from mrbt_mesh.core.membership.replica import Received
+from mrbt_mesh.core.membership.signed_reports import joined_report
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
@@ -125,6 +125,7 @@ class Inbound:
             return
         known = membership.peers.get(source)
         if membership.receive_heartbeat(source, beat, now_us):
+            self._refuse_false_relays(source)
             if known is None or known.incarnation != beat.report.incarnation:
                 incarnation = str(beat.report.incarnation)
                 context.log("info", "robot_heard", robot=source, incarnation=incarnation)
@@ -191,7 +192,10 @@ class Inbound:
             return
         self._take_in(peer, received)
         if received.view:
-            context.membership.compare_view(peer, received.view, now_us)
+            members = context.facts.members.items()
+            lives = {robot: each.incarnation for robot, each in members}
+            context.membership.compare_view(peer, received.view, lives, now_us)
+            self._refuse_false_relays(peer)
         if not received.has_more:
             context.replica.anti_entropy.mark_answered(peer, now_us)
             if context.joining is not None:
@@ -216,9 +220,12 @@ class Inbound:
         self._take_in(source, received)
         for entry in received.changed:
             if entry.name == records.MEMBER and entry.author == source:
-                life, running = entry.version.incarnation, int(Status.RUNNING)
-                report = SelfReport(life, 0, bytes(DIGEST_BYTES), True, running)
+                report = joined_report(entry.version.incarnation)
                 self._context.membership.receive_join(source, report, now_us)
+
+    def _refuse_false_relays(self, source: str) -> None:
+        for robot in self._context.membership.false_relays:
+            self._context.refuse(source, f"relays a report that {robot} has not signed")
 
     def _refuse(self, source: str, error: WireError) -> None:
         self._context.refuse(source, str(error), isinstance(error, IncompatibleError))

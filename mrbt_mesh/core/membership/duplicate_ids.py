@@ -10,23 +10,28 @@ from collections.abc import Mapping
 
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import KnownMember
+from mrbt_mesh.core.membership.signed_reports import SignedReports
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.membership.wire import Heartbeat
+from mrbt_mesh.core.membership.wire import Heartbeat, Suspicion
 
 
 class DuplicateIdCheck:
     """Watches one process's own id. Its checks return why to stop, or None.
 
     `other_incarnation` is the highest one under this id that is not this process's own: it sends
-    heartbeats, or others hold it for dead. `changes` grows with each new one.
+    heartbeats, or others hold it for dead. `changes` grows with each new one. What others say of it
+    counts with a report that was signed under this id.
     """
 
-    def __init__(self, me: str, nonce: str, takeover: bool, timing: Timing) -> None:
+    def __init__(
+        self, me: str, nonce: str, takeover: bool, timing: Timing, reports: SignedReports
+    ) -> None:
         self.other_incarnation = Incarnation(0, "")
         self.changes = 0
         self._me = me
         self._nonce = nonce
         self._takeover = takeover
+        self._reports = reports
         # How long after an earlier life has ended its heartbeats may still be relayed.
         self._settling_us = 3 * timing.heartbeat_us
         # When another life was relayed first, the highest number of its heartbeats, and by whom.
@@ -81,14 +86,18 @@ class DuplicateIdCheck:
         number grows after all of them must have arrived, somebody lives under this id.
         """
         for suspicion in heartbeat.suspicions:
-            if suspicion.robot == self._me and suspicion.incarnation.nonce != self._nonce:
-                self._note(suspicion.incarnation)
+            is_mine = suspicion.robot == self._me
+            if is_mine and suspicion.incarnation.nonce != self._nonce:
+                self._note_suspected(suspicion)
         relayed = heartbeat.relays.get(self._me)
         if relayed is None or relayed.incarnation.nonce == self._nonce:
             self._relayed_by.discard(source)
             return None
+        is_later = relayed.has_joined and relayed.incarnation > mine
+        if (not is_starting and not is_later) or not self._reports.is_authentic(self._me, relayed):
+            return None
         if not is_starting:
-            return self._replaced_by(relayed.incarnation, mine) if relayed.has_joined else None
+            return self._replaced_by(relayed.incarnation, mine)
         self._relayed_by.add(source)
         if self._relayed_since_us is None:
             self._relayed_since_us = now_us
@@ -98,6 +107,15 @@ class DuplicateIdCheck:
         if has_grown and is_settled and not self._takeover:
             return self._is_running(members)
         return None
+
+    def _note_suspected(self, suspicion: Suspicion) -> None:
+        other, report = suspicion.incarnation, suspicion.report
+        if other > self.other_incarnation and (
+            self._reports.is_authentic(self._me, report)
+            if report is not None
+            else self._reports.needs_no_signature
+        ):
+            self._note(other)
 
     def _note(self, other: Incarnation) -> None:
         if other > self.other_incarnation:

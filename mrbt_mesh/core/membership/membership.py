@@ -3,7 +3,8 @@ tokens.
 
 Heartbeats decide, liveliness tokens are hints. A robot judges the silence of those that it hears
 (`dissemination`). Every heartbeat relays the newest self-report of each of them, and the sender's
-suspicions: a robot that any of its neighbours still hears is alive for all of them.
+suspicions: a robot that any of its neighbours still hears is alive for all of them. In a team with
+keys a relay counts only with the signature of the robot that it is about (`signed_reports`).
 `failure_detector` decides when a silent robot is suspected and declared dead. A death is a
 judgement about one incarnation; a newer heartbeat of that incarnation revives it.
 
@@ -24,6 +25,7 @@ from mrbt_mesh.core.membership.dissemination import Dissemination
 from mrbt_mesh.core.membership.failure_detector import PROBE_SHARE, FailureDetector, is_silent
 from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State, set_member
 from mrbt_mesh.core.membership.ring import RingDissemination
+from mrbt_mesh.core.membership.signed_reports import SignedReports, joined_report
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 
@@ -35,11 +37,20 @@ class Membership:
     everybody. `member_changes` grows with every change of a state, and of who has joined;
     `suspicion_changes` with every token that comes or goes and every suspicion of others;
     `report_changes` when a robot reports another plan or result. Until `next_detection_us`, and
-    while none of them changes, `detect_failures` would find nothing new.
+    while none of them changes, `detect_failures` would find nothing new. `false_relays`: the robots
+    of which the last heartbeat or view relayed a report that they have not signed.
     """
 
-    def __init__(self, me: str, timing: Timing, team: Collection[str] = ()) -> None:
+    def __init__(
+        self,
+        me: str,
+        timing: Timing,
+        team: Collection[str] = (),
+        reports: SignedReports | None = None,
+    ) -> None:
         self.me = me
+        self.reports = reports or SignedReports(None, "")
+        self.false_relays: list[str] = []
         self.timing = timing
         self.peers: dict[str, Peer] = {}
         self.around = (
@@ -90,19 +101,28 @@ class Membership:
             around.heard_outdated(robot, heartbeat)
             return False
         around.heard(robot, heartbeat, before)
+        self.false_relays.clear()
         for name, report in heartbeat.relays.items():
             known = peers.get(name)
             if known is None:
                 if name != self.me:
-                    self._take_report(name, report, now_us, None)
+                    self._take_relay(name, report, now_us)
             # Most relays bring nothing new.
             elif report is not known.report and (
-                report.number > known.report.number or report.incarnation != known.incarnation
+                report.number > known.report.number
+                if report.incarnation == known.incarnation
+                else report.incarnation > known.incarnation
             ):
-                self._take_report(name, report, now_us, None)
+                self._take_relay(name, report, now_us)
         if heartbeat.suspicions or robot in self._suspected_by:
             self._take_suspicions(robot, heartbeat.suspicions)
         return True
+
+    def _take_relay(self, robot: str, report: SelfReport, now_us: int) -> None:
+        if self.reports.is_authentic(robot, report):
+            self._take_report(robot, report, now_us, None)
+        else:
+            self.false_relays.append(robot)
 
     def _take_report(
         self, robot: str, report: SelfReport, now_us: int, heartbeat: Heartbeat | None
@@ -364,15 +384,35 @@ class Membership:
         reports = {r: peer.report for r, peer in self.peers.items() if peer.state.is_healthy}
         return dict(sorted((reports | {self.me: mine}).items()))
 
-    def compare_view(self, source: str, reports: Mapping[str, SelfReport], now_us: int) -> None:
-        """Another robot's `view`: check the robots of which this one knows otherwise."""
+    def compare_view(
+        self,
+        source: str,
+        reports: Mapping[str, SelfReport],
+        lives: Mapping[str, Incarnation],
+        now_us: int,
+    ) -> None:
+        """Another robot's `view`: check the robots of which this one knows otherwise.
+
+        `lives`: those that have joined by their own facts. Of them a report need not be signed.
+        """
         self.around.now_us = now_us
+        self.false_relays.clear()
         for robot, report in reports.items():
             known = self.peers.get(robot)
             if robot == self.me or (known is not None and report.incarnation < known.incarnation):
                 continue
-            self._take_report(robot, report, now_us, None)
-            peer = self.peers[robot]
+            if robot == source:  # the answer itself is proved to be its own
+                self._take_report(robot, report, now_us, None)
+            elif not report.signature and lives.get(robot) == report.incarnation:
+                self._take_report(robot, joined_report(report.incarnation), now_us, None)
+            elif known is None or (report.incarnation, report.number) > (
+                known.incarnation,
+                known.report.number,
+            ):
+                self._take_relay(robot, report, now_us)
+            peer = self.peers.get(robot)
+            if peer is None:
+                continue
             if peer is not known or peer.state.is_suspected:
                 self.around.check(robot)
         for robot, peer in sorted(self.peers.items()):
@@ -384,8 +424,9 @@ class Membership:
 
     def relays(self) -> dict[str, SelfReport]:
         """The relays of the next heartbeat, sorted by robot."""
-        judged = sorted(self.around.judged.items())
-        return {robot: peer.report for robot, peer in judged if peer.state.is_healthy}
+        may_be, judged = self.reports.may_be_relayed, sorted(self.around.judged.items())
+        healthy = ((robot, peer.report) for robot, peer in judged if peer.state.is_healthy)
+        return {robot: report for robot, report in healthy if may_be(report)}
 
     def suspicions(self) -> tuple[Suspicion, ...]:
         """The suspicions of the next heartbeat, sorted by robot."""
@@ -398,6 +439,7 @@ class Membership:
                 is_token_lost=peer.is_token_lost,
                 is_dead=peer.state is State.DEAD,
                 is_probe=peer.is_probed,
+                report=peer.report if peer.report.signature else None,
             )
             for robot, peer in self.around.to_name(self._suspected)
         )

@@ -26,7 +26,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 13
+SCHEMA = 14
 MAX_MESSAGE_BYTES = 4 << 20
 # Items of one list, and of all lists of a message together: an empty list takes a byte in a
 # message, and 64 in memory.
@@ -34,7 +34,7 @@ MAX_ITEMS, MAX_ALL_ITEMS = 100_000, 300_000
 SHORT_BYTES, LONG_BYTES = 4 << 10, 64 << 10
 MAX_NONCE = 32
 MAX_TREE_NODES = 4_096  # a larger tree of a local task reports no statuses
-DIGEST_BYTES, HEAD_BYTES = 8, 16
+DIGEST_BYTES, HEAD_BYTES, MAX_SIGNATURE_BYTES = 8, 16, 64
 # Thousandths: a million units each way; once around each way.
 MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
 # What messages of a team with keys begin with, see `envelope`.
@@ -78,7 +78,8 @@ class Suspicion:
 
     `is_token_lost`: the sender has lost its liveliness token. `is_dead`: the sender has
     declared it dead. `is_probe`: the sender has had no news of it for too long, and asks everybody
-    for some.
+    for some. `report`: the last one of that incarnation that the sender knows, if it is signed: it
+    shows a robot that a life which it does not know of was its own.
     """
 
     robot: str
@@ -86,6 +87,7 @@ class Suspicion:
     is_token_lost: bool
     is_dead: bool
     is_probe: bool
+    report: SelfReport | None = None
 
     @property
     def flags(self) -> int:
@@ -97,7 +99,8 @@ class Suspicion:
 class SelfReport:
     """A robot's report about itself, in every heartbeat; others relay it.
 
-    `number` counts its heartbeats. `result`: the mission's status as it sees it.
+    `number` counts its heartbeats. `result`: the mission's status as it sees it. `signature`: the
+    robot's own, in a team with keys; see `signed_reports`.
     """
 
     incarnation: Incarnation
@@ -105,6 +108,7 @@ class SelfReport:
     plan_digest: bytes
     has_joined: bool
     result: int
+    signature: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,11 +275,11 @@ def _digest(value: Any, size: int = DIGEST_BYTES) -> bytes:
     return value
 
 
-def _rows(value: Any, width: int) -> list[list[Any]]:
+def _rows(value: Any, *widths: int) -> list[list[Any]]:
     if not isinstance(value, list):
         raise WireError("table is malformed")
     for row in value:
-        if not isinstance(row, list) or len(row) != width:
+        if not isinstance(row, list) or len(row) not in widths:
             raise WireError("table is malformed")
     return value
 
@@ -293,28 +297,39 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         list(heartbeat.statuses),
         report.result,
         heartbeat.progress,
-        [[s.robot, *s.incarnation, s.flags] for s in heartbeat.suspicions],
+        [_pack_suspicion(suspicion) for suspicion in heartbeat.suspicions],
         pack_reports(heartbeat.relays),
         list(heartbeat.lease_request) if heartbeat.lease_request is not None else None,
         [[g.coalition, g.member, g.number] for g in heartbeat.lease_grants],
         None if where is None else [where.x, where.y, where.heading],
         heartbeat.tree_statuses,
         None if head is None else [head.number, head.check],
+        report.signature,
         *(() if heartbeat.unix_us is None else (heartbeat.unix_us,)),
     ]
 
 
+def _pack_suspicion(suspicion: Suspicion) -> list[Any]:
+    row = [suspicion.robot, *suspicion.incarnation, suspicion.flags]
+    report = suspicion.report
+    return row if report is None else [*row, *_pack_report(report)]
+
+
+def _pack_report(report: SelfReport) -> list[Any]:
+    """All but its incarnation."""
+    joined, signature = int(report.has_joined), report.signature
+    row = [report.number, report.plan_digest, joined, report.result]
+    return [*row, signature] if signature else row
+
+
 def pack_reports(reports: Mapping[str, SelfReport]) -> list[list[Any]]:
     """Self-reports of several robots as plain data."""
-    return [
-        [robot, *r.incarnation, r.number, r.plan_digest, int(r.has_joined), r.result]
-        for robot, r in reports.items()
-    ]
+    return [[robot, *r.incarnation, *_pack_report(r)] for robot, r in reports.items()]
 
 
 def parse_reports(rows: Any) -> dict[str, SelfReport]:
     """The inverse of `pack_reports`; raises WireError."""
-    return dict([_relay(row) for row in _rows(rows, 7)])
+    return dict([_relay(row) for row in _rows(rows, *_REPORT_WIDTHS)])
 
 
 def parse_heartbeat(
@@ -325,10 +340,10 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) not in (17, 18):
+    if not isinstance(body, list) or len(body) not in (18, 19):
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where, tree, head, *clock = tables
+    suspicions, relays, request, grants, where, tree, head, signature, *clock = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -339,18 +354,14 @@ def parse_heartbeat(
             _digest(plan),
             bool(flags & 1),
             _count(result, 3),
+            _signature(signature),
         ),
         bool(flags & 2),
         _digest(facts),
         tuple(_count(status, 3) for status in statuses),
         _count(progress, 100),
-        tuple(
-            Suspicion(
-                _robot(r), _incarnation(c, n), bool(_count(f, 7) & 1), bool(f & 2), bool(f & 4)
-            )
-            for r, c, n, f in _rows(suspicions, 4)
-        ),
-        dict([_relay(row) for row in filter(is_new_relay, _rows(relays, 7))]),
+        tuple(map(_suspicion, _rows(suspicions, *_SUSPICION_WIDTHS))),
+        dict([_relay(row) for row in filter(is_new_relay, _rows(relays, *_REPORT_WIDTHS))]),
         _lease_request(request),
         tuple(LeaseGrant(_name(c), _robot(m), _count(n)) for c, m, n in _rows(grants, 3)),
         _digest(alive),
@@ -372,22 +383,47 @@ def urgent_part(data: bytes) -> tuple[Any, ...] | None:
         body = unpacked(data, MAX_VALUE_BYTES)[6]
         counter, nonce, _, flags, plan, facts, members, _, result, _, *tables = body
         suspicions, _, request, grants, *_ = tables
-        is_urgent = request or grants or any(flags & 4 for _, _, _, flags in suspicions)
+        is_urgent = request or grants or any(row[3] & 4 for row in suspicions)
     except (ValueError, TypeError, LookupError, msgpack.UnpackException, RecursionError):
         return None
     part = counter, nonce, flags, plan, facts, members, result, suspicions
     return None if is_urgent else part
 
 
+# With and without the signature of a report; a suspicion may have none.
+_REPORT_WIDTHS = 7, 8
+_SUSPICION_WIDTHS = 4, 8, 9
+
+
 def _relay(row: list[Any]) -> tuple[str, SelfReport]:
-    robot, counter, nonce, number, digest, joined, result = row
-    return _robot(robot), SelfReport(
-        _incarnation(counter, nonce),
+    robot, counter, nonce, *rest = row
+    return _robot(robot), _report(_incarnation(counter, nonce), rest)
+
+
+def _report(incarnation: Incarnation, rest: list[Any]) -> SelfReport:
+    number, digest, joined, result, *signature = rest
+    return SelfReport(
+        incarnation,
         _count(number),
         _digest(digest),
         bool(_count(joined, 1)),
         _count(result, 3),
+        _signature(*signature),
     )
+
+
+def _suspicion(row: list[Any]) -> Suspicion:
+    robot, counter, nonce, flags, *rest = row
+    incarnation, flags = _incarnation(counter, nonce), _count(flags, 7)
+    report = _report(incarnation, rest) if rest else None
+    are = bool(flags & 1), bool(flags & 2), bool(flags & 4)
+    return Suspicion(_robot(robot), incarnation, *are, report)
+
+
+def _signature(value: Any = b"") -> bytes:
+    if not isinstance(value, bytes) or len(value) > MAX_SIGNATURE_BYTES:
+        raise WireError("signature of a report is malformed")
+    return value
 
 
 def _name(value: Any) -> str:

@@ -18,6 +18,7 @@ from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.replica import Replica
+from mrbt_mesh.core.membership.signed_reports import SignedReports
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import (
     Header,
@@ -52,7 +53,7 @@ class Observer:
         self.facts = TeamFacts(mission, run)
         header = Header(mission.team_digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
-        self.membership = Membership("", timing)
+        self.membership = Membership("", timing, reports=SignedReports(keys, run))
         self.record = RunRecord(mission, limit)
         self.plan: Plan | None = None
         self.refused: dict[str, str] = {}
@@ -74,7 +75,8 @@ class Observer:
 
         Robots of that time need not live any more, so each has to be heard again.
         """
-        self.membership = Membership("", self.membership.timing)
+        before = self.membership
+        self.membership = Membership("", before.timing, reports=before.reports)
         self._planned, self._updated = (-1, -1), (-1, -1, -1)
         self._recorded, self._has_caught_up = (None, False), False
         self._first_heard_us = None

@@ -120,7 +120,7 @@ def test_a_clock_takes_no_byte_where_there_are_no_jobs() -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 1)
     beat = Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {})
     packed = pack_heartbeat(beat)
-    assert len(packed) == 17
+    assert len(packed) == 18
     assert pack_heartbeat(replace(beat, unix_us=5)) == [*packed, 5]
 
 
@@ -398,20 +398,21 @@ def test_outcome_data_that_cannot_be_sent_is_a_value_error(value: Any) -> None:
 def test_a_position_that_is_none_is_refused(where: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    *before, _, tree, head = body
+    *before, _, tree, head, signature = body
     there = [1_500, -2_000, None]
-    assert parse_heartbeat([*before, there, tree, head]).position == Position(1_500, -2_000)
+    found = parse_heartbeat([*before, there, tree, head, signature])
+    assert found.position == Position(1_500, -2_000)
     with pytest.raises(WireError, match="position"):
-        parse_heartbeat([*before, where, tree, head])
+        parse_heartbeat([*before, where, tree, head, signature])
 
 
 @pytest.mark.parametrize("statuses", ["", None, [1], b"\0\4", bytes(wire.MAX_TREE_NODES + 1)])
 def test_statuses_of_a_tree_that_are_none_are_refused(statuses: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    assert parse_heartbeat([*body[:-2], b"\1\2", None]).tree_statuses == b"\1\2"
+    assert parse_heartbeat([*body[:-3], b"\1\2", *body[-2:]]).tree_statuses == b"\1\2"
     with pytest.raises(WireError, match="statuses of a tree"):
-        parse_heartbeat([*body[:-2], statuses, None])
+        parse_heartbeat([*body[:-3], statuses, *body[-2:]])
 
 
 @pytest.mark.parametrize("head", [b"", [1], [1, bytes(15)], [-1, bytes(16)], [1, "0" * 16]])
@@ -419,4 +420,4 @@ def test_a_head_of_a_recording_that_is_none_is_refused(head: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
     with pytest.raises(WireError):
-        parse_heartbeat([*body[:-1], head])
+        parse_heartbeat([*body[:-2], head, body[-1]])
