@@ -6,11 +6,11 @@ BIN := $(VENV)/bin
 # What the product needs (requirements.lock), and what its tests need as well (requirements-dev.lock).
 RUNTIME := $(VENV)/.runtime
 READY := $(VENV)/.ready
-# Two targets at once may both install: one waits for the other.
-APT_INSTALL := apt-get -o DPkg::Lock::Timeout=600 install --yes
+# A bare Debian has no lists of packages yet.
+APT_INSTALL := apt-get update -qq && apt-get -o DPkg::Lock::Timeout=600 install -qq --yes
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-page test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-with-others tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
 	bench-membership bench-submissions bench-history bench-jobs bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -24,14 +24,15 @@ help:
 	@echo "make test-browser    the live page in headless Chromium; as root, installs Debian's if missing"
 	@echo "make screenshots     pictures of page and terminal in build/pictures: blocked, one dead, 24 robots ..."
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
-	@echo "make test-slow       wireless teams, discovery, split sessions, intruders, routers: minutes"
+	@echo "make test-slow       what the gate has and make test has not: wireless teams, intruders, ..."
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
 	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
 	@echo "make test-ros2       robots of ROS 2: rclpy's action servers, in a .venv-ros2 that is made once"
 	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
 	@echo "make test-world      the workshop with bodies: MuJoCo, the mission in virtual time, a drill"
-	@echo "make test-with-others interop, ros2, vda5050 and world, each reduced: what the gate runs of them"
+	@echo "make test-environments other Pythons, libraries, locales, users; a project that cannot be written"
 	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
+	@echo "make gate            every suite in the larger size, as .ci/run after make test; SUITES=browser: some"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make docs            the documentation as a site, in build/site"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
@@ -111,14 +112,10 @@ tolerance: $(READY)
 	MRBT_TESTS=long $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
 
 test-browser: $(READY) chromium
-	$(BIN)/pytest -n 2 -m browser -rs tests/browser
-
-# Most of them; skipped where there is no Chromium.
-test-page: $(READY)
-	$(BIN)/pytest -n 2 -m "browser and not slow" -rs tests/browser
+	$(BIN)/pytest -n 2 -m browser tests/browser
 
 screenshots: $(READY) chromium
-	@command -v tmux > /dev/null || $(APT_INSTALL) tmux || \
+	@command -v tmux > /dev/null || { $(APT_INSTALL) tmux; } || \
 		{ echo "install tmux, or run this as root on Debian"; exit 1; }
 	$(BIN)/python -m benchmarks.page pictures build/pictures
 	cp build/pictures/dead-1440x900-light.png docs/web/page-light.png
@@ -132,11 +129,11 @@ bench-page: $(READY) chromium
 
 .PHONY: chromium
 chromium:
-	@command -v chromium chromium-browser google-chrome > /dev/null || $(APT_INSTALL) chromium || \
+	@command -v chromium chromium-browser google-chrome > /dev/null || { $(APT_INSTALL) chromium; } || \
 		{ echo "install chromium, or run this as root on Debian"; exit 1; }
 
 test-docker: $(READY)
-	$(BIN)/pytest -m "docker and not slow" -rs tests/docker
+	$(BIN)/pytest tests/docker
 
 # BehaviorTree.CPP and the like are not in requirements-dev.lock: they have no wheels for every machine.
 .PHONY: parts-interop parts-vda5050 parts-ros2 parts-world
@@ -148,7 +145,7 @@ INTEROP_TESTS := tests/adapters tests/processes/test_foxglove.py tests/btcpp/exe
 	tests/btcpp/files/test_*_as_the_library.py tests/analysis/test_*_as_the_library.py
 
 test-interop: parts-interop
-	$(BIN)/pytest -rs $(INTEROP_TESTS)
+	$(BIN)/pytest $(INTEROP_TESTS)
 
 # 2,602 traces and 8,000 scripts measured with BehaviorTree.CPP 4.10; `make test` has an eighth.
 test-conformance: $(READY)
@@ -158,16 +155,16 @@ test-conformance: $(READY)
 # Parts that others have made: a broker, virtual AGVs, published schemas (docs/how-to/vda5050.md).
 VDA5050_NODE := $(VENV)/vda5050
 parts-vda5050: $(READY)
-	@command -v mosquitto > /dev/null || $(APT_INSTALL) mosquitto || \
+	@command -v mosquitto > /dev/null || { $(APT_INSTALL) mosquitto; } || \
 		{ echo "install mosquitto, or run this as root on Debian"; exit 1; }
-	@command -v npm > /dev/null || $(APT_INSTALL) npm || \
+	@command -v npm > /dev/null || { $(APT_INSTALL) npm; } || \
 		{ echo "install node and npm, or run this as root on Debian"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[vda5050]'
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps vda5050-sdk==0.2.0
 	npm install --silent --prefix $(VDA5050_NODE) vda-5050-lib@1.4.0
 
 test-vda5050: parts-vda5050
-	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) $(BIN)/pytest -rs tests/adapters/vda5050 \
+	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) $(BIN)/pytest tests/adapters/vda5050 \
 		tests/processes/test_vda5050.py tests/docker/test_compose_agvs.py
 
 # rclpy has a virtual environment of its own: its wheels start every Python of theirs anew.
@@ -176,7 +173,7 @@ parts-ros2: $(READY)
 	PYTHON=$(abspath $(BIN))/python sh tests/support/ros2/make-ros2 $(ROS2)
 
 test-ros2: parts-ros2
-	MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python $(BIN)/pytest -rs tests/adapters/ros2 \
+	MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python $(BIN)/pytest tests/adapters/ros2 \
 		tests/processes/test_ros2.py
 
 # The workshop with bodies (docs/how-to/workshop.md): eight minutes.
@@ -184,13 +181,31 @@ parts-world: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[world]'
 
 test-world: parts-world
-	$(BIN)/pytest -rs tests/examples/workshop tests/processes/test_workshop.py
+	$(BIN)/pytest tests/examples/workshop tests/processes/test_workshop.py
 
-# Of these four suites what shows most in the least time.
-test-with-others: parts-interop parts-vda5050 parts-ros2 parts-world
+# What the suites of the gate need beyond requirements-dev.lock. What cannot be had here is said, and
+# the tests that need it are skipped with the reason.
+PARTS := parts-interop parts-vda5050 parts-ros2 parts-world chromium locales networks
+.PHONY: gate parts locales networks
+locales:
+	@command -v localedef > /dev/null && test -e /usr/share/i18n/locales/en_US || { $(APT_INSTALL) locales; } || \
+		{ echo "install locales, or run this as root on Debian"; exit 1; }
+
+networks:
+	@command -v ip > /dev/null || { $(APT_INSTALL) iproute2; } || \
+		{ echo "install iproute2, or run this as root on Debian"; exit 1; }
+
+parts: $(READY)
+	@for part in $(PARTS); do echo "preparing: $$part"; \
+		$(MAKE) --no-print-directory --silent $$part || echo "CANNOT BE HAD HERE: $$part"; done
+
+# Every suite, all tests of each, in the larger size: tests/support/gate.py. About 35 minutes.
+gate: parts
 	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python \
-		$(BIN)/pytest -n 4 -rs -m reduced tests/adapters tests/processes tests/btcpp tests/analysis \
-		tests/examples
+		$(BIN)/python -m tests.support.gate $(SUITES)
+
+test-environments: $(READY) locales
+	$(BIN)/pytest -n 2 --dist loadgroup tests/environments
 
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml

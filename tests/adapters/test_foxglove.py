@@ -84,7 +84,6 @@ def serving(folder: Path) -> Iterator[Live]:
             recorder.close()
 
 
-@pytest.mark.reduced
 async def test_every_channel_is_offered_with_the_schema_that_files_have(tmp_path: Path) -> None:
     with serving(tmp_path) as live:
         async with viewer(live.server.address) as client:

@@ -122,7 +122,6 @@ def test_a_server_that_is_killed_is_noticed_and_its_robot_replaced(
     ends_well(team, robots)
 
 
-@pytest.mark.reduced
 def test_the_goal_of_a_robot_that_is_killed_is_cancelled_and_another_drives(
     team: Team, robots: VirtualRobots
 ) -> None:

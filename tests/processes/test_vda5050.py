@@ -118,7 +118,6 @@ def test_six_agvs_of_two_kinds_do_the_shift(team: Team, plant: Plant) -> None:
     assert {e["errorType"] for e in errors} <= {"noOrderToCancel"}
 
 
-@pytest.mark.reduced
 def test_an_agv_that_is_killed_is_replaced(team: Team, plant: Plant) -> None:
     bring_in(plant, *VEHICLES)
     begin(team, plant)

@@ -20,8 +20,7 @@ from mrbt_mesh import __version__
 from mrbt_mesh.drills.physical import spans
 from tests.support.paper_run import check_order
 from tests.support.paths import ROOT
-
-WAIT_S = 300
+from tests.support.wheel import WAIT_S, build_wheel
 
 
 class Installed:
@@ -70,17 +69,7 @@ class Installed:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("dist")
-    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel"]
-    subprocess.run(
-        [*build, "--directory", str(folder)],
-        cwd=ROOT,
-        check=True,
-        timeout=WAIT_S,
-        stdout=subprocess.DEVNULL,
-    )
-    (path,) = folder.iterdir()
-    return path
+    return build_wheel(tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="module")

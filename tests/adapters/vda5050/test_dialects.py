@@ -132,7 +132,6 @@ for (const [version, name, message] of lines) {
 """
 
 
-@pytest.mark.reduced
 @pytest.mark.skipif(bool(lacking()), reason=lacking())
 @pytest.mark.parametrize("name", ["1.1", "2.0"])
 def test_messages_are_valid_by_the_schemas_of_npms_library(name: str) -> None:
@@ -160,7 +159,6 @@ def test_messages_are_valid_by_the_schemas_of_npms_library(name: str) -> None:
     assert "orderId" in refused
 
 
-@pytest.mark.reduced
 @pytest.mark.skipif(SCHEMAS is None, reason="vda5050-sdk is not installed: make test-vda5050")
 @given(order=orders(), action=ACTIONS)
 def test_messages_are_valid_by_the_schemas_of_pypis_sdk(

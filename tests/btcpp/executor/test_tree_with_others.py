@@ -157,13 +157,11 @@ def ours(body: str) -> list[tuple[str, dict[str, str]]]:
     return found
 
 
-@pytest.mark.reduced
 @pytest.mark.parametrize("name", TREES)
 def test_a_tree_does_what_the_library_does(name: str) -> None:
     assert ours(TREES[name]) == theirs(TREES[name])
 
 
-@pytest.mark.reduced
 def test_random_trees_do_what_the_library_does() -> None:
     """Scripts, conditions before and after, types, halts, entries that the program sets."""
     ends: Counter[str] = Counter()

@@ -174,7 +174,6 @@ def files() -> st.SearchStrategy[Document]:
     return st.integers(0, 10**9).map(lambda seed: RandomFiles(Random(seed)).file())
 
 
-@pytest.mark.reduced
 @given(files())
 def test_random_files(real: RealLibrary, document: Document) -> None:
     with TemporaryDirectory() as folder:
@@ -227,7 +226,6 @@ def test_every_file_as_a_monitor_sees_it(path: Path, real: RealLibrary, tmp_path
     converted_loads(path, real, tmp_path, Wanted(has_ids=True))
 
 
-@pytest.mark.reduced
 @pytest.mark.parametrize("path", MISSIONS, ids=lambda path: path.parent.name)
 def test_every_example_mission(path: Path, real: RealLibrary, tmp_path: Path) -> None:
     """All of them load, and strict checking finds nothing wrong with them."""

@@ -58,7 +58,6 @@ def undisturbed() -> Done:
     return go()
 
 
-@pytest.mark.reduced
 def test_six_robots_mend_the_vehicle(undisturbed: Done) -> None:
     assert undisturbed.run.result == "success"
     assert undisturbed.run.failures == []

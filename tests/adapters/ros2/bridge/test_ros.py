@@ -152,7 +152,6 @@ async def perform(robot: ConnectedRobot, name: str, *arguments: str) -> list[tup
     return told.said
 
 
-@pytest.mark.reduced
 async def test_actions_services_topics_and_conditions(servers: Servers, tmp_path: Path) -> None:
     async with connected(tmp_path) as (robot, told):
         await told.until("set_condition", "open", True, False)

@@ -1,0 +1,222 @@
+"""The gate (`.ci/run`): every suite at the gate's size, those that wait beside those that compute.
+
+    python -m tests.support.gate              # all suites
+    python -m tests.support.gate browser      # some
+
+Suites of one lane run one after the other. Output is in build/gate/, and of a suite that fails it
+is shown. At the end: a table of suites, what was skipped and why, and tests that no suite has run.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import pytest
+
+from tests.support.paths import ROOT
+
+OUTPUT = ROOT / "build" / "gate"
+# The gate's figures are in tests/support/effort.py.
+SIZE = {"MRBT_TESTS": "gate"}
+PROGRESS_S = 60.0
+# A suite that hangs is ended; its tests end by themselves long before.
+LIMIT_S = 45 * 60
+
+
+@dataclass(frozen=True)
+class Suite:
+    """One call of pytest. `lane`: runs after the suites before it in the same lane.
+
+    A suite that only computes is `nice`, so that teams of real processes are not kept waiting.
+    `is_whole`: what it runs counts as run, for the tests that no suite has run.
+    """
+
+    name: str
+    lane: str
+    arguments: tuple[str, ...]
+    environment: Mapping[str, str] = field(default_factory=dict)
+    is_nice: bool = False
+    is_whole: bool = True
+
+
+COMPUTING = ("-n", "2", "--dist", "worksteal")
+SUITES = (
+    Suite("tests", "computing", (*COMPUTING, "-m", "not processes and not docker"), is_nice=True),
+    Suite(
+        "plain definitions",
+        "computing",
+        (*COMPUTING, "-m", "not processes", "tests/core/agent", "tests/core/observer", "tests/sim"),
+        {"MRBT_PLAIN": "1"},
+        is_nice=True,
+        is_whole=False,
+    ),
+    Suite("processes", "waiting", ("-n", "3", "-m", "not soak", "tests/processes")),
+    Suite("browser", "waiting", ("-n", "2", "tests/browser")),
+    Suite("docker", "waiting", ("tests/docker",)),
+    Suite("environments", "waiting", ("tests/environments",)),
+    Suite("soak", "soaking", ("-m", "soak", "tests/processes")),
+)
+
+
+@dataclass
+class Outcome:
+    """What came of a suite. `ran` and `skipped` are tests; `reasons` counts why they were."""
+
+    status: int = 0
+    seconds: float = 0.0
+    ran: set[str] = field(default_factory=set)
+    skipped: set[str] = field(default_factory=set)
+    reasons: Counter[str] = field(default_factory=Counter)
+
+
+def run_suite(suite: Suite) -> Outcome:
+    """Run one suite to its end, into its file."""
+    name = suite.name.replace(" ", "-")
+    report, log = OUTPUT / f"{name}.xml", OUTPUT / f"{name}.log"
+    command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *suite.arguments]
+    if suite.is_nice:
+        command = ["nice", "-n", "15", *command]
+    begun_s = time.monotonic()
+    with log.open("w", encoding="utf-8") as file:
+        try:
+            done = subprocess.run(
+                command,
+                cwd=ROOT,
+                env=os.environ | SIZE | suite.environment,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                timeout=LIMIT_S,
+                check=False,
+            )
+            status = done.returncode
+        except subprocess.TimeoutExpired:
+            status = 124
+    outcome = Outcome(status, time.monotonic() - begun_s)
+    if report.exists():
+        read_report(report.read_text(encoding="utf-8"), outcome)
+    return outcome
+
+
+def read_report(text: str, outcome: Outcome) -> None:
+    """Take in what a JUnit report tells of each test."""
+    for case in ElementTree.fromstring(text).iter("testcase"):
+        test = f"{case.get('classname')}::{case.get('name')}"
+        skipped = case.find("skipped")
+        if skipped is None:
+            outcome.ran.add(test)
+        else:
+            outcome.skipped.add(test)
+            outcome.reasons[(skipped.get("message") or "").removeprefix("Skipped: ")] += 1
+
+
+def run_lanes(suites: Sequence[Suite]) -> dict[str, Outcome]:
+    """Run all suites; their outcomes by name, in the order in which they ended."""
+    outcomes: dict[str, Outcome] = {}
+
+    def run_lane(lane: str) -> None:
+        for suite in suites:
+            if suite.lane == lane:
+                outcomes[suite.name] = outcome = run_suite(suite)
+                said = "passed" if outcome.status == 0 else f"FAILED ({outcome.status})"
+                show(f"{suite.name} {said} after {outcome.seconds:.0f} s")
+                if outcome.status:
+                    show(tail(suite, 200))
+
+    lanes = dict.fromkeys(suite.lane for suite in suites)
+    threads = [threading.Thread(target=run_lane, args=(lane,)) for lane in lanes]
+    for thread in threads:
+        thread.start()
+    begun_s = time.monotonic()
+    for thread in threads:
+        while thread.is_alive():
+            thread.join(PROGRESS_S)
+            under_way = [suite for suite in suites if suite.name not in outcomes]
+            if thread.is_alive():
+                at = ", ".join(f"{suite.name} {percent(suite)}" for suite in under_way)
+                show(f"{time.monotonic() - begun_s:5.0f} s: {at}")
+    return outcomes
+
+
+def tail(suite: Suite, lines: int) -> str:
+    """The last lines that a suite has printed."""
+    log = OUTPUT / f"{suite.name.replace(' ', '-')}.log"
+    text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
+    return "\n".join(text.splitlines()[-lines:])
+
+
+def percent(suite: Suite) -> str:
+    """How far a suite is, as pytest has last said."""
+    words = tail(suite, 1).rpartition("[")[2].partition("]")
+    return words[0].strip() if words[1] else "begun" if tail(suite, 1) else "waits"
+
+
+def table(suites: Iterable[Suite], outcomes: Mapping[str, Outcome]) -> Iterator[str]:
+    """A line per suite."""
+    yield f"{'suite':<20}{'tests':>8}{'skipped':>9}{'seconds':>9}"
+    for suite in suites:
+        outcome = outcomes[suite.name]
+        ran, skipped = len(outcome.ran), len(outcome.skipped)
+        mark = "" if outcome.status == 0 else "   FAILED"
+        yield f"{suite.name:<20}{ran:>8}{skipped:>9}{outcome.seconds:>9.0f}{mark}"
+
+
+def collected() -> set[str]:
+    """Every test there is at this size, as reports name them."""
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
+    command += ["-o", "addopts=--import-mode=importlib"]
+    done = subprocess.run(
+        command, cwd=ROOT, env=os.environ | SIZE, capture_output=True, text=True, check=False
+    )
+    found = {name_of(line) for line in done.stdout.splitlines() if "::" in line}
+    if done.returncode not in (0, pytest.ExitCode.NO_TESTS_COLLECTED):
+        raise SystemExit(f"tests cannot be collected:\n{done.stdout[-3000:]}{done.stderr}")
+    return found
+
+
+def name_of(node: str) -> str:
+    """`tests/a/test_b.py::test_c[0]` as reports name it: `tests.a.test_b::test_c[0]`."""
+    path, _, test = node.partition("::")
+    return f"{path.removesuffix('.py').replace('/', '.')}::{test}"
+
+
+def show(text: str) -> None:
+    print(text, flush=True)  # noqa: T201
+
+
+def main(names: Sequence[str]) -> int:
+    """Run suites; the exit status."""
+    suites = [suite for suite in SUITES if suite.name in names] if names else SUITES
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    outcomes = run_lanes(suites)
+    reasons: Counter[str] = Counter()
+    for outcome in outcomes.values():
+        reasons.update(outcome.reasons)
+    show("\nwhat could not be tried here:" if reasons else "\nnothing was skipped")
+    for reason, count in reasons.most_common():
+        show(f"{count:6} {reason}")
+    failed = any(outcome.status for outcome in outcomes.values())
+    if not names:
+        whole = [outcomes[suite.name] for suite in suites if suite.is_whole]
+        missing = collected().difference(*(each.ran | each.skipped for each in whole))
+        for test in sorted(missing):
+            show(f"no suite has run {test}")
+        failed |= bool(missing)
+    show("")
+    for line in table(suites, outcomes):
+        show(line)
+    ran = sum(len(outcome.ran) for outcome in outcomes.values())
+    show(f"\n{'FAILED' if failed else 'passed'}: {ran} tests, {sum(reasons.values())} skipped")
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,86 @@
+"""What a user does first, by the installed command alone: `python tour.py MRBT FOLDER`.
+
+A team of real processes works, a robot is killed and replaced, the whole team is killed and goes on
+from its journals, and the mission is simulated. FOLDER is empty, or holds a mission in `town`.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+LIMIT_S = 120.0
+POLL_S = 0.1
+
+
+class Tour:
+    """The steps, one after the other; the first that goes wrong ends it."""
+
+    def __init__(self, mrbt: str, folder: Path) -> None:
+        self.mrbt, self.folder = mrbt, folder
+        self.run_dir, self.hold = folder / "run", folder / "hold"
+        os.environ["MRBT_HOLD"] = str(self.hold)
+        self.mission = folder / "town" / "mission.yaml"
+
+    def go(self) -> None:
+        if not self.mission.exists():
+            self.ask("new", str(self.mission.parent), "--example", "vehicle_repair")
+        self.hold.write_text("replace_hw\n")
+        up = self.up("--detach")
+        assert up.wait(LIMIT_S) == 0, "mrbt up --detach"
+        victim = self.wait_for(lambda: self.worker("replace_hw"), "a robot works on replace_hw")
+        self.ask("kill", victim)
+        other = self.wait_for(
+            lambda: {self.worker("replace_hw")} - {victim, None}, "another robot works on it"
+        )
+        print(f"{victim} was killed, {other.pop()} has taken over")
+        for path in self.run_dir.glob("*.process"):
+            if path.stem != victim:
+                os.kill(json.loads(path.read_text())["pid"], signal.SIGKILL)
+        self.hold.write_text("")
+        up = self.up("--continue", "--headless", "--json", "--timeout", str(LIMIT_S))
+        assert up.wait(2 * LIMIT_S) == 0, "mrbt up --continue"
+        self.ask("recording", "verify", str(self.run_dir))
+        print("the whole team was killed, and has gone on from its journals; its run is proved")
+        assert self.told("sim", "run", str(self.mission))["result"] == "success"
+        print("the mission succeeds in the simulator")
+
+    def up(self, *options: str) -> "subprocess.Popen[bytes]":
+        words = ("up", str(self.mission), "--run-dir", str(self.run_dir), "--speed", "10")
+        return subprocess.Popen([self.mrbt, *words, *options])
+
+    def worker(self, local_task: str) -> "str | None":
+        """The robot that works on a local task, by what `mrbt status` says."""
+        robots = self.told("status", "--run-dir", str(self.run_dir))["robots"]
+        for robot, row in robots.items():
+            if row["state"] == "alive" and (row.get("local_task") or "").startswith(local_task):
+                return str(robot)
+        return None
+
+    def ask(self, *words: str) -> str:
+        """What a command that must succeed prints."""
+        done = subprocess.run(
+            [self.mrbt, *words], capture_output=True, timeout=LIMIT_S, check=False
+        )
+        said = done.stdout.decode(errors="replace")
+        assert done.returncode == 0, (words, said + done.stderr.decode(errors="replace"))
+        return said
+
+    def told(self, *words: str) -> Any:
+        return json.loads(self.ask(*words, "--json"))
+
+    def wait_for(self, look: Callable[[], Any], what: str) -> Any:
+        for _ in range(int(LIMIT_S / POLL_S)):
+            if found := look():
+                return found
+            time.sleep(POLL_S)
+        raise AssertionError(f"never came true: {what}")
+
+
+if __name__ == "__main__":
+    Tour(sys.argv[1], Path(sys.argv[2])).go()
