@@ -266,6 +266,13 @@ def result_of(case: Way) -> SimulationResult:
     return simulate(mission_of(case.kind), robot, seed=1, schedule=schedule, timeout_us=200_000_000)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def own_garbage() -> None:
+    """What other tests left is not gone through again after each of these."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def short_limit(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(run, "BLOCK_LIMIT_S", 0.1)

@@ -7,6 +7,8 @@ import os
 import re
 import subprocess
 import sys
+from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ print(json.dumps({
 """
 
 
+@cache
 def sizes(size: str) -> dict[str, Any]:
     """The figures of a size, as tests see them."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("MRBT_")}
@@ -106,44 +109,47 @@ def test_what_a_report_tells() -> None:
     assert gate.name_of("tests/a/test_b.py::test_c[0]") == "tests.a.test_b::test_c[0]"
 
 
-@pytest.fixture
-def some_suites(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Two tests, of which the suites of the gate run one."""
+def outcome(status: int = 0, **reasons: int) -> gate.Outcome:
+    return gate.Outcome(status, 61.7, {"a::b", "a::c"}, {"a::d"}, Counter(reasons))
+
+
+def test_the_end_of_a_gate_that_passes() -> None:
+    lines, is_well = gate.summary({"some": outcome(chromium=1)}, {"a::b", "a::c", "a::d"})
+    assert is_well
+    assert lines[1:3] == ["skipped, and why:", "     1 chromium"]
+    assert lines[-3].split() == ["some", "2", "1", "62"]
+    assert lines[-1] == "passed: 2 tests, 1 skipped"
+
+
+def test_a_test_that_no_suite_runs_fails_the_gate() -> None:
+    lines, is_well = gate.summary({"some": outcome()}, {"a::b", "a::left_out"})
+    assert not is_well
+    assert "no suite has run a::left_out" in lines
+    assert lines[-1].startswith("FAILED")
+
+
+def test_a_suite_that_fails_fails_the_gate() -> None:
+    lines, is_well = gate.summary({"some": outcome(), "other": outcome(1)}, set())
+    assert not is_well
+    assert lines[-3].endswith("FAILED")
+    assert not lines[-4].endswith("FAILED")
+
+
+def test_suites_are_run_and_compared_with_what_there_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     good = "import pytest\n\ndef test_runs(): pass\n\n@pytest.mark.skip('cannot be had')\n"
     (tmp_path / "test_good.py").write_text(f"{good}def test_is_skipped(): pass\n")
+    (tmp_path / "test_bad.py").write_text("def test_bad(): assert 1 + 1 == 3\n")
+    (tmp_path / "test_left_out.py").write_text("def test_it(): pass\n")
     monkeypatch.setattr(gate, "ROOT", tmp_path)
     monkeypatch.setattr(gate, "OUTPUT", tmp_path / "out")
-    suite = gate.Suite("good", "one", ("test_good.py",))
-    monkeypatch.setattr(gate, "SUITES", (suite,))
-    return tmp_path
-
-
-def test_all_is_well(some_suites: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert gate.main(()) == 0
-    said = capsys.readouterr().out
-    assert "1 cannot be had" in said
-    assert re.search(r"^good +1 +1 +\d+$", said, re.MULTILINE)
-    assert said.endswith("passed: 1 tests, 1 skipped\n")
-
-
-def test_a_test_that_no_suite_runs_fails_the_gate(
-    some_suites: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (some_suites / "test_left_out.py").write_text("def test_it(): pass\n")
-    assert gate.main(()) == 1
-    assert "no suite has run test_left_out::test_it" in capsys.readouterr().out
-
-
-def test_a_test_that_fails_fails_the_gate_and_is_shown(
-    some_suites: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (some_suites / "test_good.py").write_text("def test_bad(): assert 1 + 1 == 3\n")
+    lanes = {name: gate.Suite(name, name, (f"test_{name}.py",)) for name in ("good", "bad")}
+    monkeypatch.setattr(gate, "SUITES", tuple(lanes.values()))
     assert gate.main(()) == 1
     said = capsys.readouterr().out
     assert "assert (1 + 1) == 3" in said
-    assert "FAILED" in said
-
-
-def test_a_suite_that_runs_nothing_fails_the_gate(some_suites: Path) -> None:
-    (some_suites / "test_good.py").write_text("")
-    assert gate.main(()) == 1
+    assert "     1 cannot be had\nno suite has run test_left_out::test_it\n" in said
+    assert re.search(r"^good +1 +1 +\d+$", said, re.MULTILINE)
+    assert re.search(r"^bad +1 +0 +\d+   FAILED$", said, re.MULTILINE)
+    assert said.endswith("FAILED: 2 tests, 1 skipped\n")

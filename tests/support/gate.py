@@ -16,7 +16,7 @@ import threading
 import time
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import pytest
@@ -36,7 +36,6 @@ class Suite:
     """One call of pytest. `lane`: runs after the suites before it in the same lane.
 
     A suite that only computes is `nice`, so that teams of real processes are not kept waiting.
-    `is_whole`: what it runs counts as run, for the tests that no suite has run.
     """
 
     name: str
@@ -44,7 +43,6 @@ class Suite:
     arguments: tuple[str, ...]
     environment: Mapping[str, str] = field(default_factory=dict)
     is_nice: bool = False
-    is_whole: bool = True
 
 
 COMPUTING = ("-n", "2", "--dist", "worksteal")
@@ -56,7 +54,6 @@ SUITES = (
         (*COMPUTING, "-m", "not processes", "tests/core/agent", "tests/core/observer", "tests/sim"),
         {"MRBT_PLAIN": "1"},
         is_nice=True,
-        is_whole=False,
     ),
     Suite("processes", "waiting", ("-n", "3", "-m", "not soak", "tests/processes")),
     Suite("browser", "waiting", ("-n", "2", "tests/browser")),
@@ -159,14 +156,13 @@ def percent(suite: Suite) -> str:
     return words[0].strip() if words[1] else "begun" if tail(suite, 1) else "waits"
 
 
-def table(suites: Iterable[Suite], outcomes: Mapping[str, Outcome]) -> Iterator[str]:
+def table(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
     """A line per suite."""
     yield f"{'suite':<20}{'tests':>8}{'skipped':>9}{'seconds':>9}"
-    for suite in suites:
-        outcome = outcomes[suite.name]
+    for name, outcome in outcomes.items():
         ran, skipped = len(outcome.ran), len(outcome.skipped)
         mark = "" if outcome.status == 0 else "   FAILED"
-        yield f"{suite.name:<20}{ran:>8}{skipped:>9}{outcome.seconds:>9.0f}{mark}"
+        yield f"{name:<20}{ran:>8}{skipped:>9}{outcome.seconds:>9.0f}{mark}"
 
 
 def collected() -> set[str]:
@@ -192,30 +188,35 @@ def show(text: str) -> None:
     print(text, flush=True)  # noqa: T201
 
 
-def main(names: Sequence[str]) -> int:
-    """Run suites; the exit status."""
-    suites = [suite for suite in SUITES if suite.name in names] if names else SUITES
-    OUTPUT.mkdir(parents=True, exist_ok=True)
-    outcomes = run_lanes(suites)
+def summary(outcomes: Mapping[str, Outcome], existing: set[str]) -> tuple[list[str], bool]:
+    """What is shown at the end, and whether all is well: of suites by name, and of all tests."""
+    lines = []
     reasons: Counter[str] = Counter()
     for outcome in outcomes.values():
         reasons.update(outcome.reasons)
-    show("\nwhat could not be tried here:" if reasons else "\nnothing was skipped")
-    for reason, count in reasons.most_common():
-        show(f"{count:6} {reason}")
-    failed = any(outcome.status for outcome in outcomes.values())
-    if not names:
-        whole = [outcomes[suite.name] for suite in suites if suite.is_whole]
-        missing = collected().difference(*(each.ran | each.skipped for each in whole))
-        for test in sorted(missing):
-            show(f"no suite has run {test}")
-        failed |= bool(missing)
-    show("")
-    for line in table(suites, outcomes):
-        show(line)
+    lines += ["", "skipped, and why:" if reasons else "nothing was skipped"]
+    lines += [f"{count:6} {reason}" for reason, count in reasons.most_common()]
+    tried = [outcome.ran | outcome.skipped for outcome in outcomes.values()]
+    missing = existing.difference(*tried)
+    lines += [f"no suite has run {test}" for test in sorted(missing)]
+    is_well = not missing and all(outcome.status == 0 for outcome in outcomes.values())
     ran = sum(len(outcome.ran) for outcome in outcomes.values())
-    show(f"\n{'FAILED' if failed else 'passed'}: {ran} tests, {sum(reasons.values())} skipped")
-    return int(failed)
+    verdict = "passed" if is_well else "FAILED"
+    lines += ["", *table(outcomes)]
+    lines += ["", f"{verdict}: {ran} tests, {sum(reasons.values())} skipped"]
+    return lines, is_well
+
+
+def main(names: Sequence[str]) -> int:
+    """Run suites, all if none is named; the exit status."""
+    suites = [suite for suite in SUITES if suite.name in names or not names]
+    OUTPUT.mkdir(parents=True, exist_ok=True)
+    outcomes = run_lanes(suites)
+    lines, is_well = summary(
+        {suite.name: outcomes[suite.name] for suite in suites}, set() if names else collected()
+    )
+    show("\n".join(lines))
+    return 0 if is_well else 1
 
 
 if __name__ == "__main__":
