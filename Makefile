@@ -9,6 +9,9 @@ READY := $(VENV)/.ready
 # A bare Debian has no lists of packages yet.
 APT_INSTALL := apt-get update -qq && apt-get -o DPkg::Lock::Timeout=600 install -qq --yes
 
+# Without bytecode every Python that is started compiles the project and its libraries anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \

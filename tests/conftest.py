@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import sys
 import tempfile
 from collections import Counter
 from typing import Any
@@ -27,6 +28,10 @@ settings.register_profile(
 settings.load_profile("project")
 
 _STATE = "MRBT_STATE_DIR"
+
+# Tests start hundreds of Pythons: without bytecode each compiles all that it imports anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def pytest_configure(config: pytest.Config) -> None:
