@@ -16,6 +16,7 @@ from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import number_of_part, parts_of
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.observer_recording import RecordTo, observer_recording
@@ -42,16 +43,10 @@ def full(*_: Any) -> None:
 def test_a_full_disk_ends_the_recording_and_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    told: list[tuple[str, str, Any]] = []
+    told: list[str] = []
     agent = Agent(MISSION, CONFIG, 0)
     to = RobotOptions(record=tmp_path / "a.mcap", solver="mine", speed=2.0)
-    recording = robot_recording(
-        to,
-        MISSION,
-        CONFIG,
-        agent.view,
-        lambda level, event, **more: told.append((level, event, more)),
-    )
+    recording = robot_recording(to, MISSION, CONFIG, agent.view, told.append)
     assert recording is not None
     for now_us in (1_000, 2_000_000, 4_000_000):
         record(recording, agent, TimerFired(), now_us)
@@ -61,7 +56,7 @@ def test_a_full_disk_ends_the_recording_and_is_told_once(
         for now_us in (6_000_000, 8_000_000):
             record(recording, agent, TimerFired(), now_us)
     recording.close()
-    assert told == [("error", "recording_ended", {"reason": "No space left on device"})]
+    assert told == ["No space left on device"]
     found = read_recording(tmp_path / "a.mcap")
     assert (found.metadata.robot, found.metadata.solver, found.metadata.speed) == ("R1", "mine", 2)
     assert {each.topic for each in found.records} >= {"/facts", "/plans", "/life"}
@@ -116,21 +111,26 @@ def test_heartbeats_are_recorded_on_request(tmp_path: Path) -> None:
     assert all(each["source"] == "R1" and each["sent"] for each in beats)
 
 
-def test_a_recording_that_is_long_enough_ends_and_says_so(tmp_path: Path) -> None:
-    told: list[Any] = []
+def test_a_long_recording_keeps_its_last_parts(tmp_path: Path) -> None:
+    told: list[str] = []
     agent = Agent(MISSION, CONFIG, 0)
     path = tmp_path / "a.mcap"
     to = RobotOptions(record=path, keep_mib=1)
-    recording = robot_recording(
-        to, MISSION, CONFIG, agent.view, lambda *_, **more: told.append(more)
-    )
+    recording = robot_recording(to, MISSION, CONFIG, agent.view, told.append)
     assert recording is not None
-    now_us = 0
-    while not told:
-        now_us += 100_000
-        event = PositionReported(Position(now_us, 0, None))
-        record(recording, agent, event, now_us)
+    now_us, last = 0, path.with_name("a.part20.mcap")
+    for step in range(100_000):
+        now_us = step * 100_000
+        record(recording, agent, PositionReported(Position(now_us, 0, None)), now_us)
+        if last.exists():
+            break
     recording.close()
-    assert told == [{"reason": "it has come to 1 MiB (--keep)"}]
-    assert 1 << 20 < path.stat().st_size < 2 << 20
-    assert read_recording(path).damage == ()
+    assert not told
+    parts = parts_of(path)
+    assert last in parts
+    assert path not in parts, "the first ones are removed"
+    assert sum(each.stat().st_size for each in parts) <= 1 << 20
+    found = read_recording(path)
+    assert found.damage == ()
+    assert found.metadata.part == number_of_part(parts[0])
+    assert "what was before is not kept" in found.begins_late

@@ -14,7 +14,14 @@ from mrbt_mesh.core.agent.inputs import (
     RecordingReported,
 )
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import JOURNAL, OF_ROBOT, RECORDING, RobotProblem, as_subject
+from mrbt_mesh.core.facts.records import (
+    JOURNAL,
+    NOT_ASKED,
+    OF_ROBOT,
+    RECORDING,
+    RobotProblem,
+    as_subject,
+)
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.mission.failure_reasons import one_line
 
@@ -63,7 +70,8 @@ class Health:
             has_room |= subject in OF_ROBOT
             if has_room and known.get(subject, "") != line:
                 if line:
-                    context.log("error", "problem", subject=subject, problem=line)
+                    level = "info" if line == NOT_ASKED else "error"
+                    context.log(level, "problem", subject=subject, problem=line)
                 writes[f"{records.PROBLEM}/{subject}"] = line
         return [(name, RobotProblem(writes[name])) for name in sorted(writes)]
 
