@@ -28,7 +28,7 @@ class Driven:
 
     What goes on after MAX_SWALLOWED of these is given up. Timeouts of its own (`move_on_after`,
     `asyncio.timeout`) arrive as cancellations too; these do not count. `step` runs each of its
-    steps.
+    steps; before each it passes through the `gate`, if there is one, which may make it wait.
     """
 
     def __init__(
@@ -38,6 +38,7 @@ class Driven:
         step: Callable[[Callable[[], Any]], Any] = lambda run: run(),
     ) -> None:
         self.is_given_up = False
+        self.gate: Callable[[], Generator[Any, None, None]] | None = None
         self._step = step
         self._token = token
         self._cancellations = 0
@@ -58,8 +59,14 @@ class Driven:
         return found
 
     def __await__(self) -> Generator[Any, None, Any]:
-        step = partial(self._coroutine.send, None)
+        step: Callable[[], Any] = partial(self._coroutine.send, None)
         while True:
+            while self.gate is not None:
+                try:
+                    yield from self.gate()
+                    break
+                except asyncio.CancelledError as cancellation:
+                    step = self._thrown(cancellation)
             try:
                 awaited = self._step(step)
             except StopIteration as end:
@@ -68,16 +75,20 @@ class Driven:
                 yield awaited
                 step = partial(self._coroutine.send, None)
             except asyncio.CancelledError as cancellation:
-                self.cancelled()
-                texts = (text for text in cancellation.args if isinstance(text, str))
-                self._cancellations += any(self._token in text for text in texts)
-                if self.is_given_up or self._cancellations > MAX_SWALLOWED:
-                    del step
-                    raise self._end() from None
-                step = partial(self._coroutine.throw, cancellation)
+                del step
+                step = self._thrown(cancellation)
             except BaseException:
                 self._coroutine.close()
                 raise
+
+    def _thrown(self, cancellation: asyncio.CancelledError) -> Callable[[], Any]:
+        """The step in which the coroutine is cancelled; raises GivenUpError."""
+        self.cancelled()
+        texts = (text for text in cancellation.args if isinstance(text, str))
+        self._cancellations += any(self._token in text for text in texts)
+        if self.is_given_up or self._cancellations > MAX_SWALLOWED:
+            raise self._end() from None
+        return partial(self._coroutine.throw, cancellation)
 
     def _end(self) -> GivenUpError:
         """Drop the coroutine, here in the event loop: it may go on forever where there is none."""

@@ -58,6 +58,7 @@ from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskFunction, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramFunction
 from mrbt_mesh.runtime.program_loader import check_program
+from mrbt_mesh.runtime.step_gate import StepGate
 from mrbt_mesh.runtime.task_port import AgentPort, Host
 from mrbt_mesh.runtime.user_code import UserCall, UserCodeError, failure_of, shown, wrong_result
 
@@ -117,8 +118,9 @@ class ActionRunner:
     """Runs actions and bids as tasks of `group`; each ends in exactly one input to the host, bids
     that end at the same time in a common one.
 
-    `drive`: goes to places where the program has no function for that. `stretch`: by which factor
-    a local task takes longer than the mission says.
+    `gate` is to be told when the agent has heard something. `drive`: goes to places where the
+    program has no function for that. `stretch`: by which factor a local task takes longer than the
+    mission says.
     """
 
     def __init__(
@@ -142,6 +144,7 @@ class ActionRunner:
         self._mission = mission
         self._identity = identity
         self._host = host
+        self.gate = StepGate(host.take_news, host.may_step)
         self._scopes: dict[int, anyio.CancelScope] = {}
         # With the ticket of the action for which they run; None: for none.
         self._calls: dict[UserCall, int | None] = {}
@@ -259,6 +262,9 @@ class ActionRunner:
             error = reason = f"the robot's program has no local task {name!r}"
         else:
             call = self._user_call(what, function, context, *given)
+            scope = self._scopes.get(effect.ticket)
+            if scope is not None and self._mission.stops_in_time:
+                call.gate = partial(self.gate.pass_through, lambda: scope.cancel_called)
             # Of a tree, the actions are recorded.
             is_recorded = self._program.record_work and not (
                 place and local_tree(self._mission, effect.local_task) is not None

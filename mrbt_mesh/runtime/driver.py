@@ -234,7 +234,7 @@ class Driver:
             self._loop, lambda: self._call(self._wake, inbox, gate), are_beats_quiet=True
         )
         is_shared = bool(transport.routers)
-        gate = FloodGate(config.keys, config.run, inbox.put, is_link_shared=is_shared)
+        self._gate = gate = FloodGate(config.keys, config.run, inbox.put, is_link_shared=is_shared)
         lives = life_of(lambda: self._agent.view.peers, config.keys)
         self._transport = ZenohTransport(transport, gate.deliver, lives)
         await anyio.to_thread.run_sync(self._transport.open)
@@ -368,6 +368,7 @@ class Driver:
         if head is not None:
             self._step(RecordingSigned(head), now_us)
         self._inbox.are_beats_quiet = self._agent.view.is_calm
+        self._runner.gate.look()
         self.on_step()
 
     def _recording_ended(self, reason: str) -> None:
@@ -579,6 +580,15 @@ class Driver:
         self._from_thread(self._submit, ScheduleFound(effect.number, schedule))
 
     # -- actions.Host ---------------------------------------------------------------------
+
+    def take_news(self) -> None:
+        if not self._inbox.is_empty:
+            self._drain(self._inbox, self._gate)
+            self._take_quiet_beats()
+
+    def may_step(self) -> bool:
+        until_us = self._agent.view.stepping.until_us()
+        return until_us is None or boottime_us() < until_us
 
     def read_condition(self, name: str) -> bool:
         return self._agent.view.facts.condition_of(self._agent.view.robot, name)

@@ -111,6 +111,11 @@ class Inbox:
             waiting, self._quiet = sorted(self._quiet.values(), key=itemgetter(0)), {}
         return [replace(event, arrived_us=max(at_us, since_us)) for at_us, event in waiting]
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing waits; what other threads add just now may be missed."""
+        return not self._waiting and not self._quiet
+
     def take(self) -> list[Input]:
         """All inputs that wait, oldest first; call it from the loop."""
         with self._lock:

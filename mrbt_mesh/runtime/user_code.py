@@ -15,7 +15,7 @@ import signal
 import threading
 import traceback
 import weakref
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Generator, Iterator
 from contextvars import ContextVar, copy_context
 from functools import partial
 from pathlib import Path
@@ -63,7 +63,7 @@ class UserCall:
 
     `report` is called for failures beside its result: the kind, the call, the failure. `stepping`
     is the call whose code runs now, in the `steps`-th step of any; `tasks` carry out calls.
-    `is_cancelled`: the runtime has cancelled it.
+    `is_cancelled`: the runtime has cancelled it. `gate`: that of `Driven`, until then.
     `blocked`: where it kept the simulator waiting in real time, which has made it fail.
     """
 
@@ -85,6 +85,7 @@ class UserCall:
         self.is_cancelled = False
         # By which its cancellation differs from all others that reach the function.
         self.token = f"mrbt call {id(self):x}"
+        self.gate: Callable[[], Generator[Any, None, None]] | None = None
         self._call = call
         self._task: asyncio.Task[Any] | None = None
         self._scope: anyio.CancelScope | None = None
@@ -287,10 +288,13 @@ class _Driven(Driven):
     def __init__(self, owner: UserCall, awaitable: Awaitable[Any]) -> None:
         super().__init__(awaitable, owner.token, owner.step)
         self.was_cancelled = False
+        self.gate = owner.gate
         self._owner = owner
 
     def cancelled(self) -> None:
         self.was_cancelled |= self._owner.is_cancelled
+        if self.was_cancelled:
+            self.gate = None  # it ends what must not be left undone
 
 
 def outside(function: Callable[..., None], *arguments: Any) -> None:

@@ -27,6 +27,12 @@ class Host:
         else:
             self.said.append(event)
 
+    def take_news(self) -> None:
+        pass
+
+    def may_step(self) -> bool:
+        return True
+
     def read_condition(self, name: str) -> bool:
         return False
 

@@ -35,6 +35,7 @@ from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.scheduler import Scheduler
+from mrbt_mesh.core.agent.stepping import Stepping
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.agent.withdrawal import Withdrawal
 from mrbt_mesh.core.bt.robot_tree import RobotTree
@@ -125,6 +126,7 @@ class Agent:
             watch = self._contact = ContactWatch(context, withdrawal, planner, now_us)
             executor.contact = inbound.contact = watch
             self._heartbeats.contact = self._commands.contact = watch
+        self.view.stepping = Stepping(context, leased, self._contact)
         jobs, work = context.facts.jobs, context.work
         self._wall_clock = clock = context.wall_clock
         self._job_clock: JobClock | None = None
@@ -407,6 +409,7 @@ class Agent:
         facts, membership = self._context.facts, self._context.membership
         changes = facts.changes + membership.member_changes + membership.suspicion_changes
         changes += membership.around.broadcast_generation + self._duplicates.changes
+        changes += self._context.peer_clocks.changes
         return changes + membership.report_changes if self._reads_reports else changes
 
     def _note_what_is_done(self, now_us: int) -> None:

@@ -85,12 +85,16 @@ class ContactWatch:
             case ContactOf.OPERATOR:
                 return self._operator_us
             case ContactOf.TEAM:
-                return max(self._known_us.values(), default=None)
+                return max(self._aged_us(), default=None)
         wanted = majority(self._context.mission.robot_ids) - 1
-        known_us = sorted(self._known_us.values(), reverse=True)
+        known_us = sorted(self._aged_us(), reverse=True)
         if not wanted:
             return now_us
         return known_us[wanted - 1] if len(known_us) >= wanted else None
+
+    def _aged_us(self) -> list[int]:
+        """When the newest heartbeats were sent that others know, by the clocks of those."""
+        return [self._context.peer_clocks.aged_us(*known) for known in self._known_us.items()]
 
     # -- this robot ---------------------------------------------------------------------------
 
@@ -102,6 +106,13 @@ class ContactWatch:
             since_us = self._began_us if last_us is None else last_us
             times_us.append(since_us + self._policy.after_us)
         return min(times_us, default=None)
+
+    def steps_until_us(self) -> int | None:
+        """Until when the program may go on; None: that has no limit."""
+        if self._policy is None or not self._policy.is_promise:
+            return None
+        last_us = self._last_us(self._began_us)
+        return (self._began_us if last_us is None else last_us) + self._policy.after_us
 
     def check(self, now_us: int) -> bool:
         """Act on contact that is lost or back; whether anything follows from that."""

@@ -21,6 +21,7 @@ from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.peer_clocks import PeerClocks
 from mrbt_mesh.core.membership.replica import Durability, Replica
 from mrbt_mesh.core.membership.signed_reports import SignedReports
 from mrbt_mesh.core.membership.wire import (
@@ -65,6 +66,7 @@ class Context:
         self.membership = Membership(
             self.me, config.timing, self.mission.robots, SignedReports(config.keys, config.run)
         )
+        self.peer_clocks = PeerClocks(config.timing)
         self.wall_clock: WallClock | None = None
         self.use(self.mission)
         self.joining: Joining | None = Joining(

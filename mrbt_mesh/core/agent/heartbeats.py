@@ -37,6 +37,7 @@ class Heartbeats:
         self._schedule = schedule
         self._tree = tree
         self._leased = leased
+        self._shows_clock = context.mission.stops_in_time
         self._last: Urgent | None = None
         self.contact: ContactWatch | None = None
 
@@ -130,6 +131,7 @@ class Heartbeats:
             context.work.tree_statuses,
             context.recorded,
             clock.unix_us(now_us) if (clock := context.wall_clock) is not None else None,
+            now_us if self._shows_clock else None,
         )
         data = context.config.engine.write_heartbeat(beat, context.replica.header)
         context.emit(Publish(MessageKind.HEARTBEAT, data, to))

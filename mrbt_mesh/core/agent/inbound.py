@@ -130,6 +130,8 @@ class Inbound:
                 incarnation = str(beat.report.incarnation)
                 context.log("info", "robot_heard", robot=source, incarnation=incarnation)
             self._compare_digest(source, beat, now_us)
+            if beat.steady_us is not None:
+                self._compare_clock(source, beat.report.incarnation.nonce, beat.steady_us, now_us)
             if self.contact is not None:
                 self.contact.heard(source, beat)
             # Every heartbeat repeats it. While a plan is made the facts stay as they are.
@@ -152,6 +154,12 @@ class Inbound:
             theirs, ours = beat.members_digest, context.members_digest()
         mine = context.facts.map.digest() + ours
         context.replica.compare_digest(source, beat.fact_digest + theirs, now_us, mine)
+
+    def _compare_clock(self, source: str, process: str, shows_us: int, now_us: int) -> None:
+        clocks, limit_us = self._context.peer_clocks, self._context.config.timing.detection_us
+        is_first = clocks.is_calm(source, now_us - limit_us)
+        if clocks.heard(source, process, shows_us, now_us) and is_first:
+            self._context.log("warning", "clock_stood_still", peer=source)
 
     def _query(self, query: int, kind: MessageKind, data: bytes, now_us: int) -> None:
         replica = self._context.replica

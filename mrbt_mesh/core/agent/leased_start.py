@@ -24,7 +24,9 @@ class LeasedStart(CoalitionStart):
         super().__init__(context)
         self._planner = planner
         timing, durability = context.config.timing, context.durability
-        self.leases = Leases(context.me, context.facts, timing, now_us, durability)
+        self.leases = Leases(
+            context.me, context.facts, timing, now_us, durability, context.peer_clocks
+        )
         # By which to know whether the claim of a robot that is ready is on disk.
         self._ready = 0
 
@@ -57,6 +59,19 @@ class LeasedStart(CoalitionStart):
     def may_work(self, activation: str, token: CoalitionId, now_us: int) -> bool:
         """Whether this robot holds the leases of a majority."""
         return self.leases.holder.is_held(activation, token, now_us)
+
+    def steps_until_us(self) -> int | None:
+        """Until when the program may go on with this robot's claim; None: it is not exclusive.
+
+        In a large team not all robots of a majority are neighbours: the leases alone count.
+        """
+        context, claim = self._context, self._context.work.claim
+        if claim is None or claim.phase is not Phase.RUNNING or not self._is_exclusive(claim):
+            return None
+        holder, held_us = self.leases.holder, self.leases.holder.held_until_us()
+        if not context.config.timing.all_are_neighbours(len(context.mission.robots)):
+            return held_us
+        return min(held_us, holder.heard_until_us(context.me))
 
     def given_up(self, claim: Claim) -> list[Fact]:
         """Begun, the claim leaves the activation in doubt; a leader that never began frees its

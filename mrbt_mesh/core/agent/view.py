@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.planner import PlanListener, Planner
+from mrbt_mesh.core.agent.stepping import Stepping
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import Claim
@@ -22,8 +23,8 @@ class AgentView:
 
     `robot`: its id. `header`: that of its messages. `facts`: its replica of the team's facts.
     `peers`: the other robots as it knows them. `alive()`: the alive set of its plan, itself
-    included. `judges(robot)`: whether it judges the silence of another robot. `refused`: how often
-    input was refused, by source and reason.
+    included. `stepping`: until when its program may go on. `judges(robot)`: whether it judges the
+    silence of another robot. `refused`: how often input was refused, by source and reason.
     """
 
     def __init__(self, context: Context, planner: Planner, tree: RobotTree) -> None:
@@ -37,6 +38,8 @@ class AgentView:
         self._context = context
         self._planner = planner
         self._tree = tree
+        # Composed with the parts of the agent.
+        self.stepping: Stepping
 
     @property
     def mission(self) -> Mission:

@@ -9,6 +9,8 @@ number of the heartbeat that it answers.
   so two coalitions never hold it together.
 - A lease runs out `lease_us` after the last request for it arrived, on the grantor's clock. The
   holder counts a shorter time (`hold_us`), and from when it *sent* that request, so it stops first.
+- If the holder's clock has stood still, the grantor's has not: the holder takes what a grantor has
+  confirmed for as old as it is by the grantor's clock, once it hears that (`peer_clocks`).
 - The first grant is a fact (`grant`), on disk before the answer goes out; a robot whose journal
   cannot be written grants nothing new. Renewals are not written.
 - A grantor whose lease ran out before all outcomes were known writes that the work may be half done
@@ -29,8 +31,9 @@ from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import LATCH, CoalitionId
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.peer_clocks import PeerClocks
 from mrbt_mesh.core.membership.replica import Durability
-from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.timing import NEVER_US, Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant
 from mrbt_mesh.core.mission.mission import InDoubtPolicy
 
@@ -46,10 +49,11 @@ class LeaseHolder:
     `requested`: what its heartbeats ask for.
     """
 
-    def __init__(self, facts: TeamFacts, timing: Timing) -> None:
+    def __init__(self, facts: TeamFacts, timing: Timing, clocks: PeerClocks) -> None:
         self.requested: Request | None = None
         self._facts = facts
         self._timing = timing
+        self._clocks = clocks
         # Number of a heartbeat -> when it was sent, for those that may still be answered.
         self._sent_us: dict[int, int] = {}
         # Grantor -> when the newest request that it has answered was sent.
@@ -69,11 +73,24 @@ class LeaseHolder:
 
     def held_until_us(self) -> int:
         """Until when a majority's leases last, by this robot's own count; 0: there is none."""
+        aged_us = self._clocks.aged_us
+        confirmed_us = [aged_us(*confirmed) for confirmed in self._confirmed_us.items()]
+        newest_us = self._newest_of_majority(confirmed_us)
+        return 0 if newest_us is None else newest_us + self._timing.hold_us
+
+    def heard_until_us(self, me: str) -> int:
+        """Until when a majority was heard of late."""
+        heard_us = map(self._clocks.heard_us, sorted(self._facts.grantors - {me}))
+        known_us = [each_us for each_us in heard_us if each_us is not None]
+        if me in self._facts.grantors:
+            known_us.append(NEVER_US)
+        newest_us = self._newest_of_majority(known_us)
+        return 0 if newest_us is None else newest_us + self._timing.news_us
+
+    def _newest_of_majority(self, times_us: list[int]) -> int | None:
+        """The time that those of a majority have reached."""
         needed = majority(self._facts.grantors)
-        newest = sorted(self._confirmed_us.values(), reverse=True)
-        if len(newest) < needed:
-            return 0
-        return newest[needed - 1] + self._timing.hold_us
+        return sorted(times_us, reverse=True)[needed - 1] if len(times_us) >= needed else None
 
     def is_held(self, activation: str, coalition: CoalitionId, now_us: int) -> bool:
         """Whether this robot may work on the activation now."""
@@ -246,11 +263,17 @@ class Leases:
     """Both roles of one robot, and the heartbeats that they use."""
 
     def __init__(
-        self, me: str, facts: TeamFacts, timing: Timing, now_us: int, durability: Durability
+        self,
+        me: str,
+        facts: TeamFacts,
+        timing: Timing,
+        now_us: int,
+        durability: Durability,
+        clocks: PeerClocks,
     ) -> None:
         self._me = me
         self._facts = facts
-        self.holder = LeaseHolder(facts, timing)
+        self.holder = LeaseHolder(facts, timing, clocks)
         self.grantor = LeaseGrantor(me, facts, timing, now_us, durability)
 
     def heartbeat_sent(self, number: int, now_us: int, may_grant: MayGrant) -> list[Fact]:

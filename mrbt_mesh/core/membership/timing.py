@@ -146,6 +146,11 @@ class Timing:
         """
         return self.lease_us * 3 // 4
 
+    @property
+    def news_us(self) -> int:
+        """The program goes on with an exclusive task for this long without news of a majority."""
+        return max(self.detection_us // 2, self.heartbeat_us * 5 // 2)
+
     def repeat_offsets_us(self) -> tuple[int, ...]:
         """How long after an urgent heartbeat it is repeated."""
         return (self.heartbeat_us // 8, self.heartbeat_us // 4, self.heartbeat_us // 2)

@@ -155,7 +155,8 @@ class Heartbeat:
     robots that the sender counts on. `position`: as the robot reports it; `tree_statuses`: of
     the nodes, in preorder, of the tree that carries out its local task, if there is one;
     `recorded`: so far it has signed its recording, None if it does not. `unix_us`: what the
-    sender's wall clock shows, in missions with jobs; without, it takes no byte.
+    sender's wall clock shows, in missions with jobs; `steady_us`: what its steady clock shows,
+    in missions in which robots stop in time by that. Without, they take no byte.
     """
 
     report: SelfReport
@@ -172,6 +173,7 @@ class Heartbeat:
     tree_statuses: bytes = b""
     recorded: RecordingHead | None = None
     unix_us: int | None = None
+    steady_us: int | None = None
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
@@ -305,7 +307,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         heartbeat.tree_statuses,
         None if head is None else [head.number, head.check],
         report.signature,
-        *(() if heartbeat.unix_us is None else (heartbeat.unix_us,)),
+        *_clocks(heartbeat),
     ]
 
 
@@ -320,6 +322,12 @@ def _pack_report(report: SelfReport) -> list[Any]:
     joined, signature = int(report.has_joined), report.signature
     row = [report.number, report.plan_digest, joined, report.result]
     return [*row, signature] if signature else row
+
+
+def _clocks(heartbeat: Heartbeat) -> tuple[int | None, ...]:
+    if heartbeat.steady_us is not None:
+        return heartbeat.unix_us, heartbeat.steady_us
+    return () if heartbeat.unix_us is None else (heartbeat.unix_us,)
 
 
 def pack_reports(reports: Mapping[str, SelfReport]) -> list[list[Any]]:
@@ -340,10 +348,10 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) not in (18, 19):
+    if not isinstance(body, list) or len(body) not in (18, 19, 20):
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where, tree, head, signature, *clock = tables
+    suspicions, relays, request, grants, where, tree, head, signature, *clocks = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -368,7 +376,7 @@ def parse_heartbeat(
         _position(where),
         _tree_statuses(tree),
         _recording_head(head),
-        _count(clock[0]) if clock else None,
+        *(None if each is None else _count(each) for each in clocks),
     )
 
 

@@ -561,6 +561,12 @@ class Mission:
         return any(need.by_bid for task in self.all_tasks() for need in task.needs)
 
     @cached_property
+    def stops_in_time(self) -> bool:
+        """Whether others count on it that robots stop in time by their own clocks."""
+        promises = any(policy.is_promise for policy in self.on_lost_contact.values())
+        return promises or any(task.exclusive for task in self.all_tasks())
+
+    @cached_property
     def has_paper_policy(self) -> bool:
         """Whether any task fails by the paper's count."""
         return any(task.failure is FailurePolicy.PAPER for task in self.all_tasks())

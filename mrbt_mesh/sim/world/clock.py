@@ -83,7 +83,8 @@ class LocalClock:
 
     `monotonic_us` times its waits and does not run while the computer is suspended;
     `boottime_us`, which agents go by, does not. Both may run fast or slow by `rate_ppm`, and the
-    boot-time clock may jump ahead (a virtual machine that is resumed). It never goes back.
+    boot-time clock may jump ahead (a virtual machine that is resumed). It never goes back. All of
+    them stand still while the machine is paused.
 
     `unix_us`, the wall clock, shows `launch_unix_us` at the begin of the simulation, and may be
     ahead of the true time or behind it, run fast or slow, and be set.
@@ -98,6 +99,7 @@ class LocalClock:
         self._monotonic_us = 0
         self._ahead_us = 0
         self._suspended_us: int | None = None
+        self._is_paused = False
 
     @property
     def monotonic_us(self) -> int:
@@ -115,7 +117,7 @@ class LocalClock:
                 passed_us = self._clock.now_us - self._since_us
                 return self._monotonic_us + passed_us + self._ahead_us
             return self.monotonic_us + self._ahead_us
-        suspended_us = self._clock.now_us - self._suspended_us
+        suspended_us = 0 if self._is_paused else self._clock.now_us - self._suspended_us
         return self.monotonic_us + self._ahead_us + suspended_us
 
     def when_us(self, monotonic_us: int) -> int:
@@ -131,6 +133,8 @@ class LocalClock:
     @property
     def unix_us(self) -> int:
         now_us = self._clock.now_us
+        if self._is_paused and self._suspended_us is not None:
+            now_us = self._suspended_us
         drift_us = (now_us - self._wall_set_us) * self._wall_drift_ppm // MICRO
         return self._launch_unix_us + now_us + self._wall_ahead_us + drift_us
 
@@ -143,17 +147,21 @@ class LocalClock:
         """Let the boot-time clock jump ahead."""
         self._ahead_us += ahead_us
 
-    def suspend(self) -> None:
-        """Stop the monotonic clock."""
+    def suspend(self, is_paused: bool = False) -> None:
+        """Stop the monotonic clock; of a machine that `is_paused`, the others too."""
         self._settle()
-        self._suspended_us = self._clock.now_us
+        self._suspended_us, self._is_paused = self._clock.now_us, is_paused
 
     def resume(self) -> None:
-        """Let the monotonic clock go on; the boot-time clock knows how long it stood."""
+        """Let the clocks go on; after a suspend the boot-time clock knows how long it took."""
         if self._suspended_us is not None:
-            self._ahead_us += self._clock.now_us - self._suspended_us
+            stood_us = self._clock.now_us - self._suspended_us
+            if self._is_paused:
+                self._wall_ahead_us -= stood_us
+            else:
+                self._ahead_us += stood_us
             self._since_us = self._clock.now_us
-            self._suspended_us = None
+            self._suspended_us, self._is_paused = None, False
 
     def _settle(self) -> None:
         if self._suspended_us is None:

@@ -79,8 +79,15 @@ class Suspend(RobotFault):
 
 
 @dataclass(frozen=True, slots=True)
+class Pause(RobotFault):
+    """Its machine is paused with all its clocks, as a virtual machine is for a snapshot; `Thaw`
+    lets it go on.
+    """
+
+
+@dataclass(frozen=True, slots=True)
 class Thaw(RobotFault):
-    """SIGCONT, or the end of a suspend."""
+    """SIGCONT, or the end of a suspend or a pause."""
 
 
 @dataclass(frozen=True, slots=True)

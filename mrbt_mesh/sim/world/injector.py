@@ -36,6 +36,7 @@ _ISOLATING = (
     faults.Block
     | faults.Freeze
     | faults.Suspend
+    | faults.Pause
     | faults.Restart
     | faults.Slow
     | faults.ClockJump
@@ -101,6 +102,7 @@ class Injector:
         self._of_a_process: dict[type[faults.Fault], Callable[[SimProcess, Any], object]] = {
             faults.Freeze: lambda process, _: process.pace.freeze(),
             faults.Suspend: lambda process, _: process.suspend(),
+            faults.Pause: lambda process, _: process.pause(),
             faults.Thaw: lambda process, _: process.thaw(),
             faults.Slow: lambda process, f: process.pace.slow(f.lag_us),
             faults.LoseToken: lambda _, f: self._lose_token(f),

@@ -261,8 +261,13 @@ class SimProcess:
         self.local.suspend()
         self.pace.freeze()
 
+    def pause(self) -> None:
+        """Its machine is paused."""
+        self.local.suspend(is_paused=True)
+        self.pace.freeze()
+
     def thaw(self) -> None:
-        """It goes on after a freeze or a suspend."""
+        """It goes on after a freeze, a suspend or a pause."""
         self.local.resume()
         self.pace.thaw()
 
@@ -304,6 +309,8 @@ class SimProcess:
         for effect in effects:
             self._carry_out(effect)
         inspection.handled(self, event, effects)
+        if self._runner is not None:
+            self._runner.gate.look()
         if isinstance(event, ActionFinished):
             world.completed(self)
         head = self._recorder.take_head() if self._recorder is not None else None
@@ -426,6 +433,15 @@ class SimProcess:
         if isinstance(event, ActionFinished):
             event = self._world.outcome(self, event)
         self._clock.at(self._clock.now_us, partial(self.deliver, event))
+
+    def take_news(self) -> None:
+        pass  # it is taken in when it arrives
+
+    def may_step(self) -> bool:
+        if self.agent is None:
+            return True
+        until_us = self.agent.view.stepping.until_us()
+        return until_us is None or self.local.boottime_us < until_us
 
     def read_condition(self, name: str) -> bool:
         view = self.agent.view if self.agent is not None else None

@@ -13,6 +13,7 @@ from mrbt_mesh.core.facts.records import CoalitionId
 from mrbt_mesh.core.facts.store import Fact, Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.leases import Leases
+from mrbt_mesh.core.membership.peer_clocks import PeerClocks
 from mrbt_mesh.core.membership.replica import Durability
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, LeaseGrant, SelfReport
@@ -53,7 +54,10 @@ class Robot:
 
     def start(self, now_us: int) -> None:
         """A new process, with the facts of the journal."""
-        self.grants = Leases(self.id, self.facts, TIMING, self.clock(now_us), self.disk)
+        self.clocks = PeerClocks(TIMING)
+        self.grants = Leases(
+            self.id, self.facts, TIMING, self.clock(now_us), self.disk, self.clocks
+        )
 
     def clock(self, now_us: int) -> int:
         return self.offset_us + now_us * self.rate_percent // 100

@@ -122,6 +122,7 @@ def test_a_clock_takes_no_byte_where_there_are_no_jobs() -> None:
     packed = pack_heartbeat(beat)
     assert len(packed) == 18
     assert pack_heartbeat(replace(beat, unix_us=5)) == [*packed, 5]
+    assert pack_heartbeat(replace(beat, steady_us=7)) == [*packed, None, 7]
 
 
 # -- round trips ------------------------------------------------------------------------------
