@@ -165,6 +165,8 @@ def agent_arguments(
         type=robot_type,
         expect=info.robots,
         gather_s=max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots)),
+        # All robots are started here: one that is not heard has ended.
+        alone_after_s=0.0,
         run_dir=run_dir.path,
         takeover=takeover,
         exit_when_done=True,

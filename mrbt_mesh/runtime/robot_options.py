@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from mrbt_mesh.runtime.settings import (
+    DEFAULT_ALONE_AFTER_S,
     DEFAULT_BEAT_S,
     DEFAULT_DETECTION_S,
     DEFAULT_GATHER_S,
@@ -48,6 +49,7 @@ _NAMES = {
     "beat_s": "--beat",
     "detection_s": "--detection",
     "gather_s": "--join-timeout",
+    "alone_after_s": "--alone-after",
     "keep_mib": "--keep",
 }
 
@@ -58,7 +60,8 @@ class RobotOptions(NetworkOptions):
 
     `insecure`: it has no `keys`, and believes every sender. `type`: for a robot that the mission
     does not list. `program`, `solver`: None for the mission's. `expect`: robots that it waits for,
-    for `gather_s` seconds if there is no team yet (None: all of the mission). `run_dir`: folder for
+    for `gather_s` seconds if there is no team yet (None: all of the mission), and for
+    `alone_after_s` while it hears none at all; `alone`: it waits for nobody. `run_dir`: folder for
     its journal, log and events, which let it come back after a crash. `takeover`: it replaces a
     live robot of the same id. `while_locked`: a file; it leaves once no process holds a lock on it.
     `record`: where it records its inputs and effects, with `record_beats` also each heartbeat.
@@ -71,6 +74,8 @@ class RobotOptions(NetworkOptions):
     solver: str | None = None
     expect: Sequence[str] | None = None
     gather_s: float = DEFAULT_GATHER_S
+    alone_after_s: float = DEFAULT_ALONE_AFTER_S
+    alone: bool = False
     run_dir: Path | None = None
     speed: float = 1.0
     takeover: bool = False

@@ -113,6 +113,8 @@ def robot_setup(
         timing=address.timing,
         expected=expected,
         gather_us=round(options.gather_s * SECOND_US),
+        alone_after_us=round(options.alone_after_s * SECOND_US),
+        listens=address.transport.where(),
         takeover=options.takeover,
         exit_when_done=options.exit_when_done,
         software=__version__,
@@ -150,6 +152,8 @@ def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...]
 
 def _expected(options: RobotOptions, mission: Mission) -> frozenset[str]:
     """The robots that it waits for; raises InputError."""
+    if options.alone:
+        return frozenset()
     expected = list(mission.robots) if options.expect is None else options.expect
     for robot in expected:
         if not is_robot_id(robot):

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import secrets
+import socket
 import threading
 import time
 from collections.abc import Iterable, Mapping
@@ -18,12 +19,16 @@ from typing import Any
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 
+import psutil
 import zenoh
 
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import ENCRYPTED, PROTOCOLS, WIRED, default_protocol
 
+# Discover others on all interfaces that can.
+AUTO = "auto"
+_INTERNET = (socket.AF_INET, socket.AF_INET6)
 LEASE_MS = 2_000
 # Up to here links are watched as closely as they can be.
 FULL_LEASE_ROBOTS = 6
@@ -83,6 +88,20 @@ class TransportConfig:
         given = {endpoint.partition("/")[0] for endpoint in self._endpoints()}
         return sorted(given) or [default_protocol(self.profile, self.certificates is not None)]
 
+    def where(self) -> str:
+        """Where its session hears others, for people."""
+        if self.routers:
+            return f"router {', '.join(self.routers)}"
+        parts = []
+        if self.multicast_interface is not None:
+            there = ", ".join(sorted(set(psutil.net_if_addrs()) - {"lo"})) or "lo alone"
+            parts.append(f"multicast of {self.multicast_interface} ({there})")
+        parts += [f"{name} {', '.join(ends)}" for name, ends in self._named_ends() if ends]
+        return "; ".join(parts)
+
+    def _named_ends(self) -> list[tuple[str, tuple[str, ...]]]:
+        return [("listening on", self.listen), ("dialling", self.connect)]
+
     def _endpoints(self) -> tuple[str, ...]:
         return (*self.listen, *self.connect, *self.routers)
 
@@ -92,6 +111,8 @@ class TransportConfig:
                 "--router makes a client, which has no other links: leave out --listen, --connect "
                 "and --multicast"
             )
+        if self.multicast_interface is not None:
+            check_interface(self.multicast_interface)
         allowed = PROTOCOLS[self.profile]
         for endpoint in self._endpoints():
             if endpoint.partition("/")[0] not in allowed:
@@ -105,6 +126,25 @@ class TransportConfig:
                 f"links over {encrypted[0]} need the team's keys: make them with `mrbt keys init`, "
                 "and give every robot its own with --keys"
             )
+
+
+def check_interface(name: str) -> None:
+    """Check that interfaces for discovery are there: names, or addresses. Raises TransportError."""
+    if name == AUTO:
+        return
+    interfaces = {
+        each: [row.address.partition("%")[0] for row in rows if row.family in _INTERNET]
+        for each, rows in psutil.net_if_addrs().items()
+    }
+    for each in (part.strip() for part in name.split(",")):
+        if each not in interfaces and not any(each in found for found in interfaces.values()):
+            listed = ", ".join(sorted(interfaces))
+            raise TransportError(
+                f"--multicast {each!r:.80}: this machine has no such interface or address "
+                f"({listed})"
+            )
+        if each in interfaces and not interfaces[each]:
+            raise TransportError(f"--multicast {each}: this interface has no address")
 
 
 def session_id(unix_ns: int) -> str:

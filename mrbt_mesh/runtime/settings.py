@@ -5,6 +5,7 @@ from __future__ import annotations
 DEFAULT_BEAT_S, DEFAULT_DETECTION_S = 0.2, 1.0
 # How long the first robot of a team waits for the others to start.
 DEFAULT_GATHER_S = 10.0
+DEFAULT_ALONE_AFTER_S = 30.0
 # How long each robot of a large team takes to start, on a machine that has them all.
 START_S_PER_ROBOT = 0.5
 # The size at which files of a robot begin anew, or end (`limited_file`, `recording`).

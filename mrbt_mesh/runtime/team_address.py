@@ -12,7 +12,7 @@ from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.robot_options import NetworkOptions
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.session_config import Certificates, TransportConfig
+from mrbt_mesh.runtime.session_config import AUTO, Certificates, TransportConfig
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.key_folder import ManifestWatch
@@ -50,7 +50,7 @@ def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> Te
             raise AddressError(f"{option} {value!r}: {text}")
     multicast = options.multicast
     if multicast is None and not options.listen and not options.connect and not options.routers:
-        multicast = "auto"
+        multicast = AUTO
     return TeamAddress(
         mission,
         options.run or mission.team_digest[:8],

@@ -260,10 +260,13 @@ _PERIOD = ("a number of seconds from 0.001 to 3600", _is_number(0.001, 3_600))
 _EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     **dict.fromkeys(("type", "team", "run", "multicast", "program", "solver"), _TEXT),
     **dict.fromkeys(("listen", "connect", "routers", "expect"), _LIST),
-    **dict.fromkeys(("insecure", "takeover", "exit_when_done", "record_beats"), _FLAG),
+    **dict.fromkeys(("insecure", "alone", "takeover", "exit_when_done", "record_beats"), _FLAG),
     **dict.fromkeys(("keys", "run_dir", "record"), _PATH),
     **dict.fromkeys(("beat_s", "detection_s"), _PERIOD),
-    "gather_s": ("a number of seconds from 0 to 86400", _is_number(0, 86_400)),
+    **dict.fromkeys(
+        ("gather_s", "alone_after_s"),
+        ("a number of seconds from 0 to 86400", _is_number(0, 86_400)),
+    ),
     "speed": ("a number from 0.01 to 1000", _is_number(0.01, 1_000)),
     "keep_mib": ("a number of MiB from 1 to 1000000", _is_number(1, 1_000_000)),
     "transport": (" or ".join(map(repr, PROTOCOLS)), lambda value: value in tuple(PROTOCOLS)),

@@ -156,9 +156,9 @@ class Script:
     def do_start(self, *names: str) -> None:
         """start A B; start A2=A takeover: a second process under the id A
 
-        patient: it waits up to 5 s for a team that gathers.
+        patient: it waits up to 5 s for a team that gathers. unheard: up to 3 s if it hears nobody.
         """
-        options = {"takeover", "exit_when_done", "alone", "patient"}
+        options = {"takeover", "exit_when_done", "alone", "patient", "unheard"}
         mission = self.mission()
         for name in names:
             if name not in options:
@@ -187,6 +187,7 @@ class Script:
             TIMING,
             expected=frozenset(() if "alone" in options else self.robots),
             gather_us=5_000_000 if "patient" in options else 0,
+            alone_after_us=3_000_000 if "unheard" in options else 0,
             takeover="takeover" in options,
             exit_when_done="exit_when_done" in options,
             engine=self.engine,

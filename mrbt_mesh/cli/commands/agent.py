@@ -24,7 +24,7 @@ from mrbt_mesh.cli.options import (
 )
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.robot_options import RobotOptions
-from mrbt_mesh.runtime.settings import DEFAULT_GATHER_S, MISSION_VARIABLE
+from mrbt_mesh.runtime.settings import DEFAULT_ALONE_AFTER_S, DEFAULT_GATHER_S, MISSION_VARIABLE
 
 
 def _names(context: click.Context, option: click.Parameter, value: str | None) -> Any:
@@ -78,6 +78,15 @@ robot_options = options_as(
         metavar="SECONDS",
         help="How long it waits for them where there is no team yet.",
     ),
+    click.option(
+        "--alone-after",
+        "alone_after_s",
+        type=FiniteNumber(0, 86_400),
+        default=DEFAULT_ALONE_AFTER_S,
+        metavar="SECONDS",
+        help="How long it waits if it hears no robot at all.",
+    ),
+    click.option("--alone", is_flag=True, help="Wait for no other robot: begin at once."),
     *NETWORK,
     click.option("--insecure", is_flag=True, help="Without --keys: believe every sender."),
     *METRICS,

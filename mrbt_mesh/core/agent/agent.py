@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from mrbt_mesh.core.agent import inputs
+from mrbt_mesh.core.agent.alone import Alone
 from mrbt_mesh.core.agent.bidder import Bidder
 from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
@@ -74,6 +75,7 @@ class Agent:
         self._leased: LeasedStart | None = None
         self._health = health = Health(context)
         self._withdrawal = Withdrawal(context, health)
+        self._alone = Alone(context, health)
         self._bidder = Bidder(context, health)
         self._scheduler: Scheduler | None = None
         self._contact: ContactWatch | None = None
@@ -264,6 +266,8 @@ class Agent:
         if clock is not None and self._planner.awaited is None and clock.compare(now_us):
             self._health.problem_found(inputs.ProblemFound(CLOCK, clock.problem), now_us)
             self._seen = None
+        if not self._alone.is_over and self._planner.awaited is None:
+            self._alone.follow(now_us)
         contact = self._contact
         if contact is not None and self._planner.awaited is None and contact.check(now_us):
             self._seen = None
@@ -427,6 +431,7 @@ class Agent:
             self._plans_at_us,
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
+            joining.alone_until_us if joining is not None else None,
             joining.yields_until_us if joining is not None else None,
             starts_us,
             done_us + context.config.timing.heartbeat_us if done_us is not None else None,

@@ -33,7 +33,8 @@ class AgentConfig:
     """One robot's configuration; performances in `capabilities` are micro-units.
 
     `expected`: the robots of the team that should be heard at the start; where nobody has joined
-    yet, the robot waits for them up to `gather_us`, at least one detection time. `takeover`: it
+    yet, the robot waits for them up to `gather_us`, at least one detection time, and up to
+    `alone_after_us` if it hears none at all. `listens`: where it does, for people. `takeover`: it
     replaces a live robot of the same id. `exit_when_done`: it stops once the whole team has the
     mission's result; otherwise it serves latecomers. `restored`: the entries of its journal;
     `journal_problem`: why that cannot be written, empty if it can; `recording_problem`: the same of
@@ -53,6 +54,8 @@ class AgentConfig:
     timing: Timing = field(default_factory=Timing)
     expected: frozenset[str] = frozenset()
     gather_us: int = 0
+    alone_after_us: int = 0
+    listens: str = "the network"
     takeover: bool = False
     exit_when_done: bool = False
     software: str = ""

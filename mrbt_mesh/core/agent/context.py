@@ -70,7 +70,11 @@ class Context:
         self.wall_clock: WallClock | None = None
         self.use(self.mission)
         self.joining: Joining | None = Joining(
-            config.timing, config.expected - {self.me}, now_us, gather_us=config.gather_us
+            config.timing,
+            config.expected - {self.me},
+            now_us,
+            gather_us=config.gather_us,
+            alone_after_us=config.alone_after_us,
         )
         self.description = Description(
             self.me, config.type, config.capabilities, config.software, config.host, config.pid

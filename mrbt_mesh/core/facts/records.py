@@ -42,8 +42,9 @@ MAX_HASH = (1 << 53) - 1
 # Of a compiled mission, in characters.
 MAX_MISSION = 250_000
 # The subjects of problems with the robot itself; all others are parts of its program.
-JOURNAL, CLOCK, PROCESS, RECORDING = "journal", "clock", "process", "recording"
-OF_ROBOT = (JOURNAL, CLOCK, PROCESS, RECORDING)
+JOURNAL, CLOCK, NETWORK, PROCESS = "journal", "clock", "network", "process"
+RECORDING = "recording"
+OF_ROBOT = (JOURNAL, CLOCK, NETWORK, PROCESS, RECORDING)
 # Problems with a recording: it has ended, for a reason that follows; it was not asked for.
 NOT_RECORDED, NOT_ASKED = "does not record", "does not record, as it was started so"
 

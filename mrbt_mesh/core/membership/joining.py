@@ -5,6 +5,9 @@ it slept would go on with stale facts. The facts of a peer are known once it has
 once it reports the digest that this robot has too: what it wrote may have come from others. That
 counts only after some peer has answered, since equal digests may be equally old. A peer that never
 answers, because it does not hear the newcomer, is waited for no longer than the longest silence.
+
+A robot that hears nobody at all cannot tell a team that is not there from one that it does not
+reach. So it waits longer before it does what others may be doing too.
 """
 
 from __future__ import annotations
@@ -26,7 +29,8 @@ class Joining:
     for long and has nothing that others could have taken over, so it only catches up. `refusal` is
     why the last incompatible message was refused. `gather_us`: while nobody has joined yet, the
     expected robots are waited for so long, if that is longer: how long processes take to start has
-    nothing to do with how soon a silent one is dead.
+    nothing to do with how soon a silent one is dead. `alone_after_us`: the same while no robot has
+    been heard at all.
     """
 
     def __init__(
@@ -36,10 +40,12 @@ class Joining:
         now_us: int,
         is_first: bool = True,
         gather_us: int = 0,
+        alone_after_us: int = 0,
         keeps_life: bool = False,
     ) -> None:
         self.deadline_us = now_us + timing.detection_us
         self.gathers_until_us = max(self.deadline_us, now_us + gather_us)
+        self.alone_until_us = max(self.gathers_until_us, now_us + alone_after_us)
         self.is_first = is_first
         self.keeps_life = keeps_life
         self.refusal = ""
@@ -51,6 +57,11 @@ class Joining:
         # Until when it lets others go first, and how many had joined when that was last put off.
         self.yields_until_us: int | None = None
         self._most_joined = -1
+
+    @property
+    def expects_others(self) -> bool:
+        """Whether it is alone only if something is wrong, or others have not come yet."""
+        return bool(self._expected)
 
     def mark_heard(self, robot: str) -> None:
         """A heartbeat of `robot` itself arrived."""
@@ -117,7 +128,9 @@ class Joining:
         """
         if are_all_there and not is_other_life_relayed:
             return True
-        return now_us >= (self.deadline_us if is_team_there else self.gathers_until_us)
+        if is_team_there:
+            return now_us >= self.deadline_us
+        return now_us >= (self.gathers_until_us if self._heard else self.alone_until_us)
 
 
 def _has_digest(peer: Peer | None, digest: bytes) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
+    NETWORK,
     NOT_ASKED,
     PROCESS,
     RECORDING,
@@ -16,6 +17,7 @@ from mrbt_mesh.core.facts.records import (
     problem_text,
 )
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission, Recorded, performance
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text, lost_text
@@ -24,6 +26,8 @@ from mrbt_mesh.core.planning.plan import Shortage, shortened
 
 # Blocked requests, and remedies of each, that are named; the status has all.
 MOST_BLOCKED, MOST_REMEDIES = 3, 2
+# A robot has mostly heard others this soon after its start.
+STARTS_WITHIN_US = 5 * SECOND_US
 
 
 class Level(enum.StrEnum):
@@ -80,7 +84,7 @@ def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
     `differing`: the robots that have reported another plan than most for longer than a message
     takes.
     """
-    found = [*_blocked(observer), *_dead(observer)]
+    found = [*_alone(observer), *_blocked(observer), *_dead(observer)]
     if observer.record.result is None:
         found += [*_silent(observer), *_faulty(observer), *_agreement(observer, differing)]
         found += [*_revision(observer), *_open_jobs(observer)]
@@ -217,6 +221,20 @@ def _silent(observer: Observer) -> Iterator[Statement]:
         yield Statement(Level.WARN, f"{len(silent)} silent: {shortened(silent)}")
 
 
+def _alone(observer: Observer) -> Iterator[Statement]:
+    """Robots that have never heard another one: what others do they may do as well."""
+    heartbeat_us = observer.membership.timing.heartbeat_us
+    for robot, peer in sorted(observer.membership.peers.items()):
+        is_late = peer.report.number * heartbeat_us > STARTS_WITHIN_US
+        waits = is_late and peer.state.is_member and not peer.report.has_joined
+        if waits and peer.heartbeat is not None and not peer.heartbeat.relays:
+            text = f"{robot} waits: it has heard no other robot (--alone begins at once)"
+            yield Statement(Level.WARN, text)
+    for (robot, subject), episode in observer.record.problems.items():
+        if subject == NETWORK and episode.to_us is None and robot in _present(observer):
+            yield Statement(Level.WARN, f"{robot}: {problem_text(subject, episode.problem)}")
+
+
 def _faulty(observer: Observer) -> Iterator[Statement]:
     """Lost capabilities, and what is wrong with programs and journals."""
     record, members = observer.record, _present(observer)
@@ -227,6 +245,8 @@ def _faulty(observer: Observer) -> Iterator[Statement]:
     unrecorded: dict[str, list[str]] = {}
     for (robot, subject), episode in record.problems.items():
         if episode.to_us is not None or (robot not in members and subject != PROCESS):
+            continue
+        if subject == NETWORK:
             continue
         if subject == RECORDING:
             unrecorded.setdefault(episode.problem, []).append(robot)

@@ -46,6 +46,7 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
     words += ["--run-dir", str(tmp_path), "--takeover", "--exit-when-done", "--expect", "R1,R2"]
     words += ["--while-locked", "launcher.lock", "--keys", str(keys)]
     words += ["--record", "r.mcap", "--record-beats"]
+    words += ["--alone-after", "20", "--alone"]
     words += ["--join-timeout", "3", "--team", "t", "--run", "r", "--listen", "tcp/127.0.0.1:1"]
     words += ["--connect", "tcp/127.0.0.1:2", "--connect", "tcp/127.0.0.1:3", "--beat", "0.1"]
     code, _, problems = mrbt(
@@ -59,6 +60,8 @@ def test_every_option_arrives(started: list[Started], tmp_path: Path) -> None:
         solver="cp_sat",
         expect=("R1", "R2"),
         gather_s=3,
+        alone_after_s=20,
+        alone=True,
         run_dir=tmp_path,
         speed=2,
         takeover=True,

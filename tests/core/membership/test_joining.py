@@ -112,6 +112,22 @@ def test_a_team_that_gathers_waits_longer_and_a_newcomer_to_one_that_is_there_do
     assert joining.is_done(False, False, True, 1_000 * MS)
 
 
+def test_who_hears_nobody_waits_longer_than_who_misses_some() -> None:
+    times: dict[str, int] = {"gather_us": 2_000 * MS, "alone_after_us": 5_000 * MS}
+    joining = Joining(TIMING, frozenset("AB"), 0, **times)
+    assert joining.expects_others
+    assert not joining.is_done(False, False, False, 4_999 * MS)
+    assert joining.is_done(False, False, False, 5_000 * MS)
+    joining.mark_heard("A")
+    assert joining.is_done(False, False, False, 2_000 * MS)
+
+
+def test_who_is_alone_by_design_does_not_wait() -> None:
+    joining = Joining(TIMING, frozenset(), 0, alone_after_us=5_000 * MS)
+    assert not joining.expects_others
+    assert joining.is_done(True, False, False, 0)
+
+
 def test_many_newcomers_of_a_large_team_join_a_few_at_a_time() -> None:
     joining = Joining(TIMING, frozenset(), 0)
     assert not joining.yields(JOINS_AT_A_TIME - 1, 0, 0)

@@ -1,0 +1,62 @@
+"""What is checked before a session is opened."""
+
+from __future__ import annotations
+
+import socket
+from types import SimpleNamespace
+from unittest import mock
+
+import psutil
+import pytest
+
+from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+
+V4, V6, LINK = socket.AF_INET, socket.AF_INET6, psutil.AF_LINK
+INTERFACES = {
+    "lo": [(V4, "127.0.0.1")],
+    "eth0": [(V4, "10.0.0.7"), (V6, "fe80::1%eth0"), (LINK, "02:00:00:00:00:01")],
+    "wlan0": [(LINK, "02:00:00:00:00:02")],
+}
+
+
+@pytest.fixture(autouse=True)
+def interfaces() -> object:
+    rows = {
+        name: [SimpleNamespace(family=family, address=address) for family, address in row]
+        for name, row in INTERFACES.items()
+    }
+    with mock.patch.object(psutil, "net_if_addrs", return_value=rows) as patched:
+        yield patched
+
+
+@pytest.mark.parametrize("name", ["auto", "lo", "eth0", "10.0.0.7", "fe80::1", "lo,eth0"])
+def test_interfaces_that_are_there(name: str) -> None:
+    TransportConfig("t", "A", multicast_interface=name)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        (
+            "eth9",
+            r"--multicast 'eth9': this machine has no such interface or address \(eth0, lo, wl",
+        ),
+        ("10.0.0.8", "no such interface"),
+        ("02:00:00:00:00:01", "no such interface"),
+        ("lo,eth9", "--multicast 'eth9'"),
+        ("wlan0", "--multicast wlan0: this interface has no address"),
+        ("", "no such interface"),
+    ],
+)
+def test_interfaces_that_are_not(name: str, reason: str) -> None:
+    with pytest.raises(TransportError, match=reason):
+        TransportConfig("t", "A", multicast_interface=name)
+
+
+def test_where_a_robot_hears_others() -> None:
+    assert TransportConfig("t", "A", multicast_interface="auto").where() == (
+        "multicast of auto (eth0, wlan0)"
+    )
+    ends = TransportConfig("t", "A", ("tcp/10.0.0.7:1",), ("tcp/10.0.0.8:1",))
+    assert ends.where() == "listening on tcp/10.0.0.7:1; dialling tcp/10.0.0.8:1"
+    assert TransportConfig("t", "A", routers=("tcp/a:1",)).where() == "router tcp/a:1"
