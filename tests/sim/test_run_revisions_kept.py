@@ -12,7 +12,12 @@ import pytest
 from mrbt_mesh import TaskContext, TaskFailedError
 from mrbt_mesh.core.agent.commands import BORROW, RETURN
 from mrbt_mesh.core.agent.job_desk import SUBMIT
+from mrbt_mesh.core.facts import team_facts
+from mrbt_mesh.core.facts.records import JobEnd, Record
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.validation import believed
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.headline import headline
@@ -333,3 +338,23 @@ def test_a_mission_of_another_name_or_that_the_robots_cannot_do_is_refused() -> 
         assert "--force" in facts.revisions.void_reason(1)
         forced = run(DOSES, (5, revised(changed, True)), seconds=10)
         assert in_force(forced) >= {1}
+
+
+# -- deliberate bugs ------------------------------------------------------------------------------
+
+
+def test_removed_parts_must_be_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(revisions, "MAX_RETIRED", 0)
+    with pytest.raises(AssertionError):
+        test_an_exclusive_step_that_was_removed_and_comes_back_is_not_begun_again()
+
+
+def test_ends_must_be_believed_whatever_types_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    def by_type(entry: Entry, mission: Mission, run: str) -> Record | None:
+        if isinstance(entry.record, JobEnd) and entry.record.type not in mission.jobs:
+            return None
+        return believed(entry, mission, run)
+
+    monkeypatch.setattr(team_facts, "believed", by_type)
+    with pytest.raises(AssertionError):
+        test_the_end_of_a_job_is_kept_by_its_id(NO_GIVE)

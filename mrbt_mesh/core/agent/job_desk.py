@@ -92,6 +92,8 @@ class JobDesk:
         coming = self._context.facts.revisions.pending(self._context.mission.revision_number)
         if coming is not None and kind not in coming[1].jobs:
             raise _RefusedError(f"a revision without jobs of type {kind} is about to be in force")
+        if coming is not None and (problem := coming[1].jobs[kind].problem(arguments)):
+            raise _RefusedError(f"a revision is about to be in force in which {problem}")
         if self._jobs.count_open() >= MAX_OPEN:
             raise _RefusedError(f"{MAX_OPEN} jobs are open; cancel some, or wait", FULL)
         not_before_us, deadline_us = self._times(given, types[kind].deadline_us, now_us)
