@@ -292,6 +292,7 @@ class _Builder:
                     micro_or_report(need.performance.bid_within_s, place, self.report)
             self.blocked_us(task.blocked, ("global_tasks", name, "blocked", "fail_after_s"))
             self.failure(task, ("global_tasks", name, "failure", "after_s"))
+            self.begin_within_us(task, ("global_tasks", name, "begin_within_s"))
         self.blocked_us(self.model.blocked, ("blocked", "fail_after_s"))
 
     def blocked_us(self, blocked: Blocked | None, path: SourcePath) -> int | None:
@@ -299,6 +300,12 @@ class _Builder:
         if not isinstance(blocked, FailAfterModel):
             return None
         return micro_or_report(blocked.fail_after_s, path, self.report)
+
+    def begin_within_us(self, task: GlobalTaskModel, path: SourcePath) -> int | None:
+        """Within which time the robots of a coalition begin; None: within the usual one."""
+        if task.begin_within_s is None:
+            return None
+        return micro_or_report(task.begin_within_s, path, self.report)
 
     def failure(self, task: GlobalTaskModel, path: SourcePath) -> tuple[FailurePolicy, int | None]:
         """The policy, and for how long the team has to agree; None: the usual time."""
@@ -371,6 +378,7 @@ class _Builder:
                 InDoubtPolicy(model.in_doubt or InDoubtPolicy.HOLD),
                 after_us,
                 self.effects(model, scope),
+                self.begin_within_us(model, path),
             )
         return tasks
 

@@ -58,8 +58,12 @@ def test_a_deliberate_bug_is_caught(name: str) -> None:
     pytest.fail(f"{name} did not break {invariant} in seeds {seeds}")
 
 
+# Chaos seldom stalls a partner for longer than the usual bound: test_run_coalitions.py does.
+CAUGHT_ELSEWHERE = {"partners_may_be_late"}
+
+
 def test_no_mutation_is_left_out() -> None:
-    assert MUTATIONS.keys() == CAUGHT.keys()
+    assert MUTATIONS.keys() == CAUGHT.keys() | CAUGHT_ELSEWHERE
 
 
 def test_every_invariant_is_broken_by_one() -> None:

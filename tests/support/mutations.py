@@ -15,6 +15,7 @@ from unittest import mock
 from weakref import WeakKeyDictionary
 
 from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.commands import Answer, Commands
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.effects import Persist
@@ -107,6 +108,8 @@ add(
 )
 # Robots begin as soon as they take others for dead, which may still be at work without contact.
 add("those_without_contact_have_stopped", (ContactWatch, "_stops_us", always(0)))
+# What a coalition did counts whenever its members began.
+add("partners_may_be_late", (BeginWatch, "_have_all_begun", always(True)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
 

@@ -17,6 +17,7 @@ from typing import Any
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.alone import Alone
 from mrbt_mesh.core.agent.bidder import Bidder
+from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
@@ -73,6 +74,7 @@ class Agent:
         self._tree = tree = RobotTree({type_name(name) for name in config.capabilities})
         self._planner = Planner(context, tree)
         self._leased: LeasedStart | None = None
+        self._begin_watch: BeginWatch | None = None
         self._health = health = Health(context)
         self._withdrawal = Withdrawal(context, health)
         self._alone = Alone(context, health)
@@ -113,6 +115,11 @@ class Agent:
         starts = StartPolicies(PlainStart(), CoalitionStart(context), leased)
         self._executor = executor = Executor(context, self._tree, starts, self._reviser)
         self._reports = reports = Reports(context, planner, executor, schedule, health)
+        if self._begin_watch is None and any(task.simultaneous for task in mission.all_tasks()):
+            self._begin_watch = BeginWatch(context)
+        begin_watch = self._begin_watch
+        if begin_watch is not None:
+            begin_watch.use(executor, reports)
         if self._scheduler is None and mission.travel is not None:
             self._scheduler = Scheduler(context)
         scheduler = self._scheduler
@@ -141,7 +148,7 @@ class Agent:
             inputs.QueryReceived: inbound.take,
             inputs.AnswerReceived: inbound.take,
             inputs.InputRefused: lambda e, _: context.refuse(e.source, e.reason, count=e.count),
-            inputs.ActionFinished: reports.finished,
+            inputs.ActionFinished: (begin_watch or reports).finished,
             inputs.ActionStopped: lambda e, _: work.stopped(e.ticket),
             inputs.ProgressReported: lambda e, _: work.progressed(e.ticket, e.percent),
             inputs.TreeTicked: lambda e, _: work.tree_ticked(e.ticket, e.statuses),
@@ -326,8 +333,7 @@ class Agent:
         passed = clock.passed(now_us) if clock is not None else []
         if passed:
             self._context.write(passed, now_us)
-        if leased is not None:
-            leased.check(now_us)
+        self._check_coalition(now_us)
         if mission.has_own_conditions and self._context.facts.mission.per_robot.leaves:
             self._reports.contradict(now_us)
         if self._awaits_joining(now_us) or self._awaits_news(events, now_us):
@@ -348,6 +354,12 @@ class Agent:
             self._contact.perform_return()
         if leased is not None:
             leased.request()
+
+    def _check_coalition(self, now_us: int) -> None:
+        if self._leased is not None:
+            self._leased.check(now_us)
+        if self._begin_watch is not None:
+            self._begin_watch.check(now_us)
 
     def _awaits_joining(self, now_us: int) -> bool:
         """Whether a plan would be too early, while others are about to join.
@@ -427,6 +439,7 @@ class Agent:
             leases.next_deadline_us() if leases is not None else None,
             self._job_clock.next_deadline_us() if self._job_clock is not None else None,
             self._contact.next_us(now_us) if self._contact is not None else None,
+            self._begin_watch.next_us if self._begin_watch is not None else None,
             self._joining_until_us,
             self._plans_at_us,
             joining.deadline_us if joining is not None else None,

@@ -8,10 +8,12 @@ also for the leases of a majority.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
@@ -78,6 +80,7 @@ class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
     `contact`: what else a start waits for, in missions that say what robots do without contact.
+    `on_start` is called with each action that begins, and the time.
     `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
     """
 
@@ -91,6 +94,7 @@ class Executor:
         self.tree = tree
         self.shows_outcome = False
         self.contact: ContactWatch | None = None
+        self.on_start: Callable[[StartAction, int], None] = lambda *_: None
 
     def perform(self, plan: Plan, now_us: int) -> None:
         """Follow the plan: cancel, claim, get ready and start."""
@@ -194,6 +198,7 @@ class Executor:
             begun.append((name, Arguments(values, claim.since)))
         context.write([*writes, *begun, *clearance.facts, context.claim()], now_us)
         context.emit(start)
+        self.on_start(start, now_us)
         names = start.called
         event, place = "local_task_started", {}
         if travel_to:

@@ -210,6 +210,7 @@ def _check_global_tasks(mission: Mission) -> None:
         for key, after in (
             ("blocked", goal.blocked_fail_after_us),
             ("failure", goal.failure_after_us),
+            ("begin_within", goal.begin_within_us),
         ):
             _expect(after is None or (type(after) is int and after > 0), f"{here}: {key}")
         for condition, value in goal.effects:

@@ -196,7 +196,8 @@ class GlobalTask:
     `failure_after_us`: for how long the team must agree that no living robot can make good a
     failure; None: `Timing.failure_latch_us`. `blocked_fail_after_us`: None waits for robots to
     return; otherwise the task fails after it has been blocked that long. `simultaneous`: its robots
-    start together, and only the successes of one such coalition count. `exclusive`: it is never
+    start together, and only the successes of one such coalition count: one whose members began
+    within `begin_within_us` (None: the detection time). `exclusive`: it is never
     done by two coalitions at the same time, nor again after it was done or left `in_doubt`.
     `by_coalition`: it is either, so it is carried out by coalitions, whose robots all start
     together. `effects`: ground conditions and the values that they are declared to have once it has
@@ -214,6 +215,7 @@ class GlobalTask:
     in_doubt: InDoubtPolicy = InDoubtPolicy.HOLD
     failure_after_us: int | None = None
     effects: tuple[tuple[str, bool], ...] = ()
+    begin_within_us: int | None = None
     by_coalition: bool = field(init=False, repr=False, compare=False)
     reads: tuple[str, ...] = field(init=False, repr=False, compare=False)
 
@@ -227,7 +229,7 @@ class GlobalTask:
         return next((need for need in self.needs if need.local_task == local_task), None)
 
     def to_json(self) -> list[Any]:
-        """Its fields in their order; the last two only where they differ from the usual."""
+        """Its fields in their order; the last three only where they differ from the usual."""
         row = [
             self.id,
             [need.to_json() for need in self.needs],
@@ -238,16 +240,18 @@ class GlobalTask:
             self.exclusive,
             str(self.in_doubt),
         ]
-        if self.effects:
-            return [*row, self.failure_after_us, [list(effect) for effect in self.effects]]
-        return row if self.failure_after_us is None else [*row, self.failure_after_us]
+        effects = [list(effect) for effect in self.effects]
+        more = [self.failure_after_us, effects, self.begin_within_us]
+        while more and more[-1] in (None, []):
+            more.pop()
+        return [*row, *more]
 
     @classmethod
     def from_json(cls, data: list[Any]) -> GlobalTask:
         """The inverse; raises TypeError or ValueError for anything else."""
         name, needs, failure, blocked, preemptive, simultaneous, exclusive, in_doubt, *more = data
-        usual: list[Any] = [None, []]
-        after_us, effects = more + usual[len(more) :]
+        usual: list[Any] = [None, [], None]
+        after_us, effects, begin_within_us = more + usual[len(more) :]
         return cls(
             name,
             tuple(Need.from_json(need) for need in needs),
@@ -259,6 +263,7 @@ class GlobalTask:
             InDoubtPolicy(in_doubt),
             after_us,
             tuple((condition, value) for condition, value in effects),
+            begin_within_us,
         )
 
 

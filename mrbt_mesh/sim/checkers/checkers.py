@@ -17,6 +17,7 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.facts.records import Claim
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
+from mrbt_mesh.sim.checkers.coalitions import BegunTogether
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
 from mrbt_mesh.sim.checkers.contact import has_stopped
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
@@ -63,6 +64,7 @@ class Checkers(Inspection):
         self.delivery = Delivery(self.run)
         self.i3 = NothingUndone(self.run)
         self.renewals = Renewals(self.run)
+        self.together = BegunTogether(self.run)
         self.i5 = Exclusive(self.run)
         self.i6 = Progress(self.run)
         self.i9 = Resumption(self.run)
@@ -136,6 +138,7 @@ class Checkers(Inspection):
                 able_to_start(run, agent, effect)
                 same_arguments(run, agent, effect)
                 self.i11.started(agent, effect)
+                self.together.started(agent, effect)
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)
@@ -150,6 +153,7 @@ class Checkers(Inspection):
             self.i10.handled(process, agent, effects)
         self.i3.check(process, agent)
         self.renewals.check(process, agent)
+        self.together.check(agent)
         self.i11.handled(agent)
 
     def sample(self) -> None:
