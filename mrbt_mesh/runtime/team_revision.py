@@ -150,18 +150,27 @@ async def take_up(
         with anyio.move_on_after(WITHDRAW_S, shield=True):
             await withdraw(watcher, number)
         raise
-    answer = await withdraw(watcher, number)
+    good, answer = await _withdraw(watcher, number)
+    if not good or observer.facts.declared.revision_number >= number:
+        # It came into force meanwhile.
+        with anyio.move_on_after(WITHDRAW_S):
+            await _until_in_force(watcher, number, awaited, say)
+            return
     late = f"waited for {', '.join(awaited) or 'a majority of the robots'}"
     raise RevisionRefusedError(f"not in force after {timeout_s:g} s, {late}: {answer}")
 
 
 async def withdraw(watcher: Watcher, number: int) -> str:
     """Take a proposal back; what the robot that was asked says of it."""
+    return (await _withdraw(watcher, number))[1]
+
+
+async def _withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
+    """Whether it was withdrawn, and what the robot that was asked says of it."""
     robots = sorted(watcher.observer.membership.members())
     if not robots:
-        return "no robot of the team is heard, so it is still proposed"
-    _, answer = await watcher.command(robots[0], WITHDRAW, str(number))
-    return answer
+        return False, "no robot of the team is heard, so it is still proposed"
+    return await watcher.command(robots[0], WITHDRAW, str(number))
 
 
 async def _until_in_force(
