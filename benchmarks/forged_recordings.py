@@ -33,7 +33,7 @@ from mrbt_mesh.recording.messages import first_check, next_check
 from mrbt_mesh.views.recordings.files import verified
 
 MRBT = (sys.executable, "-m", "mrbt_mesh")
-MISSION = ROOT / "examples" / "vehicle_repair" / "mission.yaml"
+MISSION = ROOT / "examples" / "deliveries" / "mission.yaml"
 _TOPICS = tuple(topic for topic in CHANNELS if topic != "/beats")
 _FIELDS = mcap_file.MESSAGE_FIELDS
 
@@ -500,12 +500,12 @@ FORGERIES |= {
         "summary.signature", lambda text: text.replace('"commands": "', '"commands": "0', 1)
     ),
     "mission.json: another name": _rewritten(
-        "mission.json", lambda text: text.replace("vehicle_repair", "vehicle_wreck", 1)
+        "mission.json", lambda text: text.replace("deliveries", "robberies", 1)
     ),
     "deaths.json": _rewritten("deaths.json", lambda text: text.replace("}", "} ", 1)),
     "events.jsonl": _rewritten("events.jsonl", _lines(lambda each: each[1:])),
-    "run.json": _rewritten("run.json", lambda text: text.replace("vehicle", "other", 1)),
-    "a robot's log": _rewritten("C2.log", lambda text: text[: len(text) // 2]),
+    "run.json": _rewritten("run.json", lambda text: text.replace("deliveries", "other", 1)),
+    "a robot's log": _rewritten("D1.log", lambda text: text[: len(text) // 2]),
 }
 
 
@@ -515,17 +515,20 @@ FORGERIES |= {
 def record_run(folder: Path) -> Path:
     """A keyed team of real processes, one of which is killed; its run directory."""
     path, environment = folder / "run", os.environ | {"MRBT_STATE_DIR": str(folder / "state")}
-    words = ("up", str(MISSION), "--run-dir", str(path), "--headless", "--speed", "2")
+    words = ("up", str(MISSION), "--run-dir", str(path), "--headless", "--robots", "C1,C2,D1,D2")
     with subprocess.Popen([*MRBT, *words], env=environment, stdout=subprocess.DEVNULL) as team:
-        while not (path / "events.jsonl").exists():
+        while not (path / "D2.process").exists():
             time.sleep(0.2)
-        for command in (("pause",), ("resume",), ("kill", "A1")):
-            subprocess.run(
-                [*MRBT, *command, "--run-dir", str(path)],
-                env=environment,
-                stdout=subprocess.DEVNULL,
-                check=True,
-            )
+        for command in (
+            ("submit", "inspect", "shelf_2"),
+            ("submit", "deliver", "shelf_1", "dock_1", "1"),
+            ("pause",),
+            ("resume",),
+            ("kill", "C1"),
+            ("down",),
+        ):
+            told = [*MRBT, *command, "--run-dir", str(path)]
+            subprocess.run(told, env=environment, stdout=subprocess.DEVNULL, check=True)
         team.wait()
     return path
 

@@ -107,3 +107,11 @@ def test_a_revision_that_is_not_held_by_all_says_whom_it_waits_for() -> None:
 def test_the_end_comes_with_the_robots_that_it_cost() -> None:
     _, observer = watched(WELD, "kill A", "pass 1500", "succeed B", "pass 300")
     assert said(observer) == ["good success", "warn 1 dead: A, replaced by B"]
+
+
+def test_robots_that_do_not_record_are_named_in_one_line() -> None:
+    script, observer = watched(COVER, "recording A ends", "recording B ends", "pass 100")
+    line = "A, B: does not record: No space left on device"
+    assert said(observer)[0] == f"warn {line}"
+    script.block(["recording A works", "recording B works", "pass 100"])
+    assert said(observer) == ["good running", "good all 3 agree"]
