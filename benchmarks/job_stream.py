@@ -16,7 +16,6 @@ The exit status is 1 if a rule is broken.
 
 from __future__ import annotations
 
-import json
 import random
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
@@ -28,10 +27,10 @@ import anyio
 
 from benchmarks.report import run_program
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.sim import Command, Fault, Kill, Restart, SetWallClock, simulate
+from mrbt_mesh.sim import Fault, Kill, Restart, SetWallClock, simulate
+from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 
 MISSION = """
@@ -141,13 +140,12 @@ def drawn(count: int, seconds: float, seed: int) -> tuple[list[Submitted], list[
             at_s + pick.uniform(120, 600),
             at_s + pick.uniform(1, 300) if pick.random() < 0.1 else None,
         )
-        given = {"id": name, "type": kind, "arguments": [str(pick.randint(1, 9))]}
         deadline_us = LAUNCH_UNIX_US + round(job.deadline_s * US)
-        text = json.dumps({**given, "operator": "me", "deadline_us": deadline_us})
-        steps.append((at_s, Command(pick.choice(up), SUBMIT, text)))
+        value = [kind, [str(pick.randint(1, 9))], 0, 0, deadline_us, number]
+        steps.append((at_s, Operate(pick.choice(up), f"job/{name}", value, "me")))
         if job.cancelled_s is not None:
-            text = json.dumps({"id": name, "change": "cancel"})
-            steps += [(job.cancelled_s, Command(robot, CHANGE_JOB, text)) for robot in robots]
+            cancel = Operate(robots[0], f"job_cancelled/{name}", True, "me", tuple(robots[1:]))
+            steps.append((job.cancelled_s, cancel))
         jobs.append(job)
     return jobs, [(round(at_s * US), fault) for at_s, fault in steps]
 

@@ -19,7 +19,6 @@ second one.
 from __future__ import annotations
 
 import gc
-import json
 import random
 import sys
 import time
@@ -35,7 +34,6 @@ from benchmarks.report import run_program, say
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.agent.effects import Effect, Publish
 from mrbt_mesh.core.agent.inputs import Input
-from mrbt_mesh.core.agent.job_desk import SUBMIT
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.timing import Timing
@@ -43,10 +41,10 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.formats.build import mission_from_yaml
-from mrbt_mesh.sim import Command
 from mrbt_mesh.sim.world.clock import VirtualLoop
+from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.sim.world.process import Inspection, SimProcess
-from mrbt_mesh.sim.world.setup import AgentOptions, Setup
+from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US, AgentOptions, Setup
 from mrbt_mesh.sim.world.sharing import shared_engine
 from mrbt_mesh.sim.world.world import World
 
@@ -172,10 +170,13 @@ def run(count: int = 200_000, seconds: float = 604_800, seed: int = 1) -> dict[s
     for number in range(count):
         at_us = round((BEGIN_S + (seconds - BEGIN_S) * (number + pick.random()) / count) * US)
         kind, shelf = pick.choice(["sort", "bring"]), str(pick.randint(1, 9))
-        given = {"id": f"job-{number}", "type": kind, "arguments": [shelf], "operator": "me"}
-        schedule.append(
-            (at_us, Command(pick.choice(["A1", "A2", "A3"]), SUBMIT, json.dumps(given)))
-        )
+        usual = mission.jobs[kind]
+        deadline_us = 0
+        if usual.deadline_us is not None:
+            deadline_us = LAUNCH_UNIX_US + at_us + usual.deadline_us
+        value = [kind, [shelf], usual.priority, 0, deadline_us, number]
+        robot = pick.choice(["A1", "A2", "A3"])
+        schedule.append((at_us, Operate(robot, f"job/job-{number}", value, "me")))
     timeout_us = round((seconds + 600) * US)
     robots = tuple(sorted(mission.robots))
     setup = Setup(mission, program, seed, robots, timeout_us, tuple(schedule))

@@ -15,11 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.report import run_program
+from mrbt_mesh.core.agent.operator_desk import command_version
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts import jobs, records
-from mrbt_mesh.core.facts.records import Claim, Job, JobEnd, JobState, Member, Phase, Record
+from mrbt_mesh.core.facts.records import Claim, JobEnd, JobState, Member, Phase, Record
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.planning.make_plan import quick_plans
 from mrbt_mesh.formats.build import mission_from_yaml
 
@@ -71,8 +73,9 @@ class Desk:
 
     def submit(self, priority: int = 0) -> None:
         self.jobs += 1
-        job = Job("bring", (str(1 + self.jobs % 99),), priority, 0, 0, "me", self.jobs)
-        self.write("R0", f"{records.JOB}/job-{self.jobs}", job)
+        value = ["bring", [str(1 + self.jobs % 99)], priority, 0, 0, 0]
+        name, version = f"{records.JOB}/job-{self.jobs}", command_version(self.jobs, "c")
+        self.facts.map.merge([make_command(name, value, "me", version, "r", None)])
 
     def plan(self) -> Any:
         self.facts.prune()

@@ -9,8 +9,7 @@ from typing import Any
 
 import anyio.abc
 
-from mrbt_mesh.core.agent.commands import FAULT, LEAVE, RESTORE, TEAM
-from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.agent.commands import FAULT, LEAVE, RESTORE
 from mrbt_mesh.drills.inject import DrillInjector
 from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.drills.triggers import Snapshot
@@ -18,7 +17,9 @@ from mrbt_mesh.drills.watched import REFUSALS, TeamDrills
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.runtime.watcher import Watcher
 
 # What can be done to a process of this machine: command -> (key of a drill's step, description).
@@ -34,9 +35,9 @@ WORDS = {
     "leave": (LEAVE, "Have the robot leave on purpose. It hands its work over at once."),
 }
 TEAM_COMMANDS = {
-    "pause": (CommandKind.PAUSE, "Stop all work, until it is resumed."),
-    "resume": (CommandKind.RESUME, "Go on with the work."),
-    "abort": (CommandKind.ABORT, "End the mission as failed. It cannot be taken back."),
+    "pause": "Stop all work, until it is resumed.",
+    "resume": "Go on with the work.",
+    "abort": "End the mission as failed. It cannot be taken back.",
 }
 
 
@@ -57,8 +58,7 @@ class Control:
         robots = {name: text for name, (_, text) in WORDS.items()}
         if self._team is not None:
             robots = {name: text for name, (_, text) in FAULTS.items()} | robots
-        team = {name: text for name, (_, text) in TEAM_COMMANDS.items()}
-        return {"robot": robots, "team": team, "drills": self._drills is not None}
+        return {"robot": robots, "team": TEAM_COMMANDS, "drills": self._drills is not None}
 
     async def drills(self) -> list[dict[str, Any]]:
         """The drills that fit this team; raises CommandError if a drill file is wrong."""
@@ -127,11 +127,14 @@ class Control:
         return self._answered(await self._watcher.command(robot, command, argument))
 
     async def _command(self, act: str) -> str:
-        living = list(self._watcher.observer.membership.members())
-        if not living:
+        client = TeamClient(self._watcher)
+        if not client.robots:
             raise CommandError("no robot answers")
-        kind, _ = TEAM_COMMANDS[act]
-        return self._answered(await self._watcher.command(living[0], TEAM, str(kind)))
+        give = {"pause": client.pause, "resume": client.resume, "abort": client.abort}[act]
+        try:
+            return (await give()).text(f"{act} is the team's command")
+        except (CommandRefusedError, TimeoutError) as error:
+            raise CommandError(f"{act}: {error}") from error
 
     async def _drill(self, drills: TeamDrills, label: str) -> str:
         try:

@@ -12,7 +12,7 @@ from typing import Any
 import anyio
 import psutil
 
-from mrbt_mesh.core.agent.commands import DECIDE, FAULT, LEAVE, PERFORM, RESTORE
+from mrbt_mesh.core.agent.commands import FAULT, LEAVE, PERFORM, RESTORE
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.model import (
     ROUTER_FAULTS,
@@ -30,7 +30,9 @@ from mrbt_mesh.drills.routers import DrillRouters
 from mrbt_mesh.drills.triggers import FaultLog, Schedule, Snapshot, chosen
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher import wait_for_exit
+from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.runtime.watcher import Watcher
 
 
@@ -128,8 +130,11 @@ class DrillInjector:
                     argument = f"{task}={performance}"
                     await self._order(name, self._chosen(robots, snapshot), PERFORM, argument)
                 case DecisionModel(global_task=task, decision=decision):
-                    living = sorted(self._watcher.observer.membership.members())
-                    await self._order(name, living[:1], DECIDE, f"{task} {decision}")
+                    self._note(name, [], f"{task}: {decision}")
+                    try:
+                        await TeamClient(self._watcher).decide(task, decision)
+                    except (CommandRefusedError, TimeoutError) as error:
+                        self.injected.problems.append(f"{name}: {error}")
                 case _ if name in ROUTER_FAULTS:
                     await anyio.to_thread.run_sync(self._act_on_router, name, fault)
                 case _:

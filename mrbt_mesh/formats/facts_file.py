@@ -31,9 +31,9 @@ from mrbt_mesh.core.facts.records import (
     Coalition,
     CoalitionId,
     CoalitionMember,
-    CommandKind,
     Member,
     Phase,
+    TeamOrder,
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
@@ -57,7 +57,7 @@ _Bid: TypeAlias = Annotated[
     ),
 ]
 _Command: TypeAlias = Annotated[
-    str, one_of(" or ".join(CommandKind), lambda v: v in tuple(CommandKind))
+    str, one_of(" or ".join(TeamOrder), lambda v: v in tuple(TeamOrder))
 ]
 
 
@@ -122,7 +122,7 @@ class _Builder:
         self._bids(given.bids)
         self._running(given.running)
         if given.command is not None:
-            self._write(self._first, records.TEAM_COMMAND, [given.command, 1])
+            self._order(given.command)
         self._report.raise_if_any()
 
     # -- sections -------------------------------------------------------------------------
@@ -283,6 +283,13 @@ class _Builder:
     def _write(self, robot: str, name: str, value: Any) -> None:
         self._sequence += 1
         self.facts.map.merge([parse_entry(robot, name, Version(ALIVE, self._sequence), value)])
+
+    def _order(self, order: str) -> None:
+        name = records.ABORTED if order == TeamOrder.ABORT else records.PAUSED
+        value = True if order == TeamOrder.ABORT else order
+        version = Version(Incarnation(1, "file"), 0)
+        entry = parse_entry(records.OPERATORS, name, version, [value, "", "", ""])
+        self.facts.map.merge([entry])
 
     def _is_robot(self, path: SourcePath, value: str) -> bool:
         if value in self.mission.robots:

@@ -7,52 +7,74 @@ async with connect("build/run") as team:
 
 from __future__ import annotations
 
-import contextlib
 import getpass
 import json
 import os
 import secrets
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import anyio
 
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, INVALID, KEPT_JOB, NOT_READY, SUBMIT
+from mrbt_mesh.core.agent.operator_desk import INVALID, UNKNOWN, command_version
 from mrbt_mesh.core.agent.wall_clock import earlier_median
-from mrbt_mesh.core.facts.records import JOB
+from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.facts.jobs import hash_of
+from mrbt_mesh.core.facts.records import (
+    ABORTED,
+    BORROWED,
+    DECISION,
+    JOB,
+    JOB_CANCELLED,
+    JOB_HOLD,
+    JOB_PRIORITY,
+    MISSION,
+    MISSION_WITHDRAWN,
+    PAUSED,
+    Decision,
+    Hold,
+    Loan,
+)
 from mrbt_mesh.core.facts.values import MAX_TEXT
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.mission.mission import JobType
+from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType
+from mrbt_mesh.core.mission.names import is_job_id
 from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
 from mrbt_mesh.errors import InputError, lone, nearest
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run, is_running
+from mrbt_mesh.runtime.operator_call import (
+    REST_S,
+    Acknowledged,
+    CommandRefusedError,
+    OperatorCall,
+)
 from mrbt_mesh.runtime.team import address_of
 from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 CONNECT_TIMEOUT_S = 10.0
-# A robot that does not answer for so long is left out, and another one is asked.
-ANSWER_S = 1.0
-SUBMIT_TIMEOUT_S = KEEP_TIMEOUT_S = 10.0
+CLOCKS_TIMEOUT_S = 10.0
 NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
-ASK_AGAIN_S, KEPT_AGAIN_S = 0.01, 0.1
+ASK_AGAIN_S = 0.01
+# Change of a job -> its field and value.
+_CHANGES: Mapping[str, tuple[str, Any]] = {
+    "cancel": (JOB_CANCELLED, True),
+    "hold": (JOB_HOLD, str(Hold.HELD)),
+    "hold_now": (JOB_HOLD, str(Hold.NOW)),
+    "release": (JOB_HOLD, str(Hold.RELEASED)),
+}
 
 
-class JobRefusedError(InputError):
-    """A team has refused a job, or a change of one; the text says why.
-
-    `cause`: `invalid`, `unknown` (no job has this id), `conflict` (another job has it), or `full`.
-    """
+class JobRefusedError(CommandRefusedError):
+    """A team has refused a job, or a change of one."""
 
     def __init__(self, text: str, cause: str = INVALID) -> None:
-        super().__init__(text)
-        self.cause = cause
+        super().__init__(text, cause)
 
 
 @dataclass(frozen=True)
@@ -135,43 +157,120 @@ class TeamClient:
         `job_id` again does nothing. It begins at `not_before` at the earliest, and expires at its
         `deadline` (None: as its type says): times, or how long from now by the team's clocks.
         `operator`: who submits it; empty: the user who runs this program. Raises JobRefusedError,
-        TimeoutError if too few robots answer.
+        also if the id is another job's, TimeoutError if too few robots answer.
         """
-        count = len(self.watcher.observer.mission.robots)
+        mission = self.watcher.observer.mission
+        count = len(mission.robots)
         if safe is not None and not 1 <= safe <= count:
             raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
         name = job_id or _new_id()
-        usual = self.watcher.observer.mission.jobs.get(kind) or JobType(kind)
+        if kind not in self._job_types():
+            known = ", ".join(sorted(mission.jobs))
+            raise JobRefusedError(f"no job type {kind!r:.80}; there is {known}")
+        if not is_job_id(name):
+            text = f"{name!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -"
+            raise JobRefusedError(text)
+        usual = mission.jobs[kind]
+        found = usual.priority if priority is None else priority
+        if isinstance(found, bool) or abs(found) > MAX_PRIORITY:
+            text = f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}"
+            raise JobRefusedError(text)
+        content = [kind, *arguments], found, _as_given(not_before), _as_given(deadline)
         not_before_us = 0 if not_before is None else await self._unix_us(not_before)
         if deadline is None and usual.deadline_us is not None:
             now_us = await self._unix_us(timedelta())
             deadline_us = max(now_us, not_before_us) + usual.deadline_us
         else:
             deadline_us = 0 if deadline is None else await self._unix_us(deadline)
-        given: dict[str, Any] = {
-            "type": kind,
-            "arguments": list(arguments),
-            "priority": usual.priority if priority is None else priority,
-            "not_before_us": not_before_us,
-            "deadline_us": deadline_us,
-            "operator": (operator or user_name())[:MAX_TEXT],
-        }
-        proof = self.watcher.signed(f"{JOB}/{name}", [*given.values()])
-        answer = await self._ask_any(SUBMIT, {"id": name, **given, **proof})
-        await self._await_kept(name, answer["stamp"], safe)
-        return JobHandle(name, answer["state"], self)
+        hashed = hash_of(json.dumps(content))
+        values = [kind, list(arguments), found, not_before_us, deadline_us, hashed]
+        done = await self._command_job(JOB, name, values, operator, safe)
+        return JobHandle(name, done.state["state"], self)
 
-    async def change(self, job_id: str, change: str, priority: int | None = None) -> dict[str, Any]:
-        """`cancel`, `hold`, `release`, or give another `priority`; the state of the job then.
+    async def change(
+        self, job_id: str, change: str, priority: int | None = None, operator: str = ""
+    ) -> dict[str, Any]:
+        """`cancel`, `hold`, `hold_now` (what runs of it is cancelled), `release`, or give another
+        `priority`; the state of the job then.
 
         Returns once a majority has it in their journals. Raises as `submit`.
         """
-        given: dict[str, Any] = {"id": job_id, "change": change}
-        if priority is not None:
-            given["priority"] = priority
-        state = await self._ask_any(CHANGE_JOB, given)
-        await self._await_kept(job_id, state["stamp"], None)
-        return state
+        if change == "priority":
+            return (await self._command_job(JOB_PRIORITY, job_id, priority, operator)).state
+        if change not in _CHANGES:
+            known = ", ".join((*_CHANGES, "priority"))
+            raise JobRefusedError(f"no change {change!r:.80}; there is {known}")
+        field, value = _CHANGES[change]
+        return (await self._command_job(field, job_id, value, operator)).state
+
+    async def pause(self, operator: str = "") -> Acknowledged:
+        """Stop all work until `resume`.
+
+        Returns once a majority has it in their journals, as all commands to the team do. Raises
+        CommandRefusedError, TimeoutError if too few robots answer.
+        """
+        return await self._command_team(PAUSED, "pause", operator)
+
+    async def resume(self, operator: str = "") -> Acknowledged:
+        """Go on with the work."""
+        return await self._command_team(PAUSED, "resume", operator)
+
+    async def abort(self, operator: str = "") -> Acknowledged:
+        """End the mission as failed; it cannot be undone."""
+        return await self._command_team(ABORTED, True, operator)
+
+    async def decide(self, global_task: str, decision: str, operator: str = "") -> Acknowledged:
+        """Decide that an exclusive task in doubt is `done` or `failed`, or have it tried again
+        (`retry`).
+        """
+        if decision not in [*Decision]:
+            text = f"no decision {decision!r:.80}; there is {', '.join(Decision)}"
+            raise CommandRefusedError(text, INVALID)
+        names = self._in_doubt()
+        found = names.get(global_task, ())
+        if not found:
+            listed = ", ".join(sorted(names)) or "none"
+            text = f"{global_task!r:.80} is not in doubt (in doubt: {listed})"
+            raise CommandRefusedError(text, UNKNOWN)
+        for activation, coalition in found:
+            name = f"{DECISION}/{activation}/{coalition}"
+            done = await self._command(name, decision, operator, is_checked=True, rest_s=REST_S)
+        return done
+
+    async def propose(
+        self, number: int, text: str, is_forced: bool, repeats_exclusive: bool
+    ) -> Acknowledged:
+        """Propose a compiled mission as the next revision; a majority of the robots that are heard
+        is to have it.
+        """
+        name, safe = f"{MISSION}/{number}", len(self.robots) // 2 + 1
+        return await self._command(
+            name, [text, is_forced, repeats_exclusive], "", safe, is_checked=True
+        )
+
+    async def withdraw(self, number: int) -> Acknowledged:
+        """Take a proposed revision back, at all robots that are heard."""
+        return await self._command(
+            f"{MISSION_WITHDRAWN}/{number}", True, "", needs=self.robots, is_checked=True
+        )
+
+    async def borrow(
+        self, robot: str, after_task: bool = False, operator: str = ""
+    ) -> Acknowledged:
+        """Take a robot out of the team's work, to drive it until `give_back`; at once, or after the
+        task that it has. Returns once the robot itself has it in its journal.
+        """
+        loan = Loan.AFTER_TASK if after_task else Loan.AT_ONCE
+        return await self._command(
+            f"{BORROWED}/{robot}", str(loan), operator, needs=(robot,), is_checked=True
+        )
+
+    async def give_back(self, robot: str, operator: str = "") -> Acknowledged:
+        """Give a borrowed robot back to the team."""
+        loan = str(Loan.RETURNED)
+        return await self._command(
+            f"{BORROWED}/{robot}", loan, operator, needs=(robot,), is_checked=True
+        )
 
     async def wait_for_end(self, job_id: str) -> JobRow:
         """Wait until a job has ended; how it has."""
@@ -179,14 +278,15 @@ class TeamClient:
             news = self._news
             facts = self.watcher.observer.facts
             if facts.jobs is not None and facts.jobs.has_ended(job_id):
-                return next(row for row in self.jobs if row.id == job_id)
+                ended_long_ago = _ended_long_ago(job_id)
+                return next((row for row in self.jobs if row.id == job_id), ended_long_ago)
             await news.wait()
 
     async def _unix_us(self, when: datetime | timedelta) -> int:
         """A time, or how long from now, as a Unix time in microseconds."""
         if isinstance(when, datetime):
             return round(when.timestamp() * SECOND_US)
-        with anyio.move_on_after(SUBMIT_TIMEOUT_S):
+        with anyio.move_on_after(CLOCKS_TIMEOUT_S):
             while True:
                 offsets_us = self.watcher.observer.membership.clock_offsets_us()
                 if offsets_us:
@@ -195,85 +295,101 @@ class TeamClient:
                 await anyio.sleep(ASK_AGAIN_S)
         raise TimeoutError(NOBODY_HEARD)
 
-    # -- asking robots ------------------------------------------------------------------------
+    # -- commanding ---------------------------------------------------------------------------
 
-    async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
-        """The first answer of any robot; one that does not answer, or still joins, is left out.
-
-        The job's id decides which robot is asked first: so all share the work, and one robot sees
-        first if two clients use the same id.
-        """
+    def _job_types(self) -> Mapping[str, JobType]:
         mission = self.watcher.observer.mission
         if not mission.jobs:
             raise JobRefusedError(
                 f"mission {mission.name} has no types of jobs (jobs: in its file)"
             )
-        problem = NOBODY_HEARD
-        with anyio.move_on_after(SUBMIT_TIMEOUT_S):
-            while True:
-                robots = self.robots
-                first = crc32(given["id"].encode()) % max(1, len(robots))
-                for robot in (*robots[first:], *robots[:first]):
-                    answer, problem = await self._ask(robot, command, given)
-                    if answer is not None and answer.get("cause") == NOT_READY:
-                        problem = answer["refused"]
-                    elif answer is not None and "refused" in answer:
-                        raise JobRefusedError(answer["refused"], answer["cause"])
-                    elif answer is not None:
-                        return answer
-                await anyio.sleep(ASK_AGAIN_S)
-        raise TimeoutError(problem)
+        return mission.jobs
 
-    async def _await_kept(self, name: str, stamp: int, safe: int | None) -> None:
-        """Wait until enough robots have what was written of a job up to `stamp` in their journals.
-
-        Each robot is asked once, and answers when it has; one that does not answer is asked again.
+    def _in_doubt(self) -> dict[str, list[tuple[str, str]]]:
+        """Global task -> the activations that are requested and in doubt, and the coalitions that
+        have left them so.
         """
-        count = len(self.watcher.observer.mission.robots)
-        wanted = count // 2 + 1 if safe is None else safe
-        keepers: set[str] = set()
-        asked: set[str] = set()
-        are_enough = anyio.Event()
+        facts, plan = self.watcher.observer.facts, self.watcher.observer.plan
+        found: dict[str, list[tuple[str, str]]] = {}
+        for request in plan.evaluation.requests if plan is not None else ():
+            for coalition in facts.coalitions(request.activation).in_doubt(facts.grantors):
+                subject = parse_activation(request.activation).subject
+                found.setdefault(subject, []).append((request.activation, str(coalition)))
+        return found
 
-        async def ask(robot: str) -> None:
-            answer, _ = await self._ask(robot, KEPT_JOB, {"id": name, "stamp": stamp})
-            if answer is None or answer.get("kept") is not True:
-                asked.discard(robot)
-                return
-            keepers.add(robot)
-            if len(keepers) >= wanted:
-                are_enough.set()
+    async def _command_job(
+        self,
+        field: str,
+        job_id: str,
+        value: Any,
+        operator: str,
+        safe: int | None = None,
+    ) -> Acknowledged:
+        self._job_types()
+        try:
+            name = f"{field}/{job_id}"
+            return await self._command(name, value, operator, safe, is_checked=True)
+        except CommandRefusedError as refusal:
+            raise JobRefusedError(str(refusal), refusal.cause) from None
+        except TimeoutError as error:
+            raise TimeoutError(
+                f"{job_id}: {error}: give the same command again, or ask for fewer"
+            ) from None
 
-        with anyio.move_on_after(KEEP_TIMEOUT_S):
-            async with anyio.create_task_group() as group:
-                while not are_enough.is_set():
-                    for robot in self.robots:
-                        if robot not in asked:
-                            asked.add(robot)
-                            group.start_soon(ask, robot)
-                    with anyio.move_on_after(KEPT_AGAIN_S):
-                        await are_enough.wait()
-                group.cancel_scope.cancel()
-            return
-        listed = ", ".join(sorted(keepers)) or "nobody"
-        raise TimeoutError(
-            f"{name} is in the journals of {len(keepers)} robots ({listed}), and {wanted} "
-            "were asked for: submit it again under this id, or ask for fewer"
+    async def _lend(self, robot: str, loan: Loan, operator: str) -> Acknowledged:
+        name, needs = f"{BORROWED}/{robot}", (robot,)
+        return await self._command(name, str(loan), operator, needs=needs, is_checked=True)
+
+    async def _command_team(self, field: str, value: Any, operator: str) -> Acknowledged:
+        return await self._command(field, value, operator, rest_s=REST_S)
+
+    async def _command(
+        self,
+        name: str,
+        value: Any,
+        operator: str,
+        safe: int | None = None,
+        *,
+        needs: Collection[str] = (),
+        is_checked: bool = False,
+        rest_s: float = 0.0,
+    ) -> Acknowledged:
+        """Command a field of a subject. `needs`: those that are to have it, else a majority.
+        `is_checked`: robots may refuse it.
+        """
+        watcher, observer = self.watcher, self.watcher.observer
+        who, count = (operator or user_name())[:MAX_TEXT], len(observer.mission.robots)
+        try:
+            watcher.make_command(name, value, who, command_version(0, ""))
+        except ValueError as error:
+            raise CommandRefusedError(str(error), INVALID) from None
+        wanted = (1 if needs else count // 2 + 1) if safe is None else safe
+        call = OperatorCall(
+            lambda version: watcher.make_command(name, value, who, version),
+            watcher.operate,
+            lambda: self.robots,
+            observer.mission.robots,
+            wanted,
+            needs,
+            is_checked,
+            rest_s,
         )
+        return await call.carry_out(observer.facts.max_stamp + 1)
 
-    async def _ask(
-        self, robot: str, command: str, given: dict[str, Any]
-    ) -> tuple[dict[str, Any] | None, str]:
-        """The robot's answer, or None and why there is none."""
-        with anyio.move_on_after(ANSWER_S):
-            good, text = await self.watcher.command(robot, command, json.dumps(given))
-            if not good:
-                return None, text
-            with contextlib.suppress(ValueError, RecursionError):
-                if isinstance(answer := json.loads(text), dict):
-                    return answer, ""
-            return None, f"{robot} answered something strange: {text!r:.80}"
-        return None, f"{robot} does not answer"
+
+def _ended_long_ago(job_id: str) -> JobRow:
+    """A job of which only the hash of its id is kept."""
+    why = "it ended long ago, and how is not kept"
+    return JobRow(job_id, "", {}, "ended", why, 0, (), "")
+
+
+def _as_given(when: datetime | timedelta | None) -> str | None:
+    """A time as it was asked for: how long from now, or when; the same in each request."""
+    if when is None:
+        return None
+    if isinstance(when, datetime):
+        return str(round(when.timestamp() * SECOND_US))
+    return f"+{when // timedelta(microseconds=1)}"
 
 
 def user_name() -> str:

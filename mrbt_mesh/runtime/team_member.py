@@ -24,7 +24,7 @@ import anyio
 
 from mrbt_mesh.core.agent.effects import Stop
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import CommandKind, Phase
+from mrbt_mesh.core.facts.records import Phase, TeamOrder
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.context import RobotContext
@@ -112,12 +112,12 @@ class TeamMember:
     @property
     def command(self) -> str:
         """The operator's standing word: resume, pause or abort."""
-        return str(self._view.facts.command())
+        return str(self._view.facts.order())
 
     @property
     def is_paused(self) -> bool:
         """Whether the operator has paused the team."""
-        return self._view.facts.command() is CommandKind.PAUSE
+        return self._view.facts.order() is TeamOrder.PAUSE
 
     @property
     def team(self) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import anyio
 
-from mrbt_mesh.core.agent.commands import CHECK_REVISION, REVISE, WITHDRAW
+from mrbt_mesh.core.agent.commands import CHECK_REVISION
 from mrbt_mesh.core.agent.reviser import size_problem
-from mrbt_mesh.core.facts.records import MAX_MISSION, MISSION
+from mrbt_mesh.core.facts.records import MAX_MISSION
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
@@ -19,7 +19,8 @@ from mrbt_mesh.core.planning.objections import not_feasible, objections
 from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ANALYSES
-from mrbt_mesh.runtime.team_client import user_name
+from mrbt_mesh.runtime.operator_call import CommandRefusedError
+from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.runtime.watcher import Watcher
 
 # An operator who interrupts waits no longer for an answer.
@@ -127,20 +128,14 @@ async def take_up(
     `say` gets which robots are awaited, when that changes. Raises RevisionRefusedError if one
     refuses it, or if it is not in force after `timeout_s`: then it is withdrawn.
     """
-    observer, number = watcher.observer, revision.revision_number
-    alive = sorted(observer.membership.members())
-    if not alive:
+    client, number = TeamClient(watcher), revision.revision_number
+    if not client.robots:
         raise RevisionRefusedError("no robot of the team is heard")
-    given = {
-        "mission": compile_mission(revision),
-        "operator": user_name(),
-        "force": consent.is_forced,
-        "repeat_exclusive": consent.repeats_exclusive,
-    }
-    proof = watcher.signed(f"{MISSION}/{number}", [*given.values()])
-    good, answer = await watcher.command(alive[0], REVISE, json.dumps(given | proof))
-    if not good:
-        raise RevisionRefusedError(answer)
+    text, is_forced = compile_mission(revision), consent.is_forced
+    try:
+        await client.propose(number, text, is_forced, consent.repeats_exclusive)
+    except (CommandRefusedError, TimeoutError) as error:
+        raise RevisionRefusedError(str(error)) from None
     awaited: list[str] = []
     try:
         with anyio.move_on_after(timeout_s):
@@ -150,27 +145,32 @@ async def take_up(
         with anyio.move_on_after(WITHDRAW_S, shield=True):
             await withdraw(watcher, number)
         raise
-    good, answer = await _withdraw(watcher, number)
-    if not good or observer.facts.declared.revision_number >= number:
-        # It came into force meanwhile.
-        with anyio.move_on_after(WITHDRAW_S):
-            await _until_in_force(watcher, number, awaited, say)
-            return
     late = f"waited for {', '.join(awaited) or 'a majority of the robots'}"
+    is_withdrawn, answer = await withdraw(watcher, number)
+    if not is_withdrawn and await _is_in_force(watcher, revision):
+        say(f"in force, though not within {timeout_s:g} s")
+        return
     raise RevisionRefusedError(f"not in force after {timeout_s:g} s, {late}: {answer}")
 
 
-async def withdraw(watcher: Watcher, number: int) -> str:
-    """Take a proposal back; what the robot that was asked says of it."""
-    return (await _withdraw(watcher, number))[1]
-
-
-async def _withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
-    """Whether it was withdrawn, and what the robot that was asked says of it."""
-    robots = sorted(watcher.observer.membership.members())
-    if not robots:
+async def withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
+    """Take a proposal back: whether no robot that is heard can take it up any more, and why."""
+    client = TeamClient(watcher)
+    if not client.robots:
         return False, "no robot of the team is heard, so it is still proposed"
-    return await watcher.command(robots[0], WITHDRAW, str(number))
+    try:
+        await client.withdraw(number)
+    except (CommandRefusedError, TimeoutError) as error:
+        return False, str(error)
+    return True, f"revision {number} is withdrawn"
+
+
+async def _is_in_force(watcher: Watcher, revision: Mission) -> bool:
+    """Whether this very mission has come into force; waits until that is known here."""
+    with anyio.move_on_after(WITHDRAW_S):
+        while watcher.observer.facts.declared.revision_number < revision.revision_number:
+            await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
+    return watcher.observer.facts.declared.digest == revision.digest
 
 
 async def _until_in_force(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from functools import partial
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from mrbt_mesh.core.agent.commands import command_body
+from mrbt_mesh.core.agent.commands import OPERATE, command_body
 from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
@@ -23,10 +23,11 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
+from mrbt_mesh.core.agent.operator_desk import CommandStep, operate_body
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard, RefusedError
-from mrbt_mesh.core.membership.keys import submission_content
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.newest import LIVE_ENTRIES
@@ -255,22 +256,31 @@ class Watcher:
         take(data, now_us)
 
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
-        """Send an operator's command to one robot: (whether it was done, what it answered).
+        """Send a word to one robot: (whether it was obeyed, what it answered)."""
+        good, answer = await self._ask(robot, command, argument)
+        return good, str(answer)
 
-        Others may answer as well: what the robot has signed counts first.
-        """
+    async def operate(
+        self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
+    ) -> dict[str, Any] | None:
+        """Ask one robot for a step of a command (`operate_body`); None: it gives no answer."""
+        good, answer = await self._ask(robot, OPERATE, operate_body(step, entry, passes_on))
+        return answer if good and isinstance(answer, dict) else None
+
+    async def _ask(self, robot: str, command: str, argument: Any) -> tuple[bool, Any]:
+        """One robot's answer. Others may answer as well: what the robot has signed counts first."""
         header = self.observer.replica.header
         data = encode(header, MessageKind.COMMAND, command_body(command, argument))
         try:
-            return await self._ask(robot, data)
+            return await self._ask_once(robot, data)
         except RefusedError:
             # It is asked in a later life now, or as the process that has answered.
             try:
-                return await self._ask(robot, data)
+                return await self._ask_once(robot, data)
             except RefusedError as error:
                 return False, str(error)
 
-    async def _ask(self, robot: str, command: bytes) -> tuple[bool, str]:
+    async def _ask_once(self, robot: str, command: bytes) -> tuple[bool, Any]:
         """Send a command once; raises RefusedError if the robot takes none of this life."""
         sealed = command if self._guard is None else self._guard.seal_command(command, robot)
         loop, answers = asyncio.get_running_loop(), asyncio.Queue[bytes | None]()
@@ -292,19 +302,14 @@ class Watcher:
                 doubtful = f"{robot} answered something strange: {error}"
                 continue
             if is_authentic:
-                return bool(good), str(text)
+                return bool(good), text
             doubtful = str(text)
         return False, doubtful
 
-    def signed(self, name: str, values: Sequence[Any]) -> dict[str, str]:
-        """As which member this operator signs a fact with these values, and the signature; empty
-        in a team without keys.
-        """
-        if self._guard is None:
-            return {}
-        keys = self._guard.keys
-        content = submission_content(self.observer.replica.header.run, name, values)
-        return {"signer": keys.name, "signature": keys.sign(content).hex()}
+    def make_command(self, name: str, value: Any, operator: str, version: Version) -> Entry:
+        """A command of this operator, signed in a team with keys. Raises ValueError."""
+        keys = self._guard.keys if self._guard is not None else None
+        return make_command(name, value, operator, version, self.address.run, keys)
 
     def _opened_answer(self, answer: bytes, robot: str) -> tuple[bytes, bool]:
         """(answer, whether it is authentic): robots that do not know our key answer without one."""

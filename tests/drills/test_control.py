@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,24 +11,40 @@ from typing import Any
 import anyio
 import pytest
 
+from mrbt_mesh.core.agent.operator_desk import CommandStep
+from mrbt_mesh.core.facts.records import OperatorCommand
+from mrbt_mesh.core.facts.store import Entry, Version
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.drills import watched as drills_watched
 from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.runtime.run_dir import RunDir
-from tests.support.watched import WELD, watched
+from tests.support.watched import COVER, WELD, watched
 
 
 class Watcher:
     """Remembers the words that robots are told."""
 
-    def __init__(self, *commands: str) -> None:
-        _, self.observer = watched(WELD, *commands)
+    def __init__(self, team: Sequence[str] = WELD) -> None:
+        _, self.observer = watched(team)
         self.said: list[tuple[str, str, str]] = []
         self.answer = True, "done"
+        self.commanded: dict[str, tuple[str, Any]] = {}
 
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
         self.said.append((robot, command, argument))
         return self.answer
+
+    def make_command(self, name: str, value: Any, operator: str, version: Version) -> Entry:
+        return make_command(name, value, operator, version, "r", None)
+
+    async def operate(
+        self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
+    ) -> dict[str, Any] | None:
+        command = entry.record
+        assert isinstance(command, OperatorCommand)
+        self.commanded[robot] = entry.name, command.value
+        return {"taken": True, "newest": None, "stamp": 1, "state": {}} if robot != "A" else None
 
 
 def control(watcher: Watcher) -> Control:
@@ -38,9 +55,6 @@ def control(watcher: Watcher) -> Control:
 @pytest.mark.parametrize(
     ("command", "said"),
     [
-        ({"act": "pause"}, ("A", "team", "pause")),
-        ({"act": "resume"}, ("A", "team", "resume")),
-        ({"act": "abort"}, ("A", "team", "abort")),
         ({"act": "lose", "robot": "B", "local_task": "weld"}, ("B", "fault", "weld")),
         ({"act": "restore", "robot": "B"}, ("B", "restore", "all")),
         ({"act": "leave", "robot": "B"}, ("B", "leave", "")),
@@ -50,6 +64,24 @@ async def test_words_go_to_robots(command: Any, said: tuple[str, str, str]) -> N
     watcher = Watcher()
     assert await control(watcher).carry_out(command) == "done"
     assert watcher.said == [said]
+
+
+@pytest.mark.parametrize(
+    ("act", "commanded"),
+    [
+        ("pause", ("paused", "pause")),
+        ("resume", ("paused", "resume")),
+        ("abort", ("aborted", True)),
+    ],
+)
+async def test_commands_to_the_team_go_to_all_robots_and_name_those_that_are_silent(
+    act: str, commanded: tuple[str, Any]
+) -> None:
+    watcher = Watcher(COVER)
+    robots = watcher.observer.mission.robots
+    text = await control(watcher).carry_out({"act": act})
+    assert text == f"{act} is the team's command; A has not answered"
+    assert watcher.commanded == dict.fromkeys(robots, commanded)
 
 
 async def test_what_a_robot_refuses_is_told() -> None:

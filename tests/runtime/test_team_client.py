@@ -1,60 +1,66 @@
-"""A client of a team: whom it asks, and when what it submits is kept."""
+"""A client of a team: what it makes of requests, and what it waits for."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any
+from datetime import timedelta
 
 import anyio
+import pytest
 
-from mrbt_mesh.core.agent.job_desk import KEPT_JOB
-from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.team_client import TeamClient
-from tests.support.paths import mission_file
-
-MISSION = load_mission(mission_file("deliveries"))
-Answer = Callable[[str, str, dict[str, Any]], tuple[bool, str]]
+from mrbt_mesh.core.facts.jobs import hash_of
+from mrbt_mesh.core.facts.records import JobArchive
+from mrbt_mesh.runtime.team_client import JobRefusedError
+from tests.support.one_robot import DeskClient
 
 
-def client_of(*robots: str, answer: Answer) -> TeamClient:
-    """A client of these robots, which answer (robot, command, argument)."""
-
-    async def command(robot: str, name: str, argument: str) -> tuple[bool, str]:
-        await anyio.lowlevel.checkpoint()
-        return answer(robot, name, json.loads(argument))
-
-    members = SimpleNamespace(members=lambda: list(robots))
-    observer = SimpleNamespace(mission=MISSION, membership=members)
-    return TeamClient(SimpleNamespace(observer=observer, command=command))  # type: ignore[arg-type]
+async def submitted(client: DeskClient, **more: object) -> str:
+    given = {"job_id": "a", "priority": 3} | more
+    return (await client.submit("inspect", "shelf_1", **given)).state  # type: ignore[arg-type]
 
 
-def test_a_change_is_kept_only_by_robots_that_have_heard_of_it() -> None:
-    keepers = {"A", "D"}
-    asked: list[str] = []
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"priority": 4},
+        {"not_before": timedelta(seconds=60)},
+        {"deadline": timedelta(seconds=60)},
+        {"deadline": timedelta(seconds=3_600), "priority": None},
+    ],
+)
+def test_the_same_request_is_the_same_job_and_another_one_is_refused(
+    other: dict[str, object],
+) -> None:
+    async def main() -> None:
+        client = DeskClient()
+        usual = {"deadline": timedelta(seconds=3_600)}
+        assert await submitted(client, **usual) == "open"
+        assert await submitted(client, **usual) == "open", "its deadline is from now, as before"
+        with pytest.raises(JobRefusedError, match=r"another job of this id, a: inspect\(shelf_1\)"):
+            await submitted(client, **usual | other)
 
-    def answer(robot: str, name: str, argument: dict[str, Any]) -> tuple[bool, str]:
-        if name != KEPT_JOB:
-            return True, json.dumps({"id": "one", "state": "cancelled", "stamp": 2})
-        assert argument == {"id": "one", "stamp": 2}
-        asked.append(robot)
-        # The others come to hear of it only later.
-        kept = robot in keepers or asked.count(robot) > 1
-        return kept, json.dumps({"kept": kept})
-
-    client = client_of(*"ABCDE", answer=answer)
-    assert anyio.run(client.change, "one", "cancel")["state"] == "cancelled"
-    assert len(asked) > len(MISSION.robots) // 2 + 1
+    anyio.run(main)
 
 
-def test_a_strange_answer_is_no_answer() -> None:
-    strange = iter(["", "[]", "[" * 100_000, "{"])
+@pytest.mark.parametrize("priority", [10**9, True])
+def test_a_priority_that_is_none_is_refused(priority: int) -> None:
+    with pytest.raises(JobRefusedError, match="a priority is a whole number"):
+        anyio.run(lambda: submitted(DeskClient(), priority=priority))
 
-    def answer(robot: str, name: str, argument: dict[str, Any]) -> tuple[bool, str]:
-        if robot == "A":
-            return True, next(strange, "null")
-        return True, json.dumps({"kept": True, "id": "one", "state": "held", "stamp": 1})
 
-    client = client_of(*"ABCDE", answer=answer)
-    assert anyio.run(client.change, "one", "cancel")["state"] == "held"
+def test_the_end_of_a_job_that_ended_long_ago_is_told_at_once() -> None:
+    async def main() -> None:
+        client = DeskClient()
+        await submitted(client)
+        (job,) = client.watcher.observer.facts.jobs or ()
+        assert job.job is not None
+        facts = client.context.facts
+        archive = JobArchive((hash_of("a"),), (job.job.content,))
+        client.context.write([("job_archive/1", archive)], 0)
+        facts.prune()
+        again = await client.submit("inspect", "shelf_1", job_id="a", priority=3)
+        assert again.state == "ended"
+        assert (await again.done()).state == "ended"
+        with pytest.raises(JobRefusedError, match="ended long ago; choose another id"):
+            await submitted(client, priority=4)
+
+    anyio.run(main)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.agent.commands import BORROW, RESTORE, RETURN
+from mrbt_mesh.core.agent.commands import RESTORE
 from mrbt_mesh.sim import Command, Fault, Kill, Restart
+from mrbt_mesh.sim.world.faults import Operate
 from tests.sim.test_run_jobs import run, submit, works
 from tests.support.effort import seeds
 
@@ -13,7 +14,7 @@ BORROWED = "borrowed by anna"
 
 
 def borrow(robot: str, when: str = "at_once") -> Fault:
-    return Command(robot, BORROW, f"{when} anna")
+    return Operate(robot, f"borrowed/{robot}", when, "anna")
 
 
 @pytest.mark.parametrize("seed", seeds(5))
@@ -31,7 +32,7 @@ def test_a_borrowed_robot_hands_its_task_over_and_gets_none_until_it_is_returned
     assert not member.lost, "it is no fault"
     others = [(50.0, borrow(r)) for r in ("A1", "A2") if r != worker]
     again = (40.0, submit("A1", "two", "deliver", "8", "dock_1"))
-    returned = (60.0, Command(worker, RETURN))
+    returned = (60.0, borrow(worker, "returned"))
     result, ends = run(
         job, (4.5, borrow(worker)), (30.0, others[0][1]), again, returned, seconds=90, seed=seed
     )
@@ -61,7 +62,7 @@ def test_it_stays_borrowed_when_it_starts_again_and_faults_end(seed: int) -> Non
     )
     assert ends == {}
     facts = result.observer.facts
-    assert facts.borrowers["B1"] == "anna"
+    assert facts.borrowers["B1"] == ("anna", "at_once")
     assert result.observer.plan is not None
     assert result.observer.plan.idle["B1"] == BORROWED
     assert facts.members["B1"].member.pending == {"look": BORROWED}

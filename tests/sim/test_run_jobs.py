@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import anyio
 import pytest
 
 from mrbt_mesh import TaskContext
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Revise
+from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import Operate, Revise
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 
@@ -57,13 +54,30 @@ MISSION = mission_from_yaml(
 )
 
 
-def submit(robot: str, name: str, kind: str, *arguments: str, priority: int = 0) -> Fault:
-    given = {"id": name, "type": kind, "arguments": arguments, "operator": "me"}
-    return Command(robot, SUBMIT, json.dumps({**given, "priority": priority}))
+def submit(
+    robot: str,
+    name: str,
+    kind: str,
+    *arguments: str,
+    priority: int = 0,
+    not_before_us: int = 0,
+    deadline_us: int = 0,
+) -> Fault:
+    value = [kind, list(arguments), priority, not_before_us, deadline_us, 0]
+    return Operate(robot, f"job/{name}", value, "me")
 
 
-def change(robot: str, name: str, what: str, **more: Any) -> Fault:
-    return Command(robot, CHANGE_JOB, json.dumps({"id": name, "change": what, **more}))
+CHANGES = {
+    "cancel": ("job_cancelled", True),
+    "hold": ("job_hold", "held"),
+    "hold_now": ("job_hold", "now"),
+    "release": ("job_hold", "released"),
+}
+
+
+def change(robot: str, name: str, what: str, priority: int = 0) -> Fault:
+    field, value = CHANGES.get(what, ("job_priority", priority))
+    return Operate(robot, f"{field}/{name}", value, "me")
 
 
 PROGRAM = RobotProgram(record_work=True)
@@ -125,7 +139,7 @@ def test_jobs_survive_the_robot_that_took_them_and_the_one_at_work(seed: int) ->
     }
     facts = result.agents["A1"].view.facts
     assert not facts.activations, "nothing is kept of the trees of jobs that have ended"
-    assert not any(known.submitted for known in facts.jobs or ())
+    assert not any(known.commands for known in facts.jobs or ())
 
 
 def test_the_same_id_again_is_the_same_job() -> None:
@@ -180,12 +194,9 @@ def test_the_whole_team_starts_again_and_goes_on_with_its_jobs(seed: int) -> Non
 
 
 def test_a_job_waits_for_its_time_and_expires_at_its_deadline() -> None:
-    given = {"type": "deliver", "operator": "me"}
-    later = {**given, "id": "later", "arguments": ["1", "dock_1"], "not_before_us": AT_US + 23 * S}
-    never = {**given, "id": "never", "arguments": ["2", "dock_1"], "deadline_us": AT_US + 6 * S}
     result, ends = run(
-        (3.0, Command("A1", SUBMIT, json.dumps(later))),
-        (3.0, Command("A1", SUBMIT, json.dumps(never))),
+        (3.0, submit("A1", "later", "deliver", "1", "dock_1", not_before_us=AT_US + 23 * S)),
+        (3.0, submit("A1", "never", "deliver", "2", "dock_1", deadline_us=AT_US + 6 * S)),
         (8.0, Kill("A1")),
     )
     assert {name: state for name, (state, _) in ends.items()} == {

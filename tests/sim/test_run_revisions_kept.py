@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
 
@@ -10,8 +9,6 @@ import anyio
 import pytest
 
 from mrbt_mesh import TaskContext, TaskFailedError
-from mrbt_mesh.core.agent.commands import BORROW, RETURN
-from mrbt_mesh.core.agent.job_desk import SUBMIT
 from mrbt_mesh.core.facts import team_facts
 from mrbt_mesh.core.facts.records import JobEnd, Record
 from mrbt_mesh.core.facts.store import Entry
@@ -23,8 +20,8 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.headline import headline
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Freeze, Revise, Thaw
+from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import Freeze, Operate, Revise, Thaw
 
 S = 1_000_000
 
@@ -33,9 +30,8 @@ def mission(text: str) -> Mission:
     return mission_from_yaml(text, "it.yaml", Path())
 
 
-def submit(job: str, kind: str, *arguments: str, robot: str = "A1") -> Command:
-    given = {"id": job, "type": kind, "arguments": arguments, "operator": "op"}
-    return Command(robot, SUBMIT, json.dumps(given))
+def submit(job: str, kind: str, *arguments: str, robot: str = "A1") -> Operate:
+    return Operate(robot, f"job/{job}", [kind, list(arguments), 0, 0, 0, 0])
 
 
 def revised(text: str, forced: bool = False, repeat: bool = False, robot: str = "A2") -> Revise:
@@ -151,7 +147,7 @@ def test_a_robot_is_on_its_way_to_a_place_that_is_removed_while_it_is_dead() -> 
         WITH_P2,
         (3, submit("x", "a", "1", "p2")),
         (4, Kill("A1")),
-        (4.1, Command("A2", "change_job", json.dumps({"id": "x", "change": "cancel"}))),
+        (4.1, Operate("A2", "job_cancelled/x", True)),
         (8, revised(WITHOUT_P2, True)),
         (9, submit("y", "a", "2", "p1", robot="A2")),
         (12, Restart("A1")),
@@ -191,8 +187,8 @@ NO_GIVE = doses(
     ("  give: {parameters: {p: [bed_1, bed_2]}, tree: {Sequence: [dose($p), check($p)]}}\n", ""),
     ("[give, see]", "[see]"),
 )
-GIVEN = ((3.0, Command("E1", BORROW, "at_once op")), (3.5, submit("one", "give", "bed_1")))
-RETURNED = (20.0, Command("E1", RETURN))
+GIVEN = ((3.0, Operate("E1", "borrowed/E1", "at_once")), (3.5, submit("one", "give", "bed_1")))
+RETURNED = (20.0, Operate("E1", "borrowed/E1", "returned"))
 
 
 @pytest.mark.parametrize(

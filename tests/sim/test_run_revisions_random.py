@@ -4,7 +4,6 @@ rules of docs/how-to/revise.md (`tests.support.revision_model`).
 
 from __future__ import annotations
 
-import json
 import random
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,6 @@ import anyio
 import pytest
 
 from mrbt_mesh import TaskContext
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
@@ -23,8 +21,8 @@ from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
-from mrbt_mesh.sim import Command, Fault, Kill, Restart, SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Revise
+from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
+from mrbt_mesh.sim.world.faults import Operate, Revise
 from tests.support.effort import seeds
 from tests.support.revision_files import File, changed, random_file, text_of
 from tests.support.revision_model import TEAM, FileJob, Identities, may_have
@@ -60,13 +58,13 @@ def story_of(seed: int) -> Story:
         argument = pick.choice(sorted(first["travel"]["places"]) if values == "place" else values)
         job = FileJob(f"job-{number}", kind, argument)
         story.jobs[job.id] = job
-        given = {"id": job.id, "type": kind, "arguments": [argument], "operator": "op"}
+        value = [kind, [argument], 0, 0, 0, number]
         at_s, robot = pick.uniform(3, 14), pick.choice(robots)
-        story.faults.append((at_s, Command(robot, SUBMIT, json.dumps(given))))
+        story.faults.append((at_s, Operate(robot, f"job/{job.id}", value)))
         if pick.random() < 0.3:
-            for more_s, change in ((0.01, "hold"), (25 - at_s, "release")):
-                text = json.dumps({"id": job.id, "change": change})
-                story.faults.append((at_s + more_s, Command(robot, CHANGE_JOB, text)))
+            for more_s, hold in ((0.01, "held"), (25 - at_s, "released")):
+                change = Operate(robot, f"job_hold/{job.id}", hold)
+                story.faults.append((at_s + more_s, change))
     for number in range(pick.randint(1, 3)):
         before = story.files[-1] if pick.random() < 0.7 else pick.choice(story.files)
         version = add(story, changed(before, pick), pick)
@@ -139,9 +137,9 @@ def problems(
     submitted_s: dict[str, float] = {}
     happened = [(at_s, 0, version, None) for at_s, version in in_force]
     happened += [
-        (at_s, 2, 0, json.loads(fault.argument))
+        (at_s, 2, 0, {"id": fault.name.partition("/")[2]})
         for at_s, fault in story.faults
-        if isinstance(fault, Command) and fault.command == SUBMIT
+        if isinstance(fault, Operate) and fault.name.startswith("job/")
     ]
     happened += [
         (float(each["t"]), 1, 0, each)

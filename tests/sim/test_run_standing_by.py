@@ -6,12 +6,10 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import (
     ChangePerformance,
-    Command,
     Fault,
     Kill,
     Leave,
@@ -19,6 +17,7 @@ from mrbt_mesh.sim import (
     SimulationResult,
     simulate,
 )
+from mrbt_mesh.sim.world.faults import Operate
 from tests.support.effort import seeds
 from tests.support.paths import EXAMPLES
 
@@ -108,6 +107,6 @@ def test_who_leaves_while_the_team_stands_by_does_not_end_it() -> None:
 
 
 def test_an_abort_ends_it() -> None:
-    result = run((40, Command("B2", TEAM, "abort")))
+    result = run((40, Operate("B2", "aborted", True)))
     assert (result.result, result.duration_us // S) == ("failure", 40)
     assert result.stops.keys() == set(MISSION.robots)

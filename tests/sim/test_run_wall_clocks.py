@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
 import pytest
 
-from mrbt_mesh.core.agent.job_desk import SUBMIT
-from mrbt_mesh.sim import Command, Fault, Kill, Restart, SetWallClock
+from mrbt_mesh.sim import Fault, Kill, Restart, SetWallClock
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.sim.test_run_jobs import run, works
+from tests.sim.test_run_jobs import submit as submit_job
 from tests.support.effort import seeds
 
 S = 1_000_000
@@ -20,9 +17,8 @@ ALL = ("A1", "A2", "B1")
 
 def submit(robot: str, name: str, **times_s: float) -> Fault:
     """A job whose task takes too long for any deadline; times in seconds after the launch."""
-    given: dict[str, Any] = {"id": name, "type": "deliver", "arguments": ["1", "dock_1"]}
     times = {f"{key}_us": LAUNCH_UNIX_US + round(at * S) for key, at in times_s.items()}
-    return Command(robot, SUBMIT, json.dumps(given | {"operator": "me"} | times))
+    return submit_job(robot, name, "deliver", "1", "dock_1", **times)
 
 
 @pytest.mark.parametrize("seed", seeds(5))

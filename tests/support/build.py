@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from mrbt_mesh.core.agent.operator_desk import command_version
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, OutcomeTick
@@ -12,10 +13,21 @@ from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import ready_members
-from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Member, Phase, Record
+from mrbt_mesh.core.facts.records import (
+    ABORTED,
+    PAUSED,
+    Claim,
+    Coalition,
+    CoalitionId,
+    Member,
+    Phase,
+    Record,
+    TeamOrder,
+)
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.mission import (
     MICRO,
@@ -267,8 +279,15 @@ class World:
         for author in authors:
             self.write(author, (f"{kind}/{activation}/{token}", True))
 
-    def command(self, kind: str, stamp: int, author: str = "R1") -> None:
-        self.write(author, (records.TEAM_COMMAND, [kind, stamp]))
+    def command(self, name: str, value: Any, stamp: int = 1, command_id: str = "c") -> None:
+        """An operator commands a field of a subject."""
+        version = command_version(stamp, command_id)
+        self.facts.map.merge([make_command(name, value, "op", version, RUN, None)])
+
+    def order(self, order: str, stamp: int = 1, command_id: str = "c") -> None:
+        """An operator pauses, resumes or aborts the team."""
+        name, value = (ABORTED, True) if order == TeamOrder.ABORT else (PAUSED, order)
+        self.command(name, value, stamp, command_id)
 
     # -- reading it ---------------------------------------------------------------------------
 

@@ -9,18 +9,21 @@ import contextlib
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import msgpack
 
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.commands import command_body
+from mrbt_mesh.core.agent.commands import OPERATE, command_body
 from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import CoalitionId, Phase
+from mrbt_mesh.core.facts.records import COMMANDS, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import ForgedError, parse_envelope
+from mrbt_mesh.core.membership.keys import Keys, make_command
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
 from mrbt_mesh.core.mission.mission import Mission
@@ -72,7 +75,7 @@ class Team:
         self.heard: list[inputs.MessageReceived] = []
         self._queries: dict[tuple[str, int], Process] = {}
         self._waiting: deque[Process] = deque()
-        self._query = 0
+        self._query = self._commands = 0
 
     # -- what a test may do -------------------------------------------------------------------
 
@@ -124,7 +127,7 @@ class Team:
         self._drain()
 
     def command(
-        self, name: str, command: str, argument: str = "", seal: Seal | None = None
+        self, name: str, command: str, argument: Any = "", seal: Seal | None = None
     ) -> bytes:
         """The operator asks one robot for something; returns the message."""
         process = self.processes[name]
@@ -134,6 +137,18 @@ class Team:
         message = seal(body, process.robot) if seal is not None else body
         self.give(process, inputs.QueryReceived(0, MessageKind.COMMAND, message))
         return message
+
+    def operate(
+        self, name: str, field: str, value: Any, seal: Seal | None = None, keys: Keys | None = None
+    ) -> bytes:
+        """An operator, who has seen what a robot has, commands a field of a subject at it; returns
+        the message.
+        """
+        self._commands += 1
+        view = self.processes[name].agent.view
+        version = command_version(view.facts.max_stamp + 1, f"c{self._commands}")
+        entry = make_command(field, value, "op", version, view.header.run, keys)
+        return self.command(name, OPERATE, operate_body(CommandStep.WRITE, entry), seal)
 
     def sync(self, process: Process) -> None:
         """What the process has handed to its disk is there, unless the disk is slow."""
@@ -281,7 +296,8 @@ class Team:
             if what == MessageKind.STATE:
                 self._tell(process, "answers with its facts")
                 return
-            _, (good, text) = decode(answer, header, MessageKind.ANSWER)
+            _, (good, found) = decode(answer, header, MessageKind.ANSWER)
+            text = found if isinstance(found, str) else _answer_text(found)
             self._tell(process, f"answers {'yes' if good else 'no'}: {text}")
 
     def _token_gone(self, process: Process) -> None:
@@ -341,13 +357,13 @@ def entry_text(name: str, value: object) -> str:
             lost = [f"{','.join(names)} ({reason})" for reason, names in reasons.items()]
             text = f" lost={'; '.join(lost)}" if lost else ""
             return f"member{text}{' leaving' if leaving else ''}"
-        case "command", [command, _]:
-            return f"command {command}"
     return latch_text(kind, parts, value)
 
 
 def latch_text(kind: str, parts: list[str], value: object) -> str:
     match kind, value:
+        case _, [command, str(operator), str(), str()] if kind in COMMANDS:
+            return f"{' '.join([kind, *parts])} {command} of {operator}"
         case "result", [success, _]:
             return f"the mission's {'success' if success else 'failure'}"
         case "expression", [revision, _]:
@@ -362,3 +378,11 @@ def latch_text(kind: str, parts: list[str], value: object) -> str:
             return f"travel times between {len(places)} places"
     scope = parse_activation(parts[0])
     return f"{kind} {scope.subject or f'node {scope.node}'}"
+
+
+def _answer_text(answer: dict[str, Any]) -> str:
+    """What became of a command."""
+    if "refused" in answer:
+        return f"{answer['cause']}: {answer['refused']}"
+    state = " ".join(f"{name}={value}" for name, value in answer["state"].items())
+    return f"{'kept' if answer['kept'] else 'taken' if answer['taken'] else 'newer'}, {state}"

@@ -9,12 +9,15 @@ from typing import Any
 from unittest import mock
 
 from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.agent.commands import OPERATE, Answer
+from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
-from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
+from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
 from mrbt_mesh.core.agent.planner import Planner
-from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.facts.records import TeamOrder
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 
 
@@ -40,15 +43,19 @@ def pretend_to_work(agent: Agent, activation: str, *tasks: str, coalition: str =
     context(agent).work.action = start
 
 
-def command(agent: Agent, kind: CommandKind, now_us: int) -> None:
-    """The robot writes the operator's word down."""
-    agent._reports.command(kind, now_us)
+def command(agent: Agent, kind: TeamOrder, now_us: int) -> None:
+    """An operator commands the robot."""
+    view = agent.view
+    name, value = ("aborted", True) if kind is TeamOrder.ABORT else ("paused", str(kind))
+    version = command_version(view.facts.max_stamp + 1, "c")
+    entry = make_command(name, value, "op", version, view.header.run, None)
+    agent._commands.carry_out([OPERATE, operate_body(CommandStep.WRITE, entry)], now_us)
 
 
-def carry_out(agent: Agent, body: Any, now_us: int) -> tuple[bool, str]:
-    """An operator's command."""
+def carry_out(agent: Agent, body: Any, now_us: int) -> Answer:
+    """An operator's word."""
     answer = agent._commands.carry_out(body, now_us)
-    assert not isinstance(answer, AwaitedJob)
+    assert not isinstance(answer, AwaitedAnswer)
     return answer
 
 

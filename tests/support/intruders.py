@@ -92,9 +92,11 @@ class Intruders:
             event = inputs.QueryReceived(0, MessageKind.COMMAND, self._last_order)
             self._team.give(self._team.processes[target], event)
             return
-        command, _, argument = words.partition(" ")
-        seal = self._guard(target, who).seal_command if who != "stranger" else None
-        self._last_order = self._team.command(target, command, argument, seal)
+        guard = self._guard(target, who) if who != "stranger" else None
+        seal = guard.seal_command if guard is not None else None
+        field, value = words.split()
+        keys = guard.keys if guard is not None else None
+        self._last_order = self._team.operate(target, field, value, seal, keys)
 
     def _header(self, target: str) -> Header:
         header = self._team.processes[target].agent.view.header

@@ -17,10 +17,11 @@ from weakref import WeakKeyDictionary
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.commands import Answer, Commands
+from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.effects import Persist
-from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
+from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.wall_clock import WallClock
@@ -31,11 +32,12 @@ from mrbt_mesh.core.bt.tree import Kind, Node
 from mrbt_mesh.core.facts import coalitions, jobs, store, task_status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.jobs import Jobs
-from mrbt_mesh.core.facts.records import GRANT, Arguments, CommandKind, ConditionValue, Outcome
+from mrbt_mesh.core.facts.records import GRANT, Arguments, ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.replica import Durability, Replica
@@ -307,11 +309,13 @@ def rounds_are_mixed(original: Any, task: GlobalTask, said: ActivationFacts) -> 
 @mutation(Commands, "carry_out")
 def garbled_commands_pause(
     original: Any, mine: Commands, body: Any, now_us: int
-) -> Answer | AwaitedJob:
+) -> Answer | AwaitedAnswer:
     """A command that no robot understands pauses the team, to be on the safe side."""
-    answer: Answer | AwaitedJob = original(mine, body, now_us)
-    if not isinstance(answer, AwaitedJob) and not answer[0]:
-        mine._reports.command(CommandKind.PAUSE, now_us)
+    answer: Answer | AwaitedAnswer = original(mine, body, now_us)
+    if not isinstance(answer, AwaitedAnswer) and not answer[0]:
+        version = command_version(mine._context.facts.max_stamp + 1, "garbled")
+        pause = make_command("paused", "pause", "", version, mine._context.facts.run, None)
+        mine._desk.take(operate_body(CommandStep.WRITE, pause), now_us)
     return answer
 
 

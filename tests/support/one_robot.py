@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 from typing import Any
 
+from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.job_desk import JobDesk
+from mrbt_mesh.core.agent.job_desk import job_rules
+from mrbt_mesh.core.agent.operator_desk import CommandStep, OperatorDesk, operate_body, team_rules
+from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.member_keys import MemberKeys
-from mrbt_mesh.runtime.team_client import JobRefusedError, TeamClient
+from mrbt_mesh.runtime.operator_call import Acknowledged
+from mrbt_mesh.runtime.team_client import TeamClient
 from tests.support.paths import mission_file
 
 MISSION = load_mission(mission_file("deliveries"))
 NOW_US = 1_000_000_000
 
 
-def desk(keys: MemberKeys | None = None, clock_us: int | None = NOW_US) -> tuple[JobDesk, Context]:
+def desk(
+    keys: MemberKeys | None = None, clock_us: int | None = NOW_US
+) -> tuple[OperatorDesk, Context]:
     """The desk of D1, whose clock shows this (None: it has not read it), and its facts."""
     config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver, keys=keys)
     context = Context(MISSION, config, 0)
@@ -29,14 +36,17 @@ def desk(keys: MemberKeys | None = None, clock_us: int | None = NOW_US) -> tuple
     assert context.facts.jobs is not None
     if clock_us is not None:
         context.wall_clock.read(clock_us, 0)
-    return JobDesk(context, context.facts.jobs), context
+    jobs = job_rules(context, context.facts.jobs)
+    rules = {**team_rules(context), **Reviser(context).rules(), **jobs}
+    return OperatorDesk(context, rules), context
 
 
 class DeskClient(TeamClient):
     """A client of that robot, which keeps everything; it does not answer about the job `silent`."""
 
     def __init__(self) -> None:
-        self._desk, context = desk()
+        self._desk, self.context = desk()
+        context = self.context
         observer = SimpleNamespace(
             mission=MISSION,
             facts=context.facts,
@@ -46,16 +56,22 @@ class DeskClient(TeamClient):
             ),
             robots=lambda: ["D1"],
         )
-        watcher = SimpleNamespace(observer=observer, signed=lambda name, values: {})
+        watcher = SimpleNamespace(
+            observer=observer,
+            operate=self._operate,
+            make_command=lambda *given: make_command(*given, "r", None),
+        )
         super().__init__(watcher)  # type: ignore[arg-type]
 
-    async def _ask_any(self, command: str, given: dict[str, Any]) -> dict[str, Any]:
-        if given["id"] == "silent":
-            raise TimeoutError("D1 does not answer")
-        answer: dict[str, Any] = json.loads(self._desk.answer(command, json.dumps(given), 0))
-        if "refused" in answer:
-            raise JobRefusedError(answer["refused"], answer["cause"])
-        return answer
+    async def _operate(
+        self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
+    ) -> dict[str, Any] | None:
+        answer = self._desk.take(operate_body(step, entry), 0)
+        return answer.make() if isinstance(answer, AwaitedAnswer) else answer
 
-    async def _await_kept(self, name: str, stamp: int, safe: int | None) -> None:
-        pass
+    async def _command(self, *given: Any, **more: Any) -> Acknowledged:
+        """It is one robot of six: its journal is enough."""
+        name, value, operator, *_ = given
+        if name.endswith("/silent"):
+            raise TimeoutError("D1 does not answer")
+        return await super()._command(name, value, operator, 1, **more)

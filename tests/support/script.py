@@ -12,6 +12,7 @@ from typing import Any
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Memory, NodeSpec
 from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -129,7 +130,7 @@ class Script:
         self._intruders.make_keys(list(self.robots))
 
     def do_command(self, name: str, who: str, *words: str) -> None:
-        """command B op team pause: a member commands B; `command B again`: it comes once more."""
+        """command B op paused pause: a member commands B; `command B again`: it comes once more."""
         self._intruders.command(name, who, " ".join(words))
 
     def do_ends(self, when: str) -> None:
@@ -249,8 +250,22 @@ class Script:
         self.team.give(process, inputs.ActionStopped(process.tickets.pop(0)))
 
     def do_tell(self, name: str, command: str, *words: str) -> None:
-        """tell A fault lift; tell A team pause; tell A decide dose retry"""
+        """tell A fault lift"""
         self.team.command(name, command, " ".join(words))
+
+    def do_operate(self, name: str, field: str, value: str) -> None:
+        """operate A paused pause; operate A aborted true: a command, as its operator's client sends
+        it to A alone.
+        """
+        self.team.operate(name, field, True if value == "true" else value)
+
+    def do_decide(self, name: str, activation: str, decision: str) -> None:
+        """decide A dose retry: about the first coalition that has left a global task in doubt."""
+        facts = self.team.processes[name].agent.view.facts
+        for known, found in facts.granted():
+            doubted = found.in_doubt(facts.grantors)
+            if parse_activation(known).subject == activation and doubted:
+                self.team.operate(name, f"decision/{known}/{doubted[0]}", decision)
 
     def do_leave(self, name: str) -> None:
         self.team.give(self.team.processes[name], inputs.LeaveRequested())

@@ -18,7 +18,6 @@ import anyio
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.analysis.tolerance.readings import serial
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
-from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, Status, build_tree
 from mrbt_mesh.core.mission.mission import (
@@ -29,7 +28,8 @@ from mrbt_mesh.core.mission.mission import (
     Need,
     SameRobotAs,
 )
-from mrbt_mesh.sim import Command, Kill, Lose, Schedule, simulate
+from mrbt_mesh.sim import Kill, Lose, Schedule, simulate
+from mrbt_mesh.sim.world.faults import Operate
 from tests.support.build import SECOND_US, make_mission
 
 MAX_TASKS, MAX_CONDITIONS = 5, 3
@@ -418,7 +418,7 @@ def simulated(case: Case, at_us: int | None = None, performances: int = 0) -> st
         mission, schedule = replace(mission, robots=robots), strikes
     elif case.are_known and len(dead) < len(mission.robots):
         alive = next(robot for robot in sorted(mission.robots) if robot not in dead)
-        pause, resume = Command(alive, TEAM, "pause"), Command(alive, TEAM, "resume")
+        pause, resume = Operate(alive, "paused", "pause"), Operate(alive, "paused", "resume")
         schedule = [(PAUSE_US, pause), *strikes, (RESUME_US, resume)]
     else:
         mission = replace(mission, robots={r: _without(mission, r, lost) for r in mission.robots})

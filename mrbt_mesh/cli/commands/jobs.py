@@ -149,20 +149,29 @@ def jobs(follow: bool, only_open: bool, team: TeamOptions, as_json: bool) -> Non
 )
 @click.argument("name", metavar="ID", help="The id of a job.")
 @click.argument("number", metavar="[N]", type=int, required=False, help="The new priority.")
+@click.option("--now", is_flag=True, help="hold: what runs of it is cancelled.")
 @team_options
 @json_option
-def job(change: str, name: str, number: int | None, team: TeamOptions, as_json: bool) -> None:
+def job(
+    change: str, name: str, number: int | None, now: bool, team: TeamOptions, as_json: bool
+) -> None:
     """Cancel a job, hold it until it is released, or give it another priority.
+
+    No further step of a job that is held begins; what runs goes on, unless --now is given.
 
     \b
     Example: mrbt job cancel morning-1
+             mrbt job hold morning-1 --now
              mrbt job priority morning-1 10
     """
     if (change == "priority") is not (number is not None):
         raise InputError("`priority` takes a number, e.g. mrbt job priority morning-1 10")
 
+    if now and change != "hold":
+        raise InputError("--now is for `hold`")
+
     async def act(client: TeamClient) -> int:
-        state = await client.change(name, change, number)
+        state = await client.change(name, "hold_now" if now else change, number)
         click.echo(json.dumps(state) if as_json else f"{name}: {state['state']}")
         return SUCCESS
 

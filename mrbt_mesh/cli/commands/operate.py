@@ -18,8 +18,10 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import WARNING
 
 if TYPE_CHECKING:
+    from mrbt_mesh.runtime.operator_call import Acknowledged
     from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team_address import TeamAddress
+    from mrbt_mesh.runtime.team_client import TeamClient
     from mrbt_mesh.runtime.watcher import Watcher
 
 CONNECT_TIMEOUT_S = 10.0
@@ -108,7 +110,23 @@ def _robot_command(name: str, text: str) -> click.Command:
 
 
 leave = _robot_command("leave", "Have a robot leave on purpose: its work is handed over at once.")
-return_ = _robot_command("return", "Give a borrowed robot back to the team.")
+
+
+@click.command("return", cls=MrbtCommand)
+@robot_argument
+@team_options
+@json_option
+def return_(robot: str, team: TeamOptions, as_json: bool) -> None:
+    """Give a borrowed robot back to the team.
+
+    Example: mrbt return B1
+    """
+
+    async def give(client: TeamClient) -> str:
+        await client.give_back(robot)
+        return f"{robot} works for the team again"
+
+    _operate(team, as_json, give, robot)
 
 
 @click.command(cls=MrbtCommand)
@@ -123,10 +141,12 @@ def borrow(robot: str, after: bool, team: TeamOptions, as_json: bool) -> None:
 
     Example: mrbt borrow A1
     """
-    from mrbt_mesh.core.agent.commands import AFTER_TASK, AT_ONCE, BORROW
-    from mrbt_mesh.runtime.team_client import user_name
 
-    _command(team, as_json, robot, BORROW, f"{AFTER_TASK if after else AT_ONCE} {user_name()}")
+    async def give(client: TeamClient) -> str:
+        state = (await client.borrow(robot, after)).state
+        return f"{robot} is borrowed by {state.get('by')}{' after its task' if after else ''}"
+
+    _operate(team, as_json, give, robot)
 
 
 @click.command(cls=MrbtCommand)
@@ -209,11 +229,22 @@ def fault(
 def _team_command(name: str, text: str) -> click.Command:
     """A command that gives a command to the whole team."""
 
-    @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name}")
+    @click.command(
+        name,
+        cls=MrbtCommand,
+        help=f"{text}\n\nIt goes to all robots at once. Status 1 if fewer than a majority have it."
+        f"\n\nExample: mrbt {name}",
+    )
     @team_options
     @json_option
     def give(team: TeamOptions, as_json: bool) -> None:
-        _command(team, as_json, None, "team", name)
+        async def order(client: TeamClient) -> str:
+            done: Acknowledged = await getattr(client, name)()
+            order = done.state.get("order")
+            what = name if order == name else f"{name} came too late, {order}"
+            return done.text(f"{what} is the team's command")
+
+        _operate(team, as_json, order)
 
     return give
 
@@ -238,15 +269,56 @@ def decide(global_task: str, decision: str, team: TeamOptions, as_json: bool) ->
 
     Example: mrbt decide "dose(2)" done
     """
-    from mrbt_mesh.core.agent.commands import DECIDE
 
-    _command(team, as_json, None, DECIDE, f"{global_task} {decision}")
+    async def give(client: TeamClient) -> str:
+        done = await client.decide(global_task, decision)
+        is_retry = decision == "retry"
+        return done.text(
+            f"{global_task} {'is tried again' if is_retry else f'counts as {decision}'}"
+        )
+
+    _operate(team, as_json, give)
 
 
 def _command(
-    team: TeamOptions, as_json: bool, robot: str | None, command: str, argument: str = ""
+    team: TeamOptions, as_json: bool, robot: str, command: str, argument: str = ""
 ) -> NoReturn:
-    """Give a command to a robot (None: any live one), print its answer, and end the process."""
+    """Send a word to a robot, print its answer, and end the process."""
+
+    async def act(watcher: Watcher) -> str:
+        good, text = await watcher.command(robot, command, argument)
+        if not good:
+            fail(text, FAILURE)
+        return text
+
+    _act(team, as_json, act, robot)
+
+
+def _operate(
+    team: TeamOptions,
+    as_json: bool,
+    give: Callable[[TeamClient], Awaitable[str]],
+    robot: str | None = None,
+) -> NoReturn:
+    """Give a command, print what became of it, and end the process."""
+    from mrbt_mesh.runtime.team_client import TeamClient
+
+    async def act(watcher: Watcher) -> str:
+        try:
+            return await give(TeamClient(watcher))
+        except TimeoutError as error:
+            fail(str(error), FAILURE)
+
+    _act(team, as_json, act, robot)
+
+
+def _act(
+    team: TeamOptions,
+    as_json: bool,
+    give: Callable[[Watcher], Awaitable[str]],
+    robot: str | None,
+) -> NoReturn:
+    """Give something to a robot (None: to the team), print what became of it, end the process."""
     address = team.find_running()
     name = address.transport.team
 
@@ -256,14 +328,11 @@ def _command(
             fail(nobody(watcher), FAILURE)
         if robot is not None and robot not in watcher.observer.robots():
             fail(f"the team has no robot {robot} ({', '.join(watcher.observer.robots())})")
-        good, text = await watcher.command(robot or living[0], command, argument)
-        if not good:
-            fail(text, FAILURE)
-        robots = living if robot is None else [robot]
+        text = await give(watcher)
         word = click.get_current_context().info_name or ""
         if address.run_dir is not None:
             note_command(address.run_dir, word, text)
-        report(as_json, name, robots, word, text)
+        report(as_json, name, living if robot is None else [robot], word, text)
         return SUCCESS
 
     with_team(address, act)

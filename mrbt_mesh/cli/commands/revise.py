@@ -161,7 +161,9 @@ async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
     if pending is None:
         fail(f"{team}: no revision is proposed", FAILURE)
     number = pending[1].revision_number
-    answer = await withdraw(watcher, number)
+    is_withdrawn, answer = await withdraw(watcher, number)
+    if not is_withdrawn:
+        fail(f"{team}: {answer}", FAILURE)
     report(as_json, team, [*watcher.observer.membership.members()], "revise", answer)
     return SUCCESS
 

@@ -126,7 +126,7 @@ class Agent:
         self._lifecycle = Lifecycle(context, planner, leased, duplicates, schedule)
         self._heartbeats = Heartbeats(context, schedule, self._tree, leased)
         withdrawal = self._withdrawal
-        self._commands = Commands(context, planner, reports, health, withdrawal, self._reviser)
+        self._commands = Commands(context, reports, health, self._reviser)
         inbound = Inbound(context, planner, leased, duplicates, schedule, self._commands)
         if self._contact is not None:
             self._contact.end(now_us)
@@ -210,7 +210,6 @@ class Agent:
             said = context.facts.map.get(context.me, records.CLAIM)
             claims = [context.claim()] if is_dropped or said is None else []
             context.write([context.member(), *claims], now_us)
-            self._withdrawal.joined(now_us)
 
     def _leave_if_removed(self, now_us: int) -> bool:
         """Leave if a revision has removed this robot; whether it has."""
@@ -305,7 +304,6 @@ class Agent:
         if context.joining is not None and self._lifecycle.try_to_join(now_us):
             self._reports.joined(now_us)
             self._health.joined(now_us)
-            self._withdrawal.joined(now_us)
             self._leave_if_removed(now_us)
         if context.facts.is_revised and context.joining is None:
             self._follow_revisions(now_us)
@@ -327,8 +325,7 @@ class Agent:
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
         mission, leased = self._context.mission, self._leased
-        if self._withdrawal.waiting:
-            self._withdrawal.check(now_us)
+        self._withdrawal.follow(now_us)
         clock = self._job_clock if self._planner.decides else None
         passed = clock.passed(now_us) if clock is not None else []
         if passed:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from mrbt_mesh.core.agent.commands_on_disk import CommandsOnDisk
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Ask, Effect, Log, Persist, Publish, Reply, Stop
-from mrbt_mesh.core.agent.jobs_on_disk import JobsOnDisk
 from mrbt_mesh.core.agent.sealing import Sealing
 from mrbt_mesh.core.agent.wall_clock import WallClock
 from mrbt_mesh.core.agent.work import Work
@@ -60,7 +60,7 @@ class Context:
         )
         self.replica.restore(config.restored)
         self.durability = Durability(config.journal_problem, bool(config.journal_problem))
-        self.jobs_on_disk = JobsOnDisk(self.facts, self.durability)
+        self.commands_on_disk = CommandsOnDisk(self.durability)
         # The mission in force, as its file has it: the agent follows `facts.declared`.
         self.mission = self.facts.declared
         self.membership = Membership(
@@ -170,15 +170,15 @@ class Context:
             self.replica.anti_entropy.mark_asked(peer, now_us)
             self._effects.append(Ask(peer, self.replica.write_pull(alive)))
 
-    def answer(self, query: int, good: bool, text: str) -> None:
-        """Answer an operator's command: whether it was carried out, and a text."""
-        data = encode(self.replica.header, MessageKind.ANSWER, [good, text])
+    def answer(self, query: int, good: bool, found: str | dict[str, Any]) -> None:
+        """Answer an operator: whether a word was obeyed and a text, or what became of a command."""
+        data = encode(self.replica.header, MessageKind.ANSWER, [good, found])
         self._effects.append(Reply(query, (data,)))
 
     def answer_kept(self) -> None:
-        """Answer the queries for jobs that the journal holds by now."""
-        for query in self.jobs_on_disk.take_answered():
-            self.answer(query, True, '{"kept": true}')
+        """Answer the queries for commands that the journal holds by now."""
+        for query, found in self.commands_on_disk.take_answers():
+            self.answer(query, True, found)
 
     def emit(self, *effects: Effect) -> None:
         """Have effects carried out, after those before."""

@@ -6,6 +6,7 @@ A message that is malformed or of another run is counted and logged once per sou
 from __future__ import annotations
 
 from mrbt_mesh.core.agent.commands import Commands
+from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import AskRouter, Persist, Reply
@@ -17,7 +18,6 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
-from mrbt_mesh.core.agent.jobs_on_disk import AwaitedJob
 from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
@@ -169,8 +169,8 @@ class Inbound:
             else:
                 _, body = decode(data, replica.header, MessageKind.COMMAND)
                 answer = self._commands.carry_out(body, now_us)
-                if isinstance(answer, AwaitedJob):
-                    self._context.jobs_on_disk.wait(query, answer)
+                if isinstance(answer, AwaitedAnswer):
+                    self._context.commands_on_disk.wait(query, answer)
                     self._context.answer_kept()
                 else:
                     self._context.answer(query, *answer)
@@ -211,13 +211,13 @@ class Inbound:
 
     def _take_in(self, source: str, received: Received) -> None:
         context = self._context
-        names = [entry.parts for entry in received.changed]
-        jobs = [parts[1] for parts in names if parts[0] in records.JOB_KINDS]
-        if jobs:  # their submitters wait until they are on disk
+        kinds = {entry.parts[0] for entry in received.changed}
+        commands = [e.name for e in received.changed if e.author == records.OPERATORS]
+        if commands or kinds & records.JOB_KINDS:  # their operators wait until they are on disk
             number = context.durability.take_number()
             context.emit(Persist(tuple(received.changed), True, number))
-            for job in jobs:
-                context.jobs_on_disk.note(job, number)
+            for name in commands:
+                context.commands_on_disk.note(name, number)
         elif received.changed:
             context.emit(Persist(tuple(received.changed), at_once=False))
         if received.refused:

@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts.jobs import Jobs
 from mrbt_mesh.core.facts.records import LATCH, JobState
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.planning.job_ends import job_end, robots_of
+from mrbt_mesh.core.planning.job_ends import job_end
 
 
 class JobClock:
@@ -53,7 +53,5 @@ class JobClock:
             return []  # of a later submission under the same id
         if not expires:
             return [] if known.is_due else [(f"{records.JOB_DUE}/{name}", LATCH)]
-        stamp = self._facts.max_stamp + 1
-        robots = robots_of(self._facts, name)
-        end = job_end(known.job, JobState.EXPIRED, "its deadline has passed", robots, stamp)
+        end = job_end(self._facts, known, JobState.EXPIRED, "its deadline has passed")
         return [(f"{records.JOB_END}/{name}", end)]

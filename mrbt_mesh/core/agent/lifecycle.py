@@ -9,7 +9,7 @@ from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import CommandKind, Phase
+from mrbt_mesh.core.facts.records import Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.joining import Joining
@@ -194,7 +194,7 @@ class Lifecycle:
     def _stands_by(self, plan: Plan) -> bool:
         """Whether the team goes on ticking T_G although it has ended; only an abort ends it."""
         return (
-            self._context.mission.ends is MissionEnd.NEVER and plan.command is not CommandKind.ABORT
+            self._context.mission.ends is MissionEnd.NEVER and plan.command is not TeamOrder.ABORT
         )
 
     def _is_everybody_done(self, plan: Plan) -> bool:

@@ -22,7 +22,7 @@ from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
-from mrbt_mesh.core.planning.job_ends import job_ends
+from mrbt_mesh.core.planning.job_ends import cancelled_ends, job_ends
 from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
 
@@ -143,7 +143,7 @@ class Planner:
                 break
             context.write(latches, now_us)
         if dropped:
-            context.jobs_on_disk.forget(dropped)
+            context.commands_on_disk.forget(dropped)
             context.emit(Forget(tuple(dropped)))
         for reason in self._failures:
             if context.count_refusal("solver", "broke its contract"):
@@ -267,7 +267,7 @@ class Planner:
         facts, evaluation = self._context.facts, plan.evaluation
         latched = self._of_tree(evaluation)
         if facts.jobs is not None and self._context.me == min(alive):
-            latched += job_ends(facts, evaluation)
+            latched += job_ends(facts, evaluation) + cancelled_ends(facts)
             archive = facts.jobs.to_archive()
             if archive is not None:
                 latched.append((f"{records.JOB_ARCHIVE}/{archive[0]}", archive[1]))

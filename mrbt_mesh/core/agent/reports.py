@@ -1,4 +1,4 @@
-"""The facts of a robot's work: outcomes and conditions, its leave, an operator's command."""
+"""The facts of a robot's work: outcomes and conditions, its leave."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import CommandKind, ConditionValue, Outcome, TeamCommand
+from mrbt_mesh.core.facts.records import ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.mission.blackboard import Value
@@ -169,7 +169,7 @@ class Reports:
         if changed:
             context.write(_condition_facts(changed), now_us)
 
-    # -- leaving, and commands ----------------------------------------------------------------
+    # -- leaving ------------------------------------------------------------------------------
 
     def leave(self, now_us: int) -> None:
         """Hand the work over, and leave."""
@@ -184,14 +184,6 @@ class Reports:
         if context.has_place:
             context.write([*writes, context.member(), context.claim()], now_us)
         self._schedule.make_due(now_us)
-
-    def command(self, kind: CommandKind, now_us: int) -> None:
-        """Write an operator's command."""
-        context = self._context
-        context.log("warning", "command", command=str(kind))
-        context.write(
-            [(records.TEAM_COMMAND, TeamCommand(kind, context.facts.max_stamp + 1))], now_us
-        )
 
 
 def _unreachable(action: StartAction, event: ActionFinished) -> str:

@@ -9,18 +9,27 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection
+from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import CheckMission
 from mrbt_mesh.core.agent.inputs import MissionChecked
+from mrbt_mesh.core.agent.operator_desk import (
+    CONFLICT,
+    ENDED,
+    FieldRule,
+    RefusalError,
+    Rules,
+)
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import (
-    LATCH,
     AdoptedMission,
     HeldMission,
+    OperatorCommand,
     ProposedMission,
 )
 from mrbt_mesh.core.facts.revisions import read_mission
+from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import Mission
@@ -49,31 +58,42 @@ class Reviser:
         self._asked = ""
         self._answer: str | None = None
 
-    def propose(self, argument: str, now_us: int) -> tuple[bool, str]:
-        """An operator proposes a revision: JSON of `mission` (compiled), `operator`, `force` and
-        `repeat_exclusive`, in a team with keys also of `signer` and `signature`, as of a job.
-        """
+    def rules(self) -> Rules:
+        """How this robot takes proposals, and that they are withdrawn."""
+        state = self._state
+        return {
+            records.MISSION: FieldRule(state, self._check_proposal, self._is_proposed),
+            records.MISSION_WITHDRAWN: FieldRule(state, self._check_withdrawal),
+        }
+
+    def _state(self, number: str) -> dict[str, Any]:
+        """`proposed`: the digest of the mission proposed under this number."""
+        revisions, in_force = self._context.facts.revisions, self._context.mission.revision_number
+        proposed = revisions.proposed(int(number))
+        return {
+            "proposed": read_mission(proposed.text).digest if proposed is not None else "",
+            "in_force": in_force,
+            "void": revisions.void_reason(int(number)),
+        }
+
+    def _is_proposed(self, entry: Entry) -> bool:
+        """Whether this very mission is proposed; raises RefusalError if another one is."""
+        number = int(entry.parts[1])
+        found = self._context.facts.revisions.proposed(number)
+        if found is not None and found != _proposal(entry):
+            text = f"another revision {number} is proposed; look at it, and propose yours again"
+            raise RefusalError(text, CONFLICT)
+        return found is not None
+
+    def _check_proposal(self, entry: Entry, _: int) -> None:
         context, revisions = self._context, self._context.facts.revisions
-        try:
-            given = json.loads(argument)
-            text, operator, is_forced = (given[key] for key in ("mission", "operator", "force"))
-            repeats, stamp = given.get("repeat_exclusive", False), context.facts.max_stamp + 1
-            proof = given.get("signer", ""), given.get("signature", "")
-            proposed = ProposedMission.parse([text, operator, is_forced, repeats, stamp, *proof])
-            mission = read_mission(text)
-        except (ValueError, TypeError, KeyError, RecursionError, FileError) as error:
-            return False, f"this is no revision of the mission: {one_line(str(error))}"
-        number, next_number = mission.revision_number, revisions.last_number + 1
-        if number != next_number or mission.team_digest != context.mission.team_digest:
-            return False, f"revision {number} is out of date, the next one is {next_number}"
+        number, next_number = int(entry.parts[1]), revisions.last_number + 1
+        if number != next_number:
+            text = f"revision {number} is out of date, the next one is {next_number}"
+            raise RefusalError(text, CONFLICT)
         if revisions.pending(context.mission.revision_number) is not None:
-            return False, f"revision {revisions.last_number} is not in force yet: withdraw it first"
-        name = f"{records.MISSION}/{number}"
-        if not context.replica.is_by_operator(name, proposed):
-            return False, "no operator of this team has signed this revision"
-        context.log("warning", "revision_proposed", number=number, operator=operator)
-        context.write([(name, proposed)], now_us)
-        return True, f"revision {number} is proposed"
+            text = f"revision {revisions.last_number} is not in force yet: withdraw it first"
+            raise RefusalError(text, CONFLICT)
 
     def check(self, argument: str, _: int) -> tuple[bool, str]:
         """Whether the robot's program could do a compiled mission: JSON of `problem`, null while
@@ -86,14 +106,12 @@ class Reviser:
         problem = "" if self._context.me not in mission.robots else self._program_problem(mission)
         return True, json.dumps({"problem": problem})
 
-    def withdraw(self, argument: str, now_us: int) -> tuple[bool, str]:
-        """An operator takes a proposal back; `argument` is its number."""
+    def _check_withdrawal(self, entry: Entry, _: int) -> None:
         context, in_force = self._context, self._context.mission.revision_number
-        pending = context.facts.revisions.pending(in_force)
-        if pending is None or str(pending[1].revision_number) != argument:
-            return False, f"revision {argument[:20]!r} is not proposed; {in_force} is in force"
-        context.write([(f"{records.MISSION_WITHDRAWN}/{argument}", LATCH)], now_us)
-        return True, f"revision {argument} is withdrawn"
+        pending, number = context.facts.revisions.pending(in_force), entry.parts[1]
+        if pending is None or str(pending[1].revision_number) != number:
+            text = f"revision {number[:20]!r} is not proposed; {in_force} is in force"
+            raise RefusalError(text, ENDED)
 
     def checked(self, event: MissionChecked, _: int) -> None:
         """The runtime has looked whether the robot's program can do what a revision asks for."""
@@ -170,3 +188,9 @@ class Reviser:
             self._asked, self._answer = mission.digest, None
             self._context.emit(CheckMission(mission))
         return self._answer
+
+
+def _proposal(entry: Entry) -> ProposedMission:
+    assert isinstance(entry.record, OperatorCommand)
+    assert isinstance(entry.record.value, ProposedMission)
+    return entry.record.value

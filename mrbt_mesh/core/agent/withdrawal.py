@@ -9,8 +9,7 @@ from __future__ import annotations
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
-from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Borrowed
+from mrbt_mesh.core.facts.records import Loan
 from mrbt_mesh.core.mission.names import ALL
 
 BORROWED = "borrowed"
@@ -25,6 +24,7 @@ class Withdrawal:
         self._context = context
         self._health = health
         self.waiting: dict[str, tuple[str, str]] = {}
+        self._loan: tuple[str, Loan] | None = None
 
     def withdraw(self, source: str, reason: str, now_us: int, *, after_task: bool = False) -> None:
         """Take the robot out, at once or after its task; its task is cancelled or goes on."""
@@ -41,8 +41,11 @@ class Withdrawal:
         self.waiting.pop(source, None)
         self._health.change_capability(CapabilityChanged(ALL, False, source=source), now_us)
 
-    def check(self, now_us: int) -> None:
-        """Take the robot out if the task has ended that was waited for."""
+    def follow(self, now_us: int) -> None:
+        """Follow what operators have commanded, and take the robot out if the task has ended that
+        was waited for.
+        """
+        self._follow_loan(now_us)
         work, waiting = self._context.work, self.waiting
         for source, (reason, activation) in list(waiting.items()):
             goes_on = work.claim is not None and work.claim.activation == activation
@@ -52,27 +55,17 @@ class Withdrawal:
 
     # -- borrowing ----------------------------------------------------------------------------
 
-    def borrow(self, by: str, after_task: bool, now_us: int) -> str | None:
-        """Lend the robot to an operator; returns why it cannot be, or None."""
-        borrower = self._context.facts.borrowers.get(self._context.me, "")
-        if borrower not in ("", by):
-            return f"{self._context.me} is borrowed by {borrower}: `mrbt return` it first"
-        self._context.log("warning", "borrowed", by=by)
-        self._context.write([(records.BORROWED, Borrowed(by))], now_us)
-        self.withdraw(BORROWED, f"borrowed by {by}", now_us, after_task=after_task)
-        return None
-
-    def take_back(self, now_us: int) -> str | None:
-        """The operator returns the robot; why it cannot be, or None."""
-        if not self._context.facts.borrowers.get(self._context.me, ""):
-            return f"{self._context.me} is not borrowed"
-        self._context.log("info", "returned")
-        self._context.write([(records.BORROWED, Borrowed(""))], now_us)
-        self.give_back(BORROWED, now_us)
-        return None
-
-    def joined(self, now_us: int) -> None:
-        """A new life of a robot that is borrowed is, too."""
-        borrower = self._context.facts.borrowers.get(self._context.me, "")
-        if borrower:
-            self.withdraw(BORROWED, f"borrowed by {borrower}", now_us)
+    def _follow_loan(self, now_us: int) -> None:
+        """Do what operators have commanded: this robot is lent to one of them, or returned."""
+        loan = self._context.facts.borrowers.get(self._context.me)
+        if loan == self._loan:
+            return
+        self._loan = loan
+        if loan is None:
+            self._context.log("info", "returned")
+            self.give_back(BORROWED, now_us)
+        else:
+            by, since = loan
+            self._context.log("warning", "borrowed", by=by)
+            is_after = since is Loan.AFTER_TASK
+            self.withdraw(BORROWED, f"borrowed by {by}", now_us, after_task=is_after)

@@ -9,7 +9,15 @@ from typing import TypeAlias
 from mrbt_mesh.core.bt.activation import Activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import Coalitions
-from mrbt_mesh.core.facts.records import Arguments, Attempt, Bid, ChildResult, CoalitionId, Outcome
+from mrbt_mesh.core.facts.records import (
+    Arguments,
+    Attempt,
+    Bid,
+    ChildResult,
+    CoalitionId,
+    Decision,
+    Outcome,
+)
 from mrbt_mesh.core.facts.store import Entry, Version
 
 # Local task -> robot -> success.
@@ -50,7 +58,7 @@ class ActivationFacts:
 
     `keys`: (author, name) of its entries. `coalitions`: None while none was named; then the
     outcomes are theirs, otherwise they are in `outcomes`. `child_results`: position of the child ->
-    success. `is_done`: the operator's word. `begun_with`: (stamp, author) and the values that count
+    success. `begun_with`: (stamp, author) and the values that count
     of the entries that its task reads. `outcomes` and `bids` are replaced when they change,
     never altered.
     """
@@ -64,7 +72,6 @@ class ActivationFacts:
     child_results: dict[int, bool] = field(default_factory=dict)
     has_latched_failure: bool = False
     has_expired: bool = False
-    is_done: bool = False
     begun_with: tuple[int, str, tuple[str, ...]] | None = None
 
     def add(self, entry: Entry) -> None:
@@ -92,8 +99,6 @@ class ActivationFacts:
             self.has_latched_failure = True
         elif kind == records.EXPIRED:
             self.has_expired = True
-        elif kind == records.DONE:
-            self.is_done = True
 
     def add_outcome(
         self, parts: tuple[str, ...], robot: str, success: bool, version: Version
@@ -112,6 +117,10 @@ class ActivationFacts:
         if self.coalitions is None:
             self.coalitions = Coalitions()
         return self.coalitions
+
+    def is_decided(self, decision: Decision) -> bool:
+        """Whether an operator has decided so about one of its coalitions."""
+        return self.coalitions is not None and decision in self.coalitions.decisions.values()
 
     @property
     def has_outcome(self) -> bool:

@@ -25,6 +25,8 @@ from mrbt_mesh.core.facts.records import (
     Coalition,
     CoalitionId,
     CoalitionMember,
+    Decision,
+    OperatorCommand,
     Phase,
 )
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation, Version
@@ -42,7 +44,7 @@ class Coalitions:
 
     `outcomes` are by coalition, local task and robot. `broken`, `grants`, `doubts` and `cleared`
     hold their authors. `doubts` and `ended` hold versions too: with which entry an author
-    doubted the coalition, and with which it wrote its outcome.
+    doubted the coalition, and with which it wrote its outcome. `decisions`: those of operators.
     """
 
     members: dict[CoalitionId, tuple[CoalitionMember, ...]] = field(default_factory=dict)
@@ -52,11 +54,14 @@ class Coalitions:
     doubts: dict[CoalitionId, dict[str, Version]] = field(default_factory=dict)
     ended: dict[CoalitionId, dict[str, Version]] = field(default_factory=dict)
     cleared: dict[CoalitionId, set[str]] = field(default_factory=dict)
+    decisions: dict[CoalitionId, Decision] = field(default_factory=dict)
 
     def add(self, kind: str, coalition: CoalitionId, entry: Entry) -> None:
         """Take in what an author has said of a coalition."""
         if isinstance(entry.record, Coalition):
             self.members[coalition] = entry.record.members
+        elif isinstance(entry.record, OperatorCommand):
+            self.decisions[coalition] = Decision(entry.record.value)
         elif kind == DOUBT:
             self.doubts.setdefault(coalition, {})[entry.author] = entry.version
         else:
@@ -90,7 +95,11 @@ class Coalitions:
 
     def is_open(self, coalition: CoalitionId) -> bool:
         """Whether its work may be half done: not all outcomes are known, and it is not cleared."""
-        return not self.is_resolved(coalition) and coalition not in self.cleared
+        return not self.is_resolved(coalition) and not self.may_begin_again(coalition)
+
+    def may_begin_again(self, coalition: CoalitionId) -> bool:
+        """Whether the work counts as not begun: it never was, or an operator has decided so."""
+        return coalition in self.cleared or self.decisions.get(coalition) is Decision.RETRY
 
     def in_doubt(self, grantors: Collection[str]) -> list[CoalitionId]:
         """Coalitions that have ended and left the activation in doubt, in canonical order.
@@ -116,8 +125,9 @@ class Coalitions:
 
     def unended(self, grantors: Collection[str]) -> list[CoalitionId]:
         """The coalitions that were written down and have not ended, in canonical order."""
-        ended = {*self.broken, *self.cleared, *self.in_doubt(grantors)}
-        return sorted(coalition for coalition in self.members if coalition not in ended)
+        ended = {*self.broken, *self.in_doubt(grantors)}
+        unended = (c for c in self.members if c not in ended and not self.may_begin_again(c))
+        return sorted(unended)
 
     def round_number(self, grantors: Collection[str], at_work: CoalitionId | None) -> int:
         """How many coalitions have ended without success, before the one at work if there is."""

@@ -1,9 +1,9 @@
 """The jobs of a team, as all robots read them from the facts.
 
-A job is a fact that any robot may write for an operator. Of several under one id the one with the
-smallest (stamp, author) counts, so to submit a job again does nothing. What operators change later
-is a fact of its own, and so is the end of a job. Then all other facts of the job are dropped. Of
-the oldest ends only the hashes of their ids are kept, in archives, so that no job is done again.
+A job is what an operator has submitted; the first submission under an id counts. Each field that
+operators change later is a fact of its own, and so is the end of a job. Then all other facts of the
+job are dropped, except that it was cancelled. Of the oldest ends only hashes are kept, in archives,
+so that no job is done again.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from __future__ import annotations
 import hashlib
 from array import array
 from bisect import bisect_left, insort
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
@@ -21,12 +21,13 @@ from mrbt_mesh.core.facts.records import (
     JOB_ARCHIVE,
     MAX_ARCHIVED,
     MAX_HASH,
+    Hold,
     Job,
     JobArchive,
-    JobChange,
     JobEnd,
     JobState,
     Latch,
+    OperatorCommand,
 )
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.jobs import OpenJob, jobs_nodes
@@ -36,8 +37,7 @@ from mrbt_mesh.core.mission.names import owning_job
 # How many ends of jobs are kept at least, and of how many archives their hashes.
 KEPT_ENDS = 500
 KEPT_ARCHIVES = 200
-_END = f"{records.JOB_END}/"
-_NO_CHANGE = JobChange(is_held=False, priority=None, stamp=0)
+_KEPT = f"{records.JOB_END}/", f"{records.JOB_CANCELLED}/"
 
 
 class JobKey(NamedTuple):
@@ -52,16 +52,16 @@ class JobKey(NamedTuple):
 class KnownJob:
     """All that is known of one id.
 
-    `keys`: (author, name) of its entries, and of guards in its tree. `activations`: those of its
-    tree that there are facts of; `claims`: how many robots work on it. With either it is begun.
-    `version`: how often its facts have changed.
+    `keys`: (author, name) of its entries, and of guards in its tree. `commands`: field -> what
+    operators have commanded. `activations`: those of its tree that there are facts of; `claims`:
+    how many robots work on it. With either it is begun. `version`: how often its facts have
+    changed.
     """
 
     id: str
     version: int = 0
     keys: dict[tuple[str, str], None] = field(default_factory=dict)
-    submitted: dict[str, Job] = field(default_factory=dict)
-    changes: dict[str, JobChange] = field(default_factory=dict)
+    commands: dict[str, Entry] = field(default_factory=dict)
     ends: dict[str, JobEnd] = field(default_factory=dict)
     due: set[str] = field(default_factory=set)
     activations: dict[str, None] = field(default_factory=dict)
@@ -72,11 +72,27 @@ class KnownJob:
         """Whether robots work on it, or have."""
         return self.claims > 0 or bool(self.activations)
 
+    def _commanded(self, field: str) -> Any:
+        """The value of a field, None if no operator has commanded any."""
+        entry = self.commands.get(field)
+        return entry.record.value if entry and isinstance(entry.record, OperatorCommand) else None
+
+    def commanded_by(self, field: str) -> str:
+        """The operator who has commanded a field last; empty: nobody has."""
+        entry = self.commands.get(field)
+        return entry.record.operator if entry and isinstance(entry.record, OperatorCommand) else ""
+
     @property
     def job(self) -> Job | None:
         """The job, None if only other facts are known under its id."""
-        found = [(job.stamp, author) for author, job in self.submitted.items()]
-        return self.submitted[min(found)[1]] if found else None
+        found: Job | None = self._commanded(records.JOB)
+        return found
+
+    @property
+    def arrival(self) -> int:
+        """The stamp of its submission, 0: none is known."""
+        entry = self.commands.get(records.JOB)
+        return entry.version.incarnation.counter if entry is not None else 0
 
     @property
     def is_due(self) -> bool:
@@ -85,28 +101,61 @@ class KnownJob:
         return bool(self.due) or (job is not None and not job.not_before_us)
 
     @property
-    def change(self) -> JobChange:
-        """What operators have said last."""
-        found = [(change.stamp, author) for author, change in self.changes.items()]
-        return self.changes[max(found)[1]] if found else _NO_CHANGE
+    def hold(self) -> Hold:
+        """Whether operators hold it."""
+        return self._commanded(records.JOB_HOLD) or Hold.RELEASED
 
     @property
-    def end(self) -> JobEnd | None:
-        """How it has ended, None if it has not."""
-        found = [(-end.rank(), end.stamp, author) for author, end in self.ends.items()]
+    def is_cancelled(self) -> bool:
+        """Whether an operator has cancelled it."""
+        return records.JOB_CANCELLED in self.commands
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has ended, or was cancelled: nothing of it begins any more."""
+        return self.is_cancelled or self.written_end is not None
+
+    @property
+    def written_end(self) -> JobEnd | None:
+        """The end that robots have written, None if none has. That it was cancelled follows from an
+        operator's command, and is not believed without.
+        """
+        found = [
+            (-end.rank(), end.stamp, author)
+            for author, end in self.ends.items()
+            if self.is_cancelled or end.state is not JobState.CANCELLED
+        ]
         return self.ends[min(found)[2]] if found else None
 
     @property
-    def stamp(self) -> int:
-        """The newest of what operators have said of it, and of its end; 0: nothing is known."""
-        jobs, changes, ends = self.submitted.values(), self.changes.values(), self.ends.values()
-        stamps = [*(j.stamp for j in jobs), *(c.stamp for c in changes), *(e.stamp for e in ends)]
-        return max(stamps, default=0)
+    def end(self) -> JobEnd | None:
+        """How it has ended, None if it has not. A job that was cancelled may have been done all the
+        same, by robots that had not heard of that (`done_all_the_same`).
+        """
+        end, job = self.written_end, self.job
+        if not self.is_cancelled:
+            return end
+        if end is not None:
+            return replace(end, state=JobState.CANCELLED)
+        stamp = self.commands[records.JOB_CANCELLED].version.incarnation.counter
+        if job is None:
+            return None
+        operator = self.commanded_by(records.JOB)
+        return JobEnd(
+            JobState.CANCELLED, job.type, job.arguments, operator, "", (), stamp, job.content
+        )
+
+    @property
+    def done_all_the_same(self) -> tuple[str, ...]:
+        """The robots that have done it though it was cancelled, sorted."""
+        end = self.written_end
+        is_done = self.is_cancelled and end is not None and end.state is JobState.SUCCEEDED
+        return end.robots if end is not None and is_done else ()
 
     @property
     def priority(self) -> int:
         """Its priority now."""
-        job, changed = self.job, self.change.priority
+        job, changed = self.job, self._commanded(records.JOB_PRIORITY)
         submitted = job.priority if job is not None else 0
         return submitted if changed is None else changed
 
@@ -133,8 +182,10 @@ class Jobs:
         self._in_tree: tuple[OpenJob, ...] | None = None
         self._ended: dict[str, None] = {}
         self._unended: dict[str, None] = {}
-        # (author, number) -> the hashes in it; and all of them, sorted.
-        self._archives: dict[tuple[str, str], Sequence[int]] = {}
+        # Those that were cancelled, and of which no robot has written the end yet.
+        self._cancelled: dict[str, None] = {}
+        # (author, number) -> the archive; and all hashes of ids, sorted.
+        self._archives: dict[tuple[str, str], JobArchive] = {}
         self._archived = array("Q")
 
     def __iter__(self) -> Iterator[KnownJob]:
@@ -148,7 +199,16 @@ class Jobs:
     def has_ended(self, name: str) -> bool:
         """Whether this job has ended, as far as is known."""
         known = self.known.get(name)
-        return (known is not None and bool(known.ends)) or self.is_archived(name)
+        return (known is not None and known.has_ended) or self.is_archived(name)
+
+    def is_held(self, name: str) -> bool:
+        """Whether no step of this job may begin."""
+        known = self.known.get(name)
+        return known is not None and known.hold is not Hold.RELEASED
+
+    def cancelled(self) -> list[KnownJob]:
+        """Those that were cancelled, and of which no robot has written the end yet, by id."""
+        return [self.known[name] for name in sorted(self._cancelled)]
 
     def count_archived(self) -> int:
         """How many jobs are known by their hashes alone."""
@@ -162,21 +222,32 @@ class Jobs:
         place = bisect_left(self._archived, wanted)
         return place < len(self._archived) and self._archived[place] == wanted
 
+    def archived_contents(self, name: str) -> set[int]:
+        """`Job.content` of a job that has ended long ago; several if archives contradict."""
+        wanted, found = hash_of(name), set()
+        for archive in self._archives.values():
+            place = bisect_left(archive.hashes, wanted)
+            if place < len(archive.hashes) and archive.hashes[place] == wanted:
+                found.add(archive.contents[place])
+        return found
+
     # -- those that have ended long ago -------------------------------------------------------
 
     def to_archive(self) -> tuple[int, JobArchive] | None:
         """The next archive, with its number, if there are enough ends for one."""
         if len(self._ended) <= KEPT_ENDS + MAX_ARCHIVED:
             return None
-        ends = ((name, self.known[name].end) for name in self._ended)
-        oldest = sorted((end.stamp, name) for name, end in ends if end is not None)
-        hashes = [hash_of(name) for _, name in oldest[:MAX_ARCHIVED]]
+        ends = ((name, self.known[name].written_end) for name in self._ended)
+        oldest = sorted((end.stamp, name, end.content) for name, end in ends if end is not None)
+        rows = {hash_of(name): content for _, name, content in oldest[:MAX_ARCHIVED]}
+        hashes = sorted(rows)
         numbers = [int(name) for _, name in self._archives]
-        return max(numbers, default=0) + 1, JobArchive(array("Q", sorted(hashes)))
+        archive = JobArchive(array("Q", hashes), array("Q", [rows[each] for each in hashes]))
+        return max(numbers, default=0) + 1, archive
 
     def add_archive(self, entry: Entry, archive: JobArchive) -> None:
         """Take in an archive: of these jobs nothing else is kept."""
-        self._archives[entry.author, entry.parts[1]] = archive.hashes
+        self._archives[entry.author, entry.parts[1]] = archive
         self._archived = array("Q", sorted({*self._archived, *archive.hashes}))
         newly = frozenset(archive.hashes)
         for known in self.known.values():
@@ -190,7 +261,7 @@ class Jobs:
         """An archive was dropped."""
         del self._archives[entry.author, entry.parts[1]]
         self.obsolete.pop((entry.author, entry.name), None)
-        hashes = {number for each in self._archives.values() for number in each}
+        hashes = {number for each in self._archives.values() for number in each.hashes}
         self._archived = array("Q", sorted(hashes))
 
     def fits(self, job: Job) -> bool:
@@ -246,11 +317,10 @@ class Jobs:
         known.version += 1
         known.keys[entry.author, entry.name] = None
         match entry.record:
-            case Job():
-                known.submitted[entry.author] = entry.record
-                self.arrived[name] = None
-            case JobChange():
-                known.changes[entry.author] = entry.record
+            case OperatorCommand():
+                known.commands[entry.parts[0]] = entry
+                if entry.parts[0] == records.JOB:
+                    self.arrived[name] = None
             case Latch():
                 known.due.add(entry.author)
             case JobEnd():
@@ -258,8 +328,8 @@ class Jobs:
                 self._end_node(known)
         if self.is_archived(name):
             self.obsolete |= known.keys
-        elif known.ends:
-            self.obsolete |= {key: None for key in known.keys if not _is_end(key)}
+        elif known.written_end is not None:
+            self.obsolete |= {key: None for key in known.keys if not key[1].startswith(_KEPT)}
         self._place(known)
 
     def remove(self, entry: Entry) -> None:
@@ -269,10 +339,8 @@ class Jobs:
         del known.keys[entry.author, entry.name]
         self.obsolete.pop((entry.author, entry.name), None)
         match entry.record:
-            case Job():
-                del known.submitted[entry.author]
-            case JobChange():
-                del known.changes[entry.author]
+            case OperatorCommand():
+                del known.commands[entry.parts[0]]
             case Latch():
                 known.due.discard(entry.author)
             case JobEnd():
@@ -305,10 +373,9 @@ class Jobs:
         return known
 
     def _end_node(self, known: KnownJob) -> None:
-        end = known.end
-        assert end is not None
-        kind = self._mission.jobs.get(end.type)
-        if kind is None or not kind.ends_mission:
+        end = known.written_end
+        kind = self._mission.jobs.get(end.type) if end is not None else None
+        if end is None or kind is None or not kind.ends_mission:
             return
         if end.state in (JobState.SUCCEEDED, JobState.FAILED):
             origin = self._node_of[kind.name].index
@@ -327,27 +394,27 @@ class Jobs:
         job = known.job
         self._ended.pop(known.id, None)
         self._unended.pop(known.id, None)
-        kind = self._mission.jobs.get(next(iter(known.ends.values())).type) if known.ends else None
-        if known.ends and not (kind is not None and kind.ends_mission):
+        self._cancelled.pop(known.id, None)
+        end = known.written_end
+        if known.is_cancelled and job is not None and end is None:
+            self._cancelled[known.id] = None
+        kind = self._mission.jobs.get(end.type) if end is not None else None
+        if end is not None and not (kind is not None and kind.ends_mission):
             self._ended[known.id] = None
         if not known.keys and not known.is_begun:
             del self.known[known.id]
         is_open = job is not None and not self.has_ended(known.id)
         if is_open:
             self._unended[known.id] = None
-        waits = known.change.is_held or not known.is_due
+        waits = known.hold is not Hold.RELEASED or not known.is_due
         if job is None or not is_open or (waits and not known.is_begun) or not self.fits(job):
             return
-        key = JobKey(-known.priority, job.stamp, known.id)
+        key = JobKey(-known.priority, known.arrival, known.id)
         insort(self._open[job.type], key)
         self._placed[known.id] = job.type, key
         if known.is_begun:
             self._begun[job.type][known.id] = key
         self._in_tree = None
-
-
-def _is_end(key: tuple[str, str]) -> bool:
-    return key[1].startswith(_END)
 
 
 def job_of(entry: Entry) -> str:

@@ -160,9 +160,6 @@ _Positive: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1))]
 _Texts: TypeAlias = Annotated[tuple[str, ...], Plain(_read_texts, list)]
 _priority = partial(read_integer, low=-MAX_PRIORITY, high=MAX_PRIORITY)
 _Priority: TypeAlias = Annotated[int, Plain(_priority)]
-_AnyPriority: TypeAlias = Annotated[
-    int | None, Plain(lambda value: None if value is None else _priority(value))
-]
 _Robots: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1, high=MAX_ROBOTS))]
 
 
@@ -428,35 +425,36 @@ class Arguments(Record):
     write_once: ClassVar[bool] = True
 
 
-class CommandKind(enum.StrEnum):
-    """What the operator may command the team. `ABORT` is absorbing."""
+class TeamOrder(enum.StrEnum):
+    """The operators' standing order to the team. `ABORT` is absorbing."""
 
     RESUME = "resume"
     PAUSE = "pause"
     ABORT = "abort"
 
 
-_CommandKind: TypeAlias = Annotated[
-    CommandKind, Plain(lambda value: CommandKind(read_text(value)), str)
-]
+class Hold(enum.StrEnum):
+    """Whether a job is held: no step of it begins. `NOW`: what runs is cancelled, too."""
+
+    RELEASED = "released"
+    HELD = "held"
+    NOW = "now"
 
 
-@dataclass(frozen=True, slots=True)
-class TeamCommand(Record):
-    """The operator's last command to the team, as the author heard it."""
+class Loan(enum.StrEnum):
+    """Whether an operator has borrowed a robot, and from when on."""
 
-    kind: _CommandKind
-    stamp: int
-
-    def rank(self) -> int:
-        return int(self.kind is CommandKind.ABORT)
+    RETURNED = "returned"
+    AT_ONCE = "at_once"
+    AFTER_TASK = "after_task"
 
 
-@dataclass(frozen=True, slots=True)
-class Borrowed(Record):
-    """The operator who has borrowed the author; empty: it was returned."""
+class Decision(enum.StrEnum):
+    """An operator's decision on a coalition that has left an exclusive task in doubt."""
 
-    by: _Reason
+    DONE = "done"
+    FAILED = "failed"
+    RETRY = "retry"
 
 
 @dataclass(frozen=True, slots=True)
@@ -545,11 +543,11 @@ _JobState: TypeAlias = Annotated[JobState, Plain(lambda value: JobState(read_tex
 
 @dataclass(frozen=True, slots=True)
 class Job(Record):
-    """A job as it was submitted; the first one under its id counts.
+    """A job as it was submitted.
 
     It begins at `not_before_us` at the earliest and expires at `deadline_us`: Unix times in
-    microseconds, 0: none. `operator`: who submitted it. `stamp` is a Lamport stamp. `signer`: in a
-    team with keys, the member that has signed `submitted_values`; `signature` is in hex.
+    microseconds, 0: none. `content`: a hash of the request as the operator made it, in which times
+    may be relative, so that the same request again is the same job.
     """
 
     type: str
@@ -557,27 +555,13 @@ class Job(Record):
     priority: _Priority
     not_before_us: int
     deadline_us: int
-    operator: str
-    stamp: int
-    signer: str = ""
-    signature: str = ""
-
-    write_once: ClassVar[bool] = True
-
-
-@dataclass(frozen=True, slots=True)
-class JobChange(Record):
-    """What operators have changed of a job; `priority` None: as submitted."""
-
-    is_held: bool
-    priority: _AnyPriority
-    stamp: int
+    content: Annotated[int, Plain(_read_hash)] = 0
 
 
 @dataclass(frozen=True, slots=True)
 class JobEnd(Record):
     """How a job has ended; success goes first, then a cancellation. `robots`: those that have
-    worked on it.
+    worked on it. `content`: as that of the job.
     """
 
     state: _JobState
@@ -587,6 +571,7 @@ class JobEnd(Record):
     reason: _Reason
     robots: _Texts
     stamp: int
+    content: Annotated[int, Plain(_read_hash)] = 0
 
     write_once: ClassVar[bool] = True
 
@@ -597,27 +582,68 @@ class JobEnd(Record):
 
 @dataclass(frozen=True, slots=True)
 class JobArchive(Record):
-    """Jobs that have ended long ago, of which only that is kept: the hashes of their ids."""
+    """Jobs that have ended long ago, of which only that is kept: the hashes of their ids, sorted,
+    and in the same order their `Job.content`.
+    """
 
     hashes: Annotated[Sequence[int], Plain(_read_hashes, list)]
+    contents: Annotated[Sequence[int], Plain(_read_hashes, list)]
 
     write_once: ClassVar[bool] = True
+
+    @classmethod
+    def parse(cls, value: Any) -> JobArchive:
+        found = cls(*map(_read_hashes, read_fields(value, 2)))
+        if len(found.hashes) != len(found.contents) or [*found.hashes] != sorted({*found.hashes}):
+            raise ValueError("different hashes in order, and a content for each, expected")
+        return found
 
 
 @dataclass(frozen=True, slots=True)
 class ProposedMission(Record):
-    """A revision of the mission that an operator proposes. `text`: it, compiled. `is_forced`: also
-    if it cancels work or robots leave, `repeats_exclusive`: also if exclusive tasks are begun again
-    that were begun (`planning.objections`). `signer` and `signature`: as those of a job.
+    """A revision of the mission. `text`: it, compiled. `is_forced`: also if it cancels work or
+    robots leave, `repeats_exclusive`: also if exclusive tasks are begun again that were begun
+    (`planning.objections`).
     """
 
     text: Annotated[str, Plain(partial(read_text, limit=MAX_MISSION))]
-    operator: str
     is_forced: bool
     repeats_exclusive: bool
-    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorCommand(Record):
+    """What an operator commands: the value of one field of one subject, which are the entry's name.
+
+    Its author is `OPERATORS`, and its version the stamp and the id that the operator's client has
+    given, so it is the same entry whichever robot takes it, and whenever. `signer`: in a team with
+    keys, the member that has signed it; `signature` is in hex.
+    """
+
+    value: Any
+    operator: str
     signer: str = ""
     signature: str = ""
+
+    def to_value(self) -> list[Any]:
+        value = self.value
+        if isinstance(value, Record):
+            value = value.to_value()
+        elif isinstance(value, enum.StrEnum):
+            value = str(value)
+        return [value, self.operator, self.signer, self.signature]
+
+    @classmethod
+    def read(cls, field: Callable[[Any], Any], value: Any) -> Self:
+        """A command whose value `field` reads; raises ValueError."""
+        given, operator, signer, signature = read_fields(value, 4)
+        texts = [_read_name_of_operator(operator), read_text(signer), read_text(signature)]
+        return cls(field(given), *texts)
+
+
+@dataclass(frozen=True, slots=True)
+class FirstCommand(OperatorCommand):
+    """One of a field that is commanded once: the first one counts."""
 
     write_once: ClassVar[bool] = True
 
@@ -627,9 +653,33 @@ def stamp_of(record: Record) -> int:
     return record.since if isinstance(record, Claim) else getattr(record, "stamp", 0)
 
 
-def submitted_values(record: Job | ProposedMission) -> list[Any]:
-    """What the operator submits and signs: the fields before the stamp."""
-    return list(record.to_value()[: list(record.fields).index("stamp")])
+def command_text(parts: Sequence[str], command: OperatorCommand) -> str:
+    """A command in words; `parts`: those of its name."""
+    field, *subject = parts
+    value = command.value
+    if isinstance(value, Record):
+        value = ""
+    return " ".join([field, *subject, str(value)]).rstrip()
+
+
+def _read_name_of_operator(value: Any) -> str:
+    text = read_text(value)
+    if not text.isprintable():
+        raise ValueError(f"one line of printable text expected, found {shown(text)}")
+    return text
+
+
+def _read_true(value: Any) -> bool:
+    if value is not True:
+        raise ValueError(f"true expected, found {shown(value)}")
+    return True
+
+
+def _read_team_order(value: Any) -> TeamOrder:
+    order = TeamOrder(read_text(value))
+    if order is TeamOrder.ABORT:
+        raise ValueError("an abort is a field of its own")
+    return order
 
 
 @dataclass(frozen=True, slots=True)
@@ -671,9 +721,15 @@ class Latch(Record):
 
 LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
-# An operator drives the author.
-BORROWED = "borrowed"
-MEMBER, CLAIM, TEAM_COMMAND, RESULT = "member", "claim", "command", "result"
+# The author of what operators command, which is no robot's id.
+OPERATORS = "@operators"
+# Fields of commands. Of the team: PAUSED, ABORTED. By robot: BORROWED. By activation and coalition:
+# DECISION. By id of a job: JOB (it is submitted), JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED. By number
+# of a revision: MISSION (it is proposed), MISSION_WITHDRAWN.
+PAUSED, ABORTED, BORROWED, DECISION = "paused", "aborted", "borrowed", "decision"
+JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED = "job", "job_hold", "job_priority", "job_cancelled"
+MISSION, MISSION_WITHDRAWN = "mission", "mission_withdrawn"
+MEMBER, CLAIM, RESULT = "member", "claim", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
 # LATCHED_FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
 LATCHED_FAILURE, EXPIRED = "latched_failure", "expired"
@@ -681,44 +737,55 @@ LATCHED_FAILURE, EXPIRED = "latched_failure", "expired"
 EXPRESSION = "expression"
 # Of one coalition of one activation, named by its id. BROKEN: too few members are left.
 # GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
-# knows how far the work got. CLEARED: it never began, or the operator lets it be tried again.
+# knows how far the work got. CLEARED: it never began, by its leader.
 COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
 # What the blackboard had for an activation when it began.
 ARGUMENTS = "arguments"
 # A child of a node with memory has ended: scope of the node, position of the child.
 CHILD_RESULT = "passed"
-# The operator's decision that an activation in doubt was done.
-DONE = "done"
 # For one local task of an activation: the author's bid; all bids that count are in.
 BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
-# A job, what operators have changed of it, and how it has ended.
-JOB, JOB_CHANGE, JOB_END = "job", "job_change", "job_end"
+# How a job has ended.
+JOB_END = "job_end"
 # The time has come before which a job must not begin.
 JOB_DUE = "job_due"
 # Of jobs that have ended before those of which the ends are kept.
 JOB_ARCHIVE = "job_archive"
-JOB_KINDS = frozenset({JOB, JOB_CHANGE, JOB_DUE, JOB_END})
+JOB_KINDS = frozenset({JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED, JOB_DUE, JOB_END})
 # The author's proposal of a schedule, and its travel times.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
-# By number: a revision of the mission that is proposed, was withdrawn, or is in force. And which
-# one the author holds.
-MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED = "mission", "mission_withdrawn", "mission_adopted"
-MISSION_HELD = "mission_held"
-COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED})
-EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DONE})
+# A revision of the mission is in force, by number. And which one the author holds.
+MISSION_ADOPTED, MISSION_HELD = "mission_adopted", "mission_held"
+COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED, DECISION})
+EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DECISION})
 BID_KINDS = frozenset({BID, CLOSED})
 MISSION_KINDS = frozenset({MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED, MISSION_HELD})
 
+# The fields of commands -> how a value is read, and how many parts a name has; those that are
+# commanded once, where the first one counts, and those where the newest does.
+_ONCE: Mapping[str, tuple[Callable[[Any], Any], int]] = {
+    JOB: (Job.parse, 2),
+    MISSION: (ProposedMission.parse, 2),
+    DECISION: (Decision, 3),
+}
+_AGAIN: Mapping[str, tuple[Callable[[Any], Any], int]] = {
+    PAUSED: (_read_team_order, 1),
+    ABORTED: (_read_true, 1),
+    BORROWED: (Loan, 2),
+    JOB_HOLD: (Hold, 2),
+    JOB_PRIORITY: (_priority, 2),
+    JOB_CANCELLED: (_read_true, 2),
+    MISSION_WITHDRAWN: (_read_true, 2),
+}
+COMMANDS = frozenset({*_ONCE, *_AGAIN})
 # Kind -> its parser, and how many parts a name has:
 # kind / condition, scope or activation / local task, coalition or position / coalition
 _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     MEMBER: (Member.parse, (1,)),
     CLAIM: (parse_claim, (1,)),
-    TEAM_COMMAND: (TeamCommand.parse, (1,)),
     RESULT: (MissionResult.parse, (1,)),
-    BORROWED: (Borrowed.parse, (1,)),
     OUTCOME: (Outcome.parse, (3, 4)),
     CONDITION: (ConditionValue.parse, (2,)),
     EXPRESSION: (ExpressionRevision.parse, (2,)),
@@ -729,16 +796,20 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     BID: (Bid.parse, (3,)),
     PROBLEM: (RobotProblem.parse, (2,)),
     SCHEDULE: (Proposal.parse, (1,)),
-    JOB: (Job.parse, (2,)),
-    JOB_CHANGE: (JobChange.parse, (2,)),
     JOB_END: (JobEnd.parse, (2,)),
     JOB_ARCHIVE: (JobArchive.parse, (2,)),
     TRAVEL_TIMES: (TravelTimes.parse, (1,)),
-    MISSION: (ProposedMission.parse, (2,)),
     MISSION_HELD: (HeldMission.parse, (1,)),
     MISSION_ADOPTED: (AdoptedMission.parse, (2,)),
-    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, DONE), (Latch.parse, (2,))),
-    **dict.fromkeys((JOB_DUE, MISSION_WITHDRAWN), (Latch.parse, (2,))),
+    **{
+        field: (partial(FirstCommand.read, read), (count,))
+        for field, (read, count) in _ONCE.items()
+    },
+    **{
+        field: (partial(OperatorCommand.read, read), (count,))
+        for field, (read, count) in _AGAIN.items()
+    },
+    **dict.fromkeys((LATCHED_FAILURE, EXPIRED, JOB_DUE), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
 }
 

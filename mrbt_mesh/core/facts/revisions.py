@@ -11,7 +11,12 @@ from collections.abc import Collection
 from functools import lru_cache
 
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission, ProposedMission
+from mrbt_mesh.core.facts.records import (
+    AdoptedMission,
+    HeldMission,
+    OperatorCommand,
+    ProposedMission,
+)
 from mrbt_mesh.core.facts.stamps import second_greatest
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.compiled import mission_from_compiled
@@ -34,6 +39,7 @@ class Revisions:
     def __init__(self) -> None:
         # (number, author) -> what was proposed.
         self._proposed: dict[tuple[int, str], ProposedMission] = {}
+        self._proposers: dict[int, str] = {}
         self._adopted: dict[tuple[int, str], str] = {}
         self._withdrawn: set[tuple[int, str]] = set()
         self._held: dict[str, HeldMission] = {}
@@ -41,8 +47,9 @@ class Revisions:
     def add(self, entry: Entry) -> None:
         """Take in a fact about a revision."""
         match entry.record:
-            case ProposedMission():
-                self._proposed[_key(entry)] = entry.record
+            case OperatorCommand(ProposedMission() as proposed):
+                self._proposed[_key(entry)] = proposed
+                self._proposers[_key(entry)[0]] = entry.record.operator
             case HeldMission():
                 self._held[entry.author] = entry.record
             case AdoptedMission(digest):
@@ -69,6 +76,14 @@ class Revisions:
         proposed = max((number for number, _ in self._proposed), default=0)
         return max(proposed, second_greatest(known.values()))
 
+    def proposed(self, number: int) -> ProposedMission | None:
+        """What is proposed under this number, None if nothing is known of it."""
+        return self._proposed.get((number, records.OPERATORS))
+
+    def proposer(self, number: int) -> str:
+        """The operator who has proposed this revision; empty if nothing is known of it."""
+        return self._proposers.get(number, "")
+
     def held_by(self, robot: str) -> HeldMission:
         """Which revision a robot holds, and by which it acts."""
         return self._held.get(robot, _NONE)
@@ -84,11 +99,10 @@ class Revisions:
         """The proposal that waits until all robots hold it, None if there is none."""
         if (number := self.last_number) <= in_force or self.void_reason(number):
             return None
-        same = {author: p for (n, author), p in self._proposed.items() if n == number}
-        if not same or any(n == number for n, _ in self._adopted):
+        proposed = self.proposed(number)
+        if proposed is None or any(n == number for n, _ in self._adopted):
             return None
-        first = min(same, key=lambda author: (same[author].stamp, author))
-        return same[first], read_mission(same[first].text)
+        return proposed, read_mission(proposed.text)
 
     def void_reason(self, number: int) -> str:
         """Why a proposal cannot be adopted any more; empty if it can."""

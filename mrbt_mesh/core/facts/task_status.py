@@ -15,6 +15,7 @@ from typing import Protocol
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.coalitions import Coalitions
+from mrbt_mesh.core.facts.records import Decision
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPolicy, Need
 
 
@@ -35,11 +36,12 @@ class TeamMembers(Protocol):
 def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> Status:
     """Success goes before failure: a late one still counts, also after a latched failure.
 
-    The operator's decision (`is_done`) and a latched failure count like outcomes.
+    An operator's decision and a latched failure count like outcomes.
     """
-    if said.is_done or has_succeeded(task, said):
+    if said.is_decided(Decision.DONE) or has_succeeded(task, said):
         return Status.SUCCESS
-    if said.has_latched_failure or has_failed(task, said, team):
+    is_failed = said.has_latched_failure or said.is_decided(Decision.FAILED)
+    if is_failed or has_failed(task, said, team):
         return Status.FAILURE
     return Status.RUNNING
 

@@ -18,24 +18,22 @@ from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
 from mrbt_mesh.core.facts.jobs import Jobs, guard_number, job_of
 from mrbt_mesh.core.facts.records import (
-    Borrowed,
     Claim,
     CoalitionId,
-    CommandKind,
     ConditionValue,
     ExpressionRevision,
-    Job,
     JobArchive,
-    JobChange,
     JobEnd,
+    Loan,
     Member,
     MissionResult,
     NoClaim,
+    OperatorCommand,
     Phase,
     Proposal,
     Record,
     RobotProblem,
-    TeamCommand,
+    TeamOrder,
     TravelTimes,
     stamp_of,
 )
@@ -127,9 +125,9 @@ class TeamFacts:
         self._places: dict[str, str] = {}
         # (robot, its type) -> its table of travel times, of robots that have published some.
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
-        self._commands: dict[str, TeamCommand] = {}
-        # Robot -> the operator who has borrowed it.
-        self.borrowers: dict[str, str] = {}
+        self._order, self._is_aborted = TeamOrder.RESUME, False
+        # Robot -> the operator who has borrowed it, and from when on.
+        self.borrowers: dict[str, tuple[str, Loan]] = {}
         self._results: dict[str, MissionResult] = {}
         # What says nothing while this mission is in force, and whether `prune` has to look at it.
         self._unbelieved: dict[tuple[str, str], Entry] = {}
@@ -297,16 +295,11 @@ class TeamFacts:
         """The robots whose majority grants an exclusive task: all that the mission names."""
         return self.declared.robot_ids
 
-    def command(self) -> CommandKind:
-        """The operator's standing command: abort if anybody heard that, else the latest one.
-
-        RESUME where nothing was said.
+    def order(self) -> TeamOrder:
+        """The operators' standing order: abort if there ever was one, else the newest one; RESUME
+        where none was given.
         """
-        commands = self._commands.items()
-        if any(each.kind is CommandKind.ABORT for _, each in commands):
-            return CommandKind.ABORT
-        latest = max(((each.stamp, author, each.kind) for author, each in commands), default=None)
-        return latest[2] if latest else CommandKind.RESUME
+        return TeamOrder.ABORT if self._is_aborted else self._order
 
     def result(self, alive: Collection[str]) -> Status | None:
         """How the mission has ended, None if it has not; success goes before failure.
@@ -476,7 +469,7 @@ class TeamFacts:
         record: Record | None = new.record
         if self.declared.revision is not None and new.parts[0] not in records.MISSION_KINDS:
             record = believed(new, self.declared, self.run)
-            self._stamps.see(new.author, stamp_of(new.record))
+            self._see_stamp(new)
         if record is None:
             if old is not None and was_believed:
                 self._forget(old)
@@ -484,6 +477,12 @@ class TeamFacts:
             self._may_drop_unbelieved = True
         else:
             self._add(new if record is new.record else replace(new, record=record))
+
+    def _see_stamp(self, entry: Entry) -> None:
+        """That of a command is the one which its client has given."""
+        is_command = isinstance(entry.record, OperatorCommand)
+        stamp = entry.version.incarnation.counter if is_command else stamp_of(entry.record)
+        self._stamps.see(entry.author, stamp)
 
     def _forget(self, entry: Entry) -> None:
         """The author has said something else in the place of this, which is not believed."""
@@ -525,8 +524,25 @@ class TeamFacts:
         elif kind in records.MISSION_KINDS:
             self.revisions.add(entry)
             self.is_revised = self._has_news_of_mission = True
+        elif isinstance(entry.record, OperatorCommand):
+            self._add_command(kind, entry, entry.record)
         else:
             self._add_record(entry)
+        if isinstance(entry.record, OperatorCommand):
+            self._see_stamp(entry)
+
+    def _add_command(self, field: str, entry: Entry, command: OperatorCommand) -> None:
+        """Of the team, or about a robot."""
+        match field:
+            case records.PAUSED:
+                self._order = TeamOrder(command.value)
+            case records.ABORTED:
+                self._is_aborted = True
+            case records.BORROWED:
+                loan = Loan(command.value)
+                self.borrowers.pop(entry.parts[1], None)
+                if loan is not Loan.RETURNED:
+                    self.borrowers[entry.parts[1]] = command.operator, loan
 
     def _add_record(self, entry: Entry) -> None:
         author, record, incarnation = entry.author, entry.record, entry.version.incarnation
@@ -555,15 +571,10 @@ class TeamFacts:
                 self.jobs.add_archive(entry, record)
             case Proposal() | TravelTimes():
                 self._add_about_ways(author, record)
-            case Borrowed(by):
-                self.borrowers[author] = by
-            case TeamCommand():
-                self._commands[author] = record
-                self._stamps.see(author, record.stamp)
 
     def _add_to_job(self, entry: Entry, jobs: Jobs) -> None:
         jobs.add(entry)
-        if isinstance(entry.record, Job | JobChange | JobEnd):
+        if isinstance(entry.record, JobEnd):
             self._stamps.see(entry.author, entry.record.stamp)
             self._may_drop_unbelieved = bool(self._unbelieved)
         if jobs.has_ended(entry.parts[1]) and entry.parts[1] in jobs.known:

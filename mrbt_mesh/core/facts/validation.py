@@ -10,7 +10,7 @@ place for it.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Collection, Container
 from dataclasses import replace
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
@@ -30,6 +30,7 @@ from mrbt_mesh.core.facts.records import (
     JobEnd,
     MissionResult,
     NoClaim,
+    OperatorCommand,
     Proposal,
     ProposedMission,
     Record,
@@ -42,7 +43,7 @@ from mrbt_mesh.core.mission.blackboard import comparison_of, is_argument
 from mrbt_mesh.core.mission.conditions import any_of, entry_reader
 from mrbt_mesh.core.mission.jobs import task_of_job, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
-from mrbt_mesh.core.mission.names import is_job_id
+from mrbt_mesh.core.mission.names import is_job_id, is_robot_id
 from mrbt_mesh.errors import FileError
 
 # Of the number of an archive.
@@ -54,7 +55,6 @@ ACTIVATION_KINDS = {
     records.ATTEMPT: ATTEMPT_KINDS,
     records.EXPIRED: frozenset({Kind.TIMEOUT}),
     records.CHILD_RESULT: CONTROLS,
-    records.DONE: frozenset({Kind.ACTION}),
     records.ARGUMENTS: frozenset({Kind.ACTION}),
     **dict.fromkeys(sorted(records.COALITION_KINDS | records.BID_KINDS), frozenset({Kind.ACTION})),
 }
@@ -64,7 +64,7 @@ def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     """Why a robot that runs this mission does not take this entry, or None if it does."""
     if mission.revision is None or entry.parts[0] in records.MISSION_KINDS:
         return no_place_reason(entry, mission, run)
-    return _refuse_in_any_mission(entry, entry.parts, run)
+    return _refuse_author(entry) or _refuse_in_any_mission(entry, entry.parts, run)
 
 
 def believed(entry: Entry, mission: Mission, run: str) -> Record | None:
@@ -76,7 +76,8 @@ def believed(entry: Entry, mission: Mission, run: str) -> Record | None:
         return _believed_claim(record, mission, run)
     if isinstance(record, TravelTimes) and mission.travel is not None:
         return _believed_times(record, mission.travel.places)
-    if isinstance(record, Job | JobEnd) and mission.jobs:
+    value = record.value if isinstance(record, OperatorCommand) else record
+    if isinstance(value, Job | JobEnd) and mission.jobs:
         return record
     return record if no_place_reason(entry, mission, run) is None else None
 
@@ -113,6 +114,10 @@ def _refuse_in_any_mission(entry: Entry, parts: tuple[str, ...], run: str) -> st
 
 def no_place_reason(entry: Entry, mission: Mission, run: str) -> str | None:
     """Why this entry has no place in this run of the mission, or None if it has one."""
+    return _refuse_author(entry) or _refuse_by_kind(entry, mission, run)
+
+
+def _refuse_by_kind(entry: Entry, mission: Mission, run: str) -> str | None:
     parts = entry.parts
     if parts[0] == records.CONDITION:
         return _refuse_condition(entry, parts[1], mission)
@@ -149,11 +154,22 @@ def _refuse_of_robot(entry: Entry, mission: Mission, run: str) -> str | None:
     return None
 
 
+def _refuse_author(entry: Entry) -> str:
+    """Only operators command, and nothing else is theirs; empty: that is so."""
+    kind, *subject = entry.parts
+    is_command = isinstance(entry.record, OperatorCommand)
+    if is_command is not (entry.author == records.OPERATORS):
+        return f"{kind!r} is not for {'robots' if is_command else 'operators'} to write"
+    if kind == records.BORROWED and not is_robot_id(subject[0]):
+        return f"{subject[0]!r:.80} is no robot's id"
+    return ""
+
+
 def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -> str | None:
     """A revision is one of this team's mission, and can be read."""
     if len(parts) > 1 and not (parts[1].isdecimal() and len(parts[1]) <= MISSION_DIGITS):
         return f"{parts[1]!r:.80} is no number of a revision"
-    record = entry.record
+    record = entry.record.value if isinstance(entry.record, OperatorCommand) else None
     if not isinstance(record, ProposedMission):
         return None
     try:
@@ -331,7 +347,7 @@ def _task_of(activation: Activation, mission: Mission) -> GlobalTask | None:
 
 
 def _refuse_of_job(entry: Entry, name: str, mission: Mission) -> str | None:
-    record = entry.record
+    record = entry.record.value if isinstance(entry.record, OperatorCommand) else entry.record
     if not mission.jobs:
         return "this mission has no jobs"
     if not is_job_id(name):
@@ -369,11 +385,19 @@ def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> s
     if (reason := _refuse_coalition(names[-1])) is not None:
         return reason
     coalition = CoalitionId.parse(names[-1])
-    if isinstance(entry.record, Coalition) and (
-        entry.author != coalition.leader
-        or any(member.local_task not in local_tasks for member in entry.record.members)
-    ):
-        return f"{names[-1]!r:.80}: no coalition of {task.id!r}"
+    return _refuse_of_coalition(entry, kind, coalition, local_tasks)
+
+
+def _refuse_of_coalition(
+    entry: Entry, kind: str, coalition: CoalitionId, local_tasks: Collection[str]
+) -> str | None:
+    """Its leader writes down who is in it, and that it never began."""
+    is_leaders = kind in (records.COALITION, records.CLEARED)
+    if is_leaders and entry.author != coalition.leader:
+        return f"{str(coalition)!r:.80}: {kind} is for {coalition.leader} to write"
+    if isinstance(entry.record, Coalition):
+        others = [m.local_task for m in entry.record.members if m.local_task not in local_tasks]
+        return f"{str(coalition)!r:.80}: {others[0]!r:.80} is not needed" if others else None
     return None
 
 

@@ -11,8 +11,8 @@ from typing import Any, Protocol, TypeAlias
 
 import msgpack
 
-from mrbt_mesh.core.facts.records import Job, ProposedMission, Record, submitted_values
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Version
+from mrbt_mesh.core.facts.records import OPERATORS, OperatorCommand
+from mrbt_mesh.core.facts.store import BatchProof, Entry, Version, parse_entry
 
 TAG_BYTES = 16
 SIGNATURE_BYTES = 64
@@ -61,24 +61,41 @@ class Keys(Protocol):
 HASH_BYTES = 16
 # Proofs that were found good lately: entries of one batch come together, and some come again.
 RECENT = 1_024
-NOT_AUTHENTIC = "not signed by its author, or not by the operator who submits it"
+NOT_AUTHENTIC = "not signed by its author, or not by the operator who commands it"
 
 
 # Whether a member, by its name and role, signed data: as `Keys.was_signed`.
 WasSigned: TypeAlias = Callable[[str, bytes, bytes, Role], bool]
 
 
-def submission_content(run: str, name: str, values: Sequence[Any]) -> bytes:
-    """What an operator signs: the values of a fact of this name."""
-    return bytes(msgpack.packb(["mrbt submission", run, name, list(values)]))
+def command_content(run: str, name: str, version: Version, values: Sequence[Any]) -> bytes:
+    """What an operator signs: a command's field and subject, when it was given, and its values:
+    what is commanded, and by whom.
+    """
+    (stamp, command_id), _ = version
+    return bytes(msgpack.packb(["mrbt command", run, name, stamp, command_id, list(values)]))
+
+
+def make_command(
+    name: str, value: Any, operator: str, version: Version, run: str, keys: Keys | None
+) -> Entry:
+    """A command, signed by its operator in a team with keys. Raises ValueError if it is malformed.
+
+    `value`: as plain data. `version`: the stamp and the id that the operator's client gives.
+    """
+    if keys is None:
+        return parse_entry(OPERATORS, name, version, [value, operator, "", ""])
+    content = command_content(run, name, version, [value, operator])
+    values = [value, operator, keys.name, keys.sign(content).hex()]
+    return parse_entry(OPERATORS, name, version, values)
 
 
 class Authorship:
     """Batches of facts signed by their author, so that robots that pass them on cannot change them.
 
     The signature is over the hashes of all entries of a batch. Newer entries replace single ones of
-    an older batch; the others keep its proof, and it is passed on with them. Jobs and revisions are
-    signed by the operator as well, so that no robot can make them.
+    an older batch; the others keep its proof, and it is passed on with them. Commands are signed
+    by their operator alone, each by itself, so that no robot can make one.
     """
 
     def __init__(self, was_signed: WasSigned, run: str) -> None:
@@ -87,10 +104,10 @@ class Authorship:
         self._good: set[tuple[str, Version, bytes, bytes]] = set()
 
     def is_authentic(self, entry: Entry) -> bool:
-        """Whether the author of an entry has signed it."""
+        """Whether the author of an entry has signed it; a command, an operator."""
         proof = entry.proof
-        if not self.is_by_operator(entry.name, entry.record):
-            return False
+        if entry.author == OPERATORS:
+            return self.is_by_operator(entry)
         if proof is None or not _holds(proof.hashes, _hash(entry)):
             return False
         key = (entry.author, entry.version, proof.hashes, proof.signature)
@@ -104,16 +121,18 @@ class Authorship:
         self._good.add(key)
         return True
 
-    def is_by_operator(self, name: str, record: Record) -> bool:
-        """Whether an operator has signed a fact, if only operators may submit it."""
-        if not isinstance(record, Job | ProposedMission):
-            return True
+    def is_by_operator(self, entry: Entry) -> bool:
+        """Whether an operator has signed a command."""
+        command = entry.record
+        if not isinstance(command, OperatorCommand):
+            return False
         try:
-            signature = bytes.fromhex(record.signature)
+            signature = bytes.fromhex(command.signature)
         except ValueError:
             return False
-        content = submission_content(self._run, name, submitted_values(record))
-        return self._was_signed(record.signer, content, signature, Role.OPERATOR)
+        values = command.to_value()[:2]
+        content = command_content(self._run, entry.name, entry.version, values)
+        return self._was_signed(command.signer, content, signature, Role.OPERATOR)
 
     def sign(
         self, proof: BatchProof, entries: Sequence[Entry], sign: Callable[[bytes], bytes]

@@ -202,7 +202,9 @@ class LeaseGrantor:
         the task is to be tried again.
         """
         found = self._facts.coalitions(activation)
-        if coalition in found.broken or coalition in found.doubts or coalition in found.cleared:
+        if coalition in found.broken or coalition in found.doubts:
+            return False
+        if found.may_begin_again(coalition):
             return False
         task = self._facts.task_of(activation)
         if task is None or task.in_doubt is InDoubtPolicy.RETRY:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.facts.records import MISSION_KINDS, Record
+from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
@@ -114,11 +114,17 @@ class Replica:
         self.anti_entropy.changed_us = now_us
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
 
-    def is_by_operator(self, name: str, record: Record) -> bool:
-        """Whether an operator has signed a fact, if only operators may submit it; without
-        keys every operator is believed.
+    def is_authentic(self, entry: Entry) -> bool:
+        """Whether the author of an entry has signed it; without keys everybody is believed."""
+        return self._authorship is None or self._authorship.is_authentic(entry)
+
+    def take_command(self, entry: Entry, now_us: int) -> bytes:
+        """Take in an authentic command, which an operator gives to this robot: the message with it
+        for the others.
         """
-        return self._authorship is None or self._authorship.is_by_operator(name, record)
+        self.facts.map.merge([entry])
+        self.anti_entropy.changed_us = now_us
+        return encode(self.header, MessageKind.FACT, pack_entries([entry]))
 
     # -- taking in ----------------------------------------------------------------------------
 
@@ -127,7 +133,7 @@ class Replica:
         return self._merge(entries, 0, 0, is_own_record=True).changed
 
     def receive(self, source: str, data: bytes, now_us: int) -> Received:
-        """Take in a published batch, which may only hold entries of its source.
+        """Take in a published batch, which may only hold entries of its source, or commands.
 
         Raises WireError.
         """
@@ -183,7 +189,7 @@ class Replica:
             return True
         mine = self.facts.map.get(entry.author, entry.name)
         is_held = mine is not None and mine.hash == entry.hash
-        return is_held or self._authorship.is_authentic(entry)
+        return is_held or self.is_authentic(entry)
 
     # -- pulls --------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import msgpack
 
-from mrbt_mesh.core.facts.records import MAX_NAME
+from mrbt_mesh.core.facts.records import MAX_NAME, OPERATORS
 from mrbt_mesh.core.facts.store import (
     MAX_VALUE_BYTES,
     BatchProof,
@@ -26,7 +26,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 14
+SCHEMA = 15
 MAX_MESSAGE_BYTES = 4 << 20
 # Items of one list, and of all lists of a message together: an empty list takes a byte in a
 # message, and 64 in memory.
@@ -265,6 +265,10 @@ def _robot(value: Any) -> str:
     return value
 
 
+def _author(value: Any) -> str:
+    return OPERATORS if value == OPERATORS else _robot(value)
+
+
 def _count(value: Any, high: int = (1 << 53) - 1) -> int:
     if type(value) is not int or not 0 <= value <= high:
         raise WireError("number out of range")
@@ -498,10 +502,10 @@ def parse_entries(body: Any) -> tuple[list[Entry], int]:
     malformed = 0
     for author, counter, nonce, sequence, rows, shown in _rows(body, 6):
         version = Version(_incarnation(counter, nonce), _count(sequence))
-        robot, proof = _robot(author), _proof(shown)
+        author, proof = _author(author), _proof(shown)
         for name, value in _rows(rows, 2):
             try:
-                entries.append(parse_entry(robot, name, version, value, proof))
+                entries.append(parse_entry(author, name, version, value, proof))
             except (ValueError, TypeError):
                 malformed += 1
     return entries, malformed
@@ -525,7 +529,7 @@ def parse_pull(body: Any) -> tuple[Mapping[str, bytes], bytes]:
     """
     if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], dict):
         raise WireError("version summary is malformed")
-    summary = {_robot(author): _digest(digest, 16) for author, digest in body[0].items()}
+    summary = {_author(author): _digest(digest, 16) for author, digest in body[0].items()}
     return summary, _digest(body[1])
 
 
@@ -552,7 +556,7 @@ def read_heartbeat(
 def read_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
     """(entries of a published batch, number of malformed ones left out). Raises WireError."""
     entries, malformed = parse_entries(_body(source, data, mine, MessageKind.FACT))
-    if any(entry.author != source for entry in entries):
+    if any(entry.author not in (source, OPERATORS) for entry in entries):
         raise WireError(f"{source} published entries of another author")
     return entries, malformed
 

@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts.records import (
     NOT_ASKED,
     PROCESS,
     RECORDING,
-    CommandKind,
+    TeamOrder,
     problem_text,
 )
 from mrbt_mesh.core.membership.peer import State
@@ -105,9 +105,10 @@ def _revision(observer: Observer) -> Iterator[Statement]:
     if (pending := facts.revisions.pending(in_force)) is not None:
         number = pending[1].revision_number
         awaited = shortened(facts.revisions.awaited(number, in_force, robots)) or "a majority"
+        by = facts.revisions.proposer(number)
         yield Statement(
             Level.WARN,
-            f"revision {number} is proposed by {pending[0].operator}, no robot begins anything: "
+            f"revision {number} is proposed by {by}, no robot begins anything: "
             f"waiting for {awaited} (`mrbt revise --withdraw` ends it)",
         )
     elif awaited := shortened(facts.revisions.awaited(in_force, in_force, robots)):
@@ -130,9 +131,9 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
         yield Statement(level, f"{record.result.name.lower()}{after}")
     elif record.started_us is None:
         yield Statement(Level.INFO, "waiting for robots")
-    elif observer.facts.command() is CommandKind.PAUSE:
+    elif observer.facts.order() is TeamOrder.PAUSE:
         yield Statement(Level.WARN, "paused: `mrbt resume` goes on")
-    elif observer.facts.command() is CommandKind.ABORT:
+    elif observer.facts.order() is TeamOrder.ABORT:
         yield Statement(Level.WARN, "aborted: robots stop")
     elif plan is not None and plan.result is not Status.RUNNING:
         yield Statement(Level.INFO, f"{plan.result.name.lower()}, stands by")

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
-from mrbt_mesh.core.facts.records import Phase
+from mrbt_mesh.core.facts.records import JOB, Hold, Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.jobs import named_arguments
 from mrbt_mesh.core.mission.mission import JobType
@@ -86,7 +86,7 @@ class JobRows:
                     why = "behind others"
                 arguments = named_arguments(types, known.job.type, known.job.arguments)
                 row = _open(known, arguments, working.get(name, []), why)
-                place = (0, -known.priority, known.job.stamp)
+                place = (0, -known.priority, known.arrival)
                 made[name] = known, known.version, place, row
         self._made, self._lively = made, lively
         order = sorted((place, name) for name, (_, _, place, _) in made.items())
@@ -94,14 +94,15 @@ class JobRows:
 
 
 def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
-    end = known.end
+    end, late = known.end, known.done_all_the_same
     assert end is not None
+    why = f"done all the same by {', '.join(late)}, which was cut off" if late else end.reason
     return JobRow(
         known.id,
         end.type,
         named_arguments(types, end.type, end.arguments),
         str(end.state),
-        end.reason,
+        why,
         known.priority,
         end.robots,
         end.operator,
@@ -120,7 +121,7 @@ def _open(
     state = WAITING
     if robots:
         state, why = RUNNING, ""
-    elif known.change.is_held:
+    elif known.hold is not Hold.RELEASED:
         state, why = HELD, ""
     elif not known.is_due:
         why = f"not before {datetime.fromtimestamp(job.not_before_us // 1_000_000, UTC):%F %T} UTC"
@@ -133,7 +134,7 @@ def _open(
         why,
         known.priority,
         shown,
-        job.operator,
+        known.commanded_by(JOB),
         job.not_before_us,
         job.deadline_us,
     )

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
-from mrbt_mesh.core.facts.records import Claim, CommandKind
+from mrbt_mesh.core.facts.records import Claim, TeamOrder
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import Keys
@@ -181,9 +181,7 @@ class Observer:
     @property
     def _stands_by(self) -> bool:
         """Whether the team goes on when T_G has ended; after an abort none does."""
-        return (
-            self.mission.ends is MissionEnd.NEVER and self.facts.command() is not CommandKind.ABORT
-        )
+        return self.mission.ends is MissionEnd.NEVER and self.facts.order() is not TeamOrder.ABORT
 
     @property
     def _has_work(self) -> bool:

@@ -43,6 +43,11 @@ from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.observer.work_log import WorkLog
 from mrbt_mesh.core.planning.plan import Plan
 
+# Of jobs there may be thousands, which have lists of their own.
+_SHOWN_COMMANDS = frozenset(
+    {records.PAUSED, records.ABORTED, records.BORROWED, records.DECISION, records.MISSION}
+)
+
 
 class RunRecord:
     """Collects the run. Times are on the observer's clock, reported from `started_us` on.
@@ -278,8 +283,9 @@ class RunRecord:
                 self._bid(entry, number, now_us)
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)
-            case records.TeamCommand() as command:
-                self._say_heard(now_us, f"operator: {command.kind}")
+            case records.OperatorCommand() as command if entry.parts[0] in _SHOWN_COMMANDS:
+                text = records.command_text(entry.parts, command)
+                self._say_heard(now_us, f"operator {command.operator}: {text}")
 
     def _bid(self, entry: Entry, number: int | None, now_us: int) -> None:
         robot = entry.author

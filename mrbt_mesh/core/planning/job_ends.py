@@ -5,7 +5,8 @@ from __future__ import annotations
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, JobEnded
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import Job, JobEnd, JobState, Outcome
+from mrbt_mesh.core.facts.jobs import KnownJob
+from mrbt_mesh.core.facts.records import JobEnd, JobState, Outcome
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.failure_reasons import one_line
@@ -16,18 +17,28 @@ def job_ends(facts: TeamFacts, evaluation: Evaluation) -> list[Fact]:
     return [(f"{records.JOB_END}/{ended.job}", _end(facts, ended)) for ended in evaluation.job_ends]
 
 
+def cancelled_ends(facts: TeamFacts) -> list[Fact]:
+    """The facts of the jobs that were cancelled, of which no robot has written the end yet."""
+    cancelled = facts.jobs.cancelled() if facts.jobs is not None else []
+    return [
+        (f"{records.JOB_END}/{known.id}", job_end(facts, known, JobState.CANCELLED))
+        for known in cancelled
+    ]
+
+
 def _end(facts: TeamFacts, ended: JobEnded) -> JobEnd:
     assert facts.jobs is not None
-    job = facts.jobs.known[ended.job].job
-    assert job is not None
     state = JobState.SUCCEEDED if ended.success else JobState.FAILED
     reason = "" if ended.success else _reason(facts, ended)
-    return job_end(job, state, reason, robots_of(facts, ended.job), facts.max_stamp + 1)
+    return job_end(facts, facts.jobs.known[ended.job], state, reason)
 
 
-def job_end(job: Job, state: JobState, reason: str, robots: tuple[str, ...], stamp: int) -> JobEnd:
+def job_end(facts: TeamFacts, known: KnownJob, state: JobState, reason: str = "") -> JobEnd:
     """The record of a job's end."""
-    return JobEnd(state, job.type, job.arguments, job.operator, reason, robots, stamp)
+    job, robots = known.job, robots_of(facts, known.id)
+    assert job is not None
+    operator, stamp = known.commanded_by(records.JOB), facts.max_stamp + 1
+    return JobEnd(state, job.type, job.arguments, operator, reason, robots, stamp, job.content)
 
 
 def robots_of(facts: TeamFacts, job: str) -> tuple[str, ...]:

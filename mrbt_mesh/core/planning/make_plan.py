@@ -15,7 +15,7 @@ from mrbt_mesh.core.assignment.solve import optimum, within
 from mrbt_mesh.core.bt.evaluation import Evaluation, Request
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.coalitions import coalition_at_work
-from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
@@ -54,7 +54,7 @@ class ConsistentRequests:
     """
 
     evaluation: Evaluation
-    command: CommandKind
+    command: TeamOrder
     ended: Status | None
     capabilities: Capabilities
     rest_reason: str
@@ -111,7 +111,7 @@ def check_consistency(
     facts: TeamFacts, alive: Mapping[str, Incarnation], capabilities: Capabilities
 ) -> ConsistentRequests:
     """T_A, *Check Consistency*: evaluate T_G and keep the requests that can be served together."""
-    mission, command, ended = facts.mission, facts.command(), facts.result(alive)
+    mission, command, ended = facts.mission, facts.order(), facts.result(alive)
     evaluation = mission.evaluator.evaluate(facts)
     if reason := _nothing_to_do(command, ended):
         return ConsistentRequests(evaluation, command, ended, capabilities, reason)
@@ -196,7 +196,7 @@ def assign_agents(
     if found.ahead is not None:
         idle |= _what_is_next(found.ahead, idle)
     if facts.borrowers:
-        idle |= {r: f"borrowed by {by}" for r, by in facts.borrowers.items() if by and r in idle}
+        idle |= {r: f"borrowed by {by}" for r, (by, _) in facts.borrowers.items() if r in idle}
     return Plan(
         evaluation,
         command,
@@ -221,9 +221,9 @@ def _why_outside(facts: TeamFacts, robot: str, incarnation: Incarnation) -> str:
     return "leaving" if is_described else "what it can do is not known yet"
 
 
-def _nothing_to_do(command: CommandKind, ended: Status | None) -> str:
+def _nothing_to_do(command: TeamOrder, ended: Status | None) -> str:
     """Why no robot is to work, whatever T_G asks for; empty if they are."""
-    if command is not CommandKind.RESUME:
+    if command is not TeamOrder.RESUME:
         return f"the operator's command is {command}"
     return "" if ended is None else "the mission has ended"
 

@@ -16,7 +16,7 @@ import msgpack
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.mission.mission import MICRO, Mission, MissionEnd, Revision
 from mrbt_mesh.core.planning.demands import Group
 from mrbt_mesh.core.planning.per_robot import PendingLoss
@@ -201,7 +201,7 @@ class Plan:
     """
 
     evaluation: Evaluation
-    command: CommandKind
+    command: TeamOrder
     assignments: Mapping[str, RobotAssignment]
     idle: Mapping[str, str]
     waiting: tuple[Waiting, ...]
@@ -218,14 +218,14 @@ class Plan:
     @cached_property
     def result(self) -> Status:
         """T_G's status until the mission has ended; FAILURE once the operator has aborted."""
-        if self.command is CommandKind.ABORT:
+        if self.command is TeamOrder.ABORT:
             return Status.FAILURE
         return self.evaluation.status if self.ended is None else self.ended
 
     @property
     def is_final(self) -> bool:
         """Whether the result stays as it is, whatever conditions turn."""
-        return self.ended is not None or self.command is CommandKind.ABORT
+        return self.ended is not None or self.command is TeamOrder.ABORT
 
     def is_about_to_end(self, mission: Mission) -> bool:
         """Whether T_G has ended, so that the mission has too once all robots agree on it."""

@@ -10,7 +10,7 @@ from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Node, Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
-from mrbt_mesh.core.facts.records import Claim, Phase
+from mrbt_mesh.core.facts.records import Claim, Decision, Phase
 from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
 from mrbt_mesh.core.mission.jobs import OpenJob, arguments_in, type_at
@@ -164,9 +164,9 @@ class _Fresh:
 
 def _may_be_done(said: ActivationFacts) -> bool:
     """Whether an exclusive activation is done, or may be: it is under way, or in doubt."""
-    coalitions = said.coalitions
-    if said.is_done or coalitions is None or not coalitions.grants:
-        return said.is_done
+    coalitions, is_done = said.coalitions, said.is_decided(Decision.DONE)
+    if is_done or coalitions is None or not coalitions.grants:
+        return is_done
     return _has_success(said) or any(map(coalitions.is_open, coalitions.grants))
 
 

@@ -8,7 +8,6 @@ what it can, as in TigerBeetle's simulator. Some worlds keep one broken link.
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import random
 from collections.abc import Callable
@@ -17,8 +16,7 @@ from functools import partial
 from itertools import permutations
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import TEAM
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
+from mrbt_mesh.core.facts.records import JOB, JOB_CANCELLED, JOB_HOLD, JOB_PRIORITY, PAUSED, Hold
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
@@ -114,7 +112,7 @@ class _Chaos:
         self.knobs = knobs
         self.mission = mission
         self.leases = any(task.exclusive for task in mission.all_tasks())
-        self.job_types = sorted(mission.jobs)
+        self.job_types = [mission.jobs[name] for name in sorted(mission.jobs)]
         self.robots = sorted(mission.robots)
         self.links: list[Link] = list(permutations(self.robots, 2))
         self.local_tasks = {
@@ -239,30 +237,31 @@ class _Chaos:
             at_us = pick.randrange(self.knobs.chaos_us)
             name, kind = f"j{number}", pick.choice(self.job_types)
             arguments = [str(pick.randint(1, 3))]
-            given: dict[str, Any] = {
-                "id": name,
-                "type": kind,
-                "arguments": arguments,
-                "operator": "chaos",
-            }
+            not_before_us, usual_us = 0, kind.deadline_us
+            deadline_us = launch_us + at_us + usual_us if usual_us is not None else 0
             if pick.random() < 0.2:
-                given["not_before_us"] = launch_us + at_us + pick.randrange(3 * SECOND_US)
+                not_before_us = launch_us + at_us + pick.randrange(3 * SECOND_US)
             if pick.random() < 0.2:
                 deadline_us = launch_us + at_us + pick.randrange(10 * SECOND_US)
-                given["deadline_us"] = max(given.get("not_before_us", 0) + 1, deadline_us)
-            text = json.dumps(given)
+                deadline_us = max(not_before_us + 1, deadline_us)
+            job = [kind.name, arguments, kind.priority, not_before_us, deadline_us, number]
             for _ in range(pick.choice([1, 1, 2])):
-                self.steps.append((at_us, faults.Command(pick.choice(self.robots), SUBMIT, text)))
+                self._operate(pick, at_us, f"{JOB}/{name}", job)
                 at_us += pick.choice([0, 0, pick.randrange(SECOND_US)])
-            changes = ("cancel", "hold", "release", "priority")
+            changes = (
+                (JOB_CANCELLED, True),
+                (JOB_HOLD, str(pick.choice([Hold.HELD, Hold.NOW]))),
+                (JOB_HOLD, str(Hold.RELEASED)),
+                (JOB_PRIORITY, pick.randint(0, 5)),
+            )
             for _ in range(pick.choice([0, 0, 1, 2])):
-                change = {
-                    "id": name,
-                    "change": pick.choice(changes),
-                    "priority": pick.randint(0, 5),
-                }
-                command = faults.Command(pick.choice(self.robots), CHANGE_JOB, json.dumps(change))
-                self.steps.append((at_us + pick.randrange(3 * SECOND_US), command))
+                field, value = pick.choice(changes)
+                self._operate(pick, at_us + pick.randrange(3 * SECOND_US), f"{field}/{name}", value)
+
+    def _operate(self, pick: random.Random, at_us: int, name: str, value: Any) -> None:
+        """A client commands this at some of the robots."""
+        robot, *also = pick.sample(self.robots, pick.randint(1, len(self.robots)))
+        self.steps.append((at_us, faults.Operate(robot, name, value, "chaos", tuple(also))))
 
     # -- times and victims --------------------------------------------------------------------
 
@@ -440,7 +439,9 @@ class _Chaos:
 
     def _pause(self) -> None:
         one, other = self._robot(), self._robot()
-        pause, resume = (faults.Command(r, TEAM, w) for r, w in ((one, "pause"), (other, "resume")))
+        pause, resume = (
+            faults.Operate(r, PAUSED, w) for r, w in ((one, "pause"), (other, "resume"))
+        )
         self._during(pause, resume)
 
     def _replay(self) -> None:

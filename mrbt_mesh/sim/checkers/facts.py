@@ -12,9 +12,9 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.jobs import job_of
 from mrbt_mesh.core.facts.records import (
-    DONE,
     JOB_END,
     MISSION_KINDS,
+    Decision,
     Outcome,
     split_name,
 )
@@ -239,7 +239,7 @@ class NothingUndone:
             if success and where == activation:
                 rounds.setdefault(token, Counter())[local_task] += 1
         enough = (all(r[n.local_task] >= n.min_robots for n in task.needs) for r in rounds.values())
-        done = any(entry.name == f"{DONE}/{activation}" for entry in agent.facts.map)
+        done = agent.facts.activations[activation].is_decided(Decision.DONE)
         if not done and not any(enough):
             text = f"for {agent.robot} {activation} is finished, but by no whole coalition"
             self._run.violation("I4", text)

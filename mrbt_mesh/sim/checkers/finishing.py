@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.evaluation import Evaluation, OverlaidFacts, Request
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.mission.mission import FailurePolicy
 from mrbt_mesh.core.planning.capabilities import capabilities_of
@@ -63,7 +63,7 @@ def can_finish(agent: AgentView, alive: Mapping[str, Incarnation]) -> bool:
 
     False also if too much would have to be tried out, as in a loop without end.
     """
-    if agent.facts.command() is not CommandKind.RESUME:
+    if agent.facts.order() is not TeamOrder.RESUME:
         return False
     return _Search(agent, alive).finds_an_end()
 

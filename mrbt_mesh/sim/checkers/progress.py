@@ -15,11 +15,11 @@ from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.records import (
     COALITION_KINDS,
     Attempt,
-    CommandKind,
     ConditionValue,
     Latch,
     Member,
     Outcome,
+    TeamOrder,
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
@@ -67,7 +67,7 @@ class Progress:
         for effect in effects:
             is_end = isinstance(effect, Stop) and effect.reason.startswith("mission ")
             stands_by = world.mission.ends is MissionEnd.NEVER
-            if is_end and stands_by and agent.facts.command() is not CommandKind.ABORT:
+            if is_end and stands_by and agent.facts.order() is not TeamOrder.ABORT:
                 self._run.violation("I6", f"{agent.robot} stopped, but the mission never ends")
             for entry in effect.entries if isinstance(effect, Persist) and effect.at_once else ():
                 if self._is_progress(entry):
@@ -132,7 +132,7 @@ class Progress:
         for agent in agents:
             waits = agent.waits_for_deadline
             request = servable(agent, agent.alive())
-            if request is None and (waits or agent.facts.command() is CommandKind.PAUSE):
+            if request is None and (waits or agent.facts.order() is TeamOrder.PAUSE):
                 return
             could = f"{request} could be served" if request else "the mission could be finished"
             if request is not None or can_finish(agent, agent.alive()):
@@ -218,7 +218,7 @@ def servable(agent: AgentView, alive: Mapping[str, Incarnation]) -> str | None:
     Found by trying every assignment, without the planner.
     """
     facts = agent.facts
-    if facts.command() is not CommandKind.RESUME:
+    if facts.order() is not TeamOrder.RESUME:
         return None
     for request in agent.mission.evaluator.evaluate(facts).requests:
         if not _is_excepted(facts, request, alive) and _can_serve(facts, request, alive):

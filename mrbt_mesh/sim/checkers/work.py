@@ -13,8 +13,8 @@ from mrbt_mesh.core.facts.records import (
     ARGUMENTS,
     Arguments,
     Claim,
-    CommandKind,
     Phase,
+    TeamOrder,
 )
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
@@ -39,12 +39,7 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
         return  # another revision of the mission does not have it
     if task.by_coalition or any(each.preemptive for each in facts.declared.all_tasks()):
         return  # the members of a coalition stop together
-    if (
-        plan is None
-        or plan.command is not CommandKind.RESUME
-        or agent.is_joining
-        or agent.is_leaving
-    ):
+    if plan is None or plan.command is not TeamOrder.RESUME or agent.is_joining or agent.is_leaving:
         return
     member, results = facts.members[agent.robot].member, facts.results(*_place(claim))
     if agent.robot in results or capability(member, claim.local_task) is None:
@@ -157,7 +152,7 @@ def plan_is_carried_out(run: RunFindings, agents: Sequence[AgentView]) -> None:
         found = _place(claim) if claim and _is_at_work(each, plan, claim) else None
         if wanted != found:
             run.violation("I4", f"{each.robot} works on {found}, by the plan on {wanted}")
-    if plan.command is not CommandKind.RESUME or plan.result in OVER:
+    if plan.command is not TeamOrder.RESUME or plan.result in OVER:
         return  # no request asks for robots any more
     waiting = {w.activation for w in plan.waiting}
     on = Counter((each.activation, each.local_task) for each in plan.assignments.values())

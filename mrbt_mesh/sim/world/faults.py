@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import product
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from mrbt_mesh.sim.world.network import Link, LinkKnobs
 
@@ -241,10 +241,22 @@ class Garbage(RobotFault):
 
 @dataclass(frozen=True, slots=True)
 class Command(RobotFault):
-    """An operator's command arrives at `robot`, as `mrbt fault` and the like send it."""
+    """An operator's word arrives at `robot`, as `mrbt fault` and the like send it."""
 
     command: str
     argument: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Operate(RobotFault):
+    """A client that has seen what `robot` has seen commands `name` (a field and its subject) at it,
+    and at `also` at the same time. `value`: plain data.
+    """
+
+    name: str
+    value: Any
+    operator: str = "op"
+    also: tuple[str, ...] = ()
 
 
 Schedule: TypeAlias = Iterable[tuple[int, Fault]]

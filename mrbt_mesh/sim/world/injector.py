@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import REVISE, TEAM, command_body
+from mrbt_mesh.core.agent.commands import OPERATE, command_body
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     Input,
@@ -18,9 +17,11 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
     TokenChanged,
 )
+from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import CommandKind
+from mrbt_mesh.core.facts.records import MISSION, PAUSED, TeamOrder
 from mrbt_mesh.core.facts.revisions import read_mission
+from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.revisions import revise
@@ -76,6 +77,7 @@ class Injector:
         self._inspection = inspection
         self._has_result = has_result
         self._forger = Forger(setup.seed, setup.header)
+        self._commands = 0
         # What robots have published, if it may be replayed: (time in us, message).
         self._published: dict[str, list[tuple[int, MessageReceived]]] | None = None
         if any(isinstance(fault, faults.Replay) for _, fault in setup.schedule):
@@ -146,6 +148,8 @@ class Injector:
         elif process is not None and not process.is_over:
             if isinstance(fault, faults.Revise):
                 self._revise(process, fault)
+            elif isinstance(fault, faults.Operate):
+                self._operate(process, fault)
             elif type(fault) in self._of_a_process:
                 self._of_a_process[type(fault)](process, fault)
             else:
@@ -172,13 +176,28 @@ class Injector:
             return
         facts = process.agent.view.facts
         found = revise(facts.declared, read_mission(fault.mission), facts.revisions.last_number + 1)
-        given = {
-            "mission": compile_mission(found),
-            "operator": "op",
-            "force": fault.is_forced,
-            "repeat_exclusive": fault.repeats_exclusive,
-        }
-        process.deliver(self._input(faults.Command(fault.robot, REVISE, json.dumps(given))))
+        name, value = (
+            f"{MISSION}/{found.revision_number}",
+            [compile_mission(found), fault.is_forced, fault.repeats_exclusive],
+        )
+        self._operate(process, faults.Operate(fault.robot, name, value))
+
+    def _operate(self, process: SimProcess, fault: faults.Operate) -> None:
+        """As a client does it that has the facts of the robot."""
+        if process.agent is None:
+            return
+        self._commands += 1
+        version = command_version(process.agent.view.facts.max_stamp + 1, str(self._commands))
+        entry = make_command(
+            fault.name, fault.value, fault.operator, version, self._setup.header.run, None
+        )
+        for robot in (fault.robot, *fault.also):
+            other = self._robots.processes.get(robot)
+            if other is not None and not other.is_over:
+                step = operate_body(CommandStep.WRITE, entry, robot == fault.robot)
+                body = command_body(OPERATE, step)
+                data = encode(self._setup.header, MessageKind.COMMAND, body)
+                other.deliver(QueryReceived(0, MessageKind.COMMAND, data))
 
     def _input(self, fault: faults.RobotFault) -> Input:
         """The input that the robot itself receives."""
@@ -223,6 +242,6 @@ class Injector:
         """End a pause, again and again: a robot may come with an older command."""
         clock = self._bus.clock
         for process in self._robots.living():
-            if process.agent and process.agent.view.facts.command() is CommandKind.PAUSE:
-                process.deliver(self._input(faults.Command(process.robot, TEAM, "resume")))
+            if process.agent and process.agent.view.facts.order() is TeamOrder.PAUSE:
+                self._operate(process, faults.Operate(process.robot, PAUSED, "resume"))
         clock.at(clock.now_us + self._setup.timing.detection_us, self._resume)

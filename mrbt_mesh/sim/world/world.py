@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.effects import Publish, RequestBid, StartAction
 from mrbt_mesh.core.agent.inputs import ActionFinished, BidMade
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.facts.records import Claim, CommandKind, Phase
+from mrbt_mesh.core.facts.records import Claim, Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
@@ -135,7 +135,7 @@ class World:
     def stopped(self, process: SimProcess) -> None:
         plan = process.agent.view.plan if process.agent else None
         stands_by = (
-            self.mission.ends is MissionEnd.NEVER and plan and plan.command is not CommandKind.ABORT
+            self.mission.ends is MissionEnd.NEVER and plan and plan.command is not TeamOrder.ABORT
         )
         if plan and not stands_by and plan.result in (Status.SUCCESS, Status.FAILURE):
             # It has seen the whole team agree. Robots that it could not reach may never learn it.

@@ -158,7 +158,7 @@ class TeamState:
         return {
             "ended": record.result.name.lower() if record.result is not None else None,
             "ended_s": record.seconds(record.ended_us),
-            "command": str(self.observer.facts.command()),
+            "command": str(self.observer.facts.order()),
             "started": record.started_us is not None,
             "rounds": record.rounds.all.total,
             "revision": self._mission.revision_number,

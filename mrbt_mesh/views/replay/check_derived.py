@@ -26,6 +26,7 @@ class DerivedCheck:
     """Call `planned` with each plan and its facts, and `own` with each fact of the robot itself."""
 
     def __init__(self) -> None:
+        self._facts: TeamFacts | None = None
         self._plan: Plan | None = None
         # What the last plan says of ended jobs: how, and who worked on them.
         self._ends: dict[str, tuple[JobState, tuple[str, ...]]] = {}
@@ -34,7 +35,7 @@ class DerivedCheck:
 
     def planned(self, facts: TeamFacts, plan: Plan) -> None:
         """This plan was made of these facts."""
-        self._plan, self._ends = plan, {}
+        self._facts, self._plan, self._ends = facts, plan, {}
         for name, record in job_ends(facts, plan.evaluation) if facts.jobs is not None else ():
             if isinstance(record, JobEnd):
                 self._ends[name] = record.state, record.robots
@@ -44,6 +45,8 @@ class DerivedCheck:
         outcome of the same moment: the tick of an outcome is part of no plan.
         """
         record = entry.record
+        if isinstance(record, JobEnd) and record.state is JobState.CANCELLED:
+            self._check_cancelled(entry.parts[1])
         if isinstance(record, Outcome):
             self._outcome_us = at_us
         if at_us == self._outcome_us:
@@ -57,6 +60,12 @@ class DerivedCheck:
             wanted = Status.SUCCESS if record.success else Status.FAILURE
             if self._plan.result is not wanted:
                 raise ValueError(f"{entry.author} writes a result that its plan does not have")
+
+    def _check_cancelled(self, name: str) -> None:
+        jobs = self._facts.jobs if self._facts is not None else None
+        known = jobs.known.get(name) if jobs is not None else None
+        if known is None or not known.is_cancelled:
+            raise ValueError(f"no operator has cancelled {name}")
 
 
 def early(checks: Sequence[CheckedRecording]) -> Iterator[tuple[CheckedRecording, RecordedFact]]:

@@ -6,17 +6,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mrbt_mesh.core.agent.commands import TEAM
 from mrbt_mesh.core.agent.inputs import ActionFinished, ConditionSet
 from mrbt_mesh.core.facts.records import (
+    ABORTED,
+    PAUSED,
     Bid,
     Claim,
     ConditionValue,
     Member,
     NoClaim,
+    OperatorCommand,
     Outcome,
     Phase,
-    TeamCommand,
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.team_facts import changed_performances
@@ -179,8 +180,11 @@ class RecordedCourse:
             case Bid(performance):
                 _, activation, local_task = entry.parts
                 self.bids.setdefault((robot, activation, local_task), performance)
-            case TeamCommand(kind):
-                self._faults.append((at_us, faults.Command(robot, TEAM, str(kind))))
+            case OperatorCommand(value, operator) if entry.parts[0] in (PAUSED, ABORTED):
+                robot, *also = sorted(self._mission.robots)
+                given = str(value) if entry.parts[0] == PAUSED else True
+                fault = faults.Operate(robot, entry.name, given, operator, tuple(also))
+                self._faults.append((at_us, fault))
             case Member() as member:
                 self._described(robot, entry.version.incarnation.nonce, member, at_us)
 

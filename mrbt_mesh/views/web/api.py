@@ -28,6 +28,8 @@ from mrbt_mesh.views.web.problem import PROBLEMS, RETRY
 
 MAX_BODY_BYTES = 65_536
 CHANGES = ("cancel", "hold", "release", "priority")
+# To the whole team.
+ORDERS = ("pause", "resume", "abort")
 
 
 class _Body(BaseModel):
@@ -58,8 +60,22 @@ class Priority(_Body):
     priority: int
 
 
+class HoldRequest(_Body):
+    """Whether what runs of a held job is cancelled, too."""
+
+    now: bool = False
+
+
 class Nothing(_Body):
     """No more is needed."""
+
+
+class OrderAcknowledgement(_Body):
+    """The team's standing `order`, `robots` whose journals hold it, and `silent` ones."""
+
+    order: str
+    robots: list[str]
+    silent: list[str]
 
 
 class Acknowledgement(_Body):
@@ -96,6 +112,9 @@ class Api:
             Route("/jobs/{id}", self._guarded(self._job)),
             Route("/events", self._guarded(self._events)),
         ]
+        for order in ORDERS:
+            endpoint = self._guarded(self._order(order), "operator")
+            routes.append(Route(f"/{order}", endpoint, methods=["POST"]))
         for change in CHANGES:
             endpoint = self._guarded(self._change(change), "operator")
             routes.append(Route(f"/jobs/{{id}}/{change}", endpoint, methods=["POST"]))
@@ -150,15 +169,29 @@ class Api:
         return JSONResponse({"id": job.id, "state": job.state}, 201, headers=place)
 
     def _change(self, change: str) -> Callable[[Request, str], Any]:
-        async def answer(request: Request, _: str) -> Response:
-            name, priority = request.path_params["id"], None
+        async def answer(request: Request, caller: str) -> Response:
+            name, priority, wanted = request.path_params["id"], None, change
             if change == "priority":
                 priority = (await _read(request, Priority)).priority
+            elif change == "hold":
+                wanted = "hold_now" if (await _read(request, HoldRequest)).now else change
             else:
                 await _read(request, Nothing)
             self._require_robots()
-            state = await self._client.change(name, change, priority)
+            state = await self._client.change(name, wanted, priority, caller)
             return JSONResponse({"id": name, "state": state["state"]})
+
+        return answer
+
+    def _order(self, order: str) -> Callable[[Request, str], Any]:
+        async def answer(request: Request, caller: str) -> Response:
+            await _read(request, Nothing)
+            self._require_robots()
+            client = self._client
+            give = {"pause": client.pause, "resume": client.resume, "abort": client.abort}[order]
+            done = await give(caller)
+            data = {"order": done.state["order"], "robots": done.robots, "silent": done.silent}
+            return JSONResponse(data)
 
         return answer
 

@@ -11,12 +11,23 @@ from pydantic import TypeAdapter
 from mrbt_mesh.core.observer.job_rows import JobRow
 from mrbt_mesh.version import __version__
 from mrbt_mesh.views.model.job_types import JobTypeView
-from mrbt_mesh.views.web.api import CHANGES, Acknowledgement, Nothing, Priority, Submission
+from mrbt_mesh.views.web.api import (
+    CHANGES,
+    ORDERS,
+    Acknowledgement,
+    HoldRequest,
+    Nothing,
+    OrderAcknowledgement,
+    Priority,
+    Submission,
+)
 
 MODELS = {
     "Job": JobRow,
     "JobType": JobTypeView,
     "Acknowledgement": Acknowledgement,
+    "OrderAcknowledgement": OrderAcknowledgement,
+    "HoldRequest": HoldRequest,
     "Submission": Submission,
     "Priority": Priority,
     "Nothing": Nothing,
@@ -24,9 +35,14 @@ MODELS = {
 STATES = ("held", "waiting", "running", "succeeded", "failed", "cancelled", "expired")
 SUMMARIES = {
     "cancel": "Cancel a job; what is being done is stopped",
-    "hold": "Hold a job until it is released",
+    "hold": "Hold a job until it is released; no further step of it begins",
     "release": "Release a job that is held",
     "priority": "Give a job another priority",
+}
+ORDER_SUMMARIES = {
+    "pause": "Stop all work until it is resumed",
+    "resume": "Go on with the work",
+    "abort": "End the mission as failed",
 }
 _TEXT = {"type": "string"}
 _STATEMENT = {
@@ -109,10 +125,14 @@ def openapi(has_tokens: bool) -> dict[str, Any]:
         "/v1/events": {"get": _operation("What changes", events, parameters=[last])},
     }
     for change in CHANGES:
-        body = "Priority" if change == "priority" else "Nothing"
-        problems = (403, 404, 422, 504)
+        body = {"priority": "Priority", "hold": "HoldRequest"}.get(change, "Nothing")
+        problems = (403, 404, 409, 422, 504)
         made = _operation(SUMMARIES[change], _ref("Acknowledgement"), body=body, problems=problems)
         paths[f"/v1/jobs/{{id}}/{change}"] = {"post": made}
+    for order in ORDERS:
+        answer, text = _ref("OrderAcknowledgement"), ORDER_SUMMARIES[order]
+        made = _operation(text, answer, body="Nothing", problems=(403, 422, 504))
+        paths[f"/v1/{order}"] = {"post": made}
     for path, item in paths.items():
         if "{id}" in path:
             item["parameters"] = [{"name": "id", "in": "path", "required": True, "schema": _TEXT}]

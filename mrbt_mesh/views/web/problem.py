@@ -10,10 +10,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
-from mrbt_mesh.core.agent.job_desk import CONFLICT, FULL, UNKNOWN
-from mrbt_mesh.runtime.team_client import JobRefusedError
+from mrbt_mesh.core.agent.operator_desk import CONFLICT, CONTENDED, ENDED, FULL, UNKNOWN
+from mrbt_mesh.runtime.operator_call import CommandRefusedError
 
-STATUS_OF_CAUSE = {UNKNOWN: 404, CONFLICT: 409, FULL: 503}
+STATUS_OF_CAUSE = {UNKNOWN: 404, CONFLICT: 409, CONTENDED: 409, ENDED: 409, FULL: 503}
 # With a 503: after how many seconds to ask again.
 RETRY = {"retry-after": "1"}
 
@@ -30,7 +30,7 @@ async def _of_http(_: Request, error: Exception) -> Response:
 
 
 async def _of_refusal(_: Request, error: Exception) -> Response:
-    assert isinstance(error, JobRefusedError)
+    assert isinstance(error, CommandRefusedError)
     status = STATUS_OF_CAUSE.get(error.cause, 422)
     return problem(status, str(error), RETRY if status == 503 else None)
 
@@ -41,6 +41,6 @@ async def _of_timeout(_: Request, error: Exception) -> Response:
 
 PROBLEMS: dict[Any, Any] = {
     HTTPException: _of_http,
-    JobRefusedError: _of_refusal,
+    CommandRefusedError: _of_refusal,
     TimeoutError: _of_timeout,
 }

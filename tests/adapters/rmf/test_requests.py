@@ -54,18 +54,21 @@ def api() -> TaskApi:
 
 
 def test_a_task_from_dispatch_to_cancellation(api: TaskApi) -> None:
-    answer, _ = asked(api, dispatch(labels=["id=one", "dashboard"], priority={"value": 7}))
+    same = dispatch(labels=["id=one", "dashboard"], priority={"value": 7})
+    answer, _ = asked(api, same)
     booking = answer["state"]["booking"]
     assert (booking["id"], booking["labels"]) == ("one", ["id=one", "dashboard"])
     assert (booking["priority"]["value"], answer["state"]["status"]) == (7, "queued")
-    assert asked(api, dispatch())[0]["state"]["booking"]["id"] == "one", "the same task again"
+    assert asked(api, same)[0]["state"]["booking"]["id"] == "one", "the same task again"
+    refused, _ = asked(api, dispatch())
+    assert (refused["success"], refused["errors"][0]["code"]) == (False, 409), "another priority"
     interrupted, _ = asked(api, {"type": "interrupt_task_request", "task_id": "one"})
-    assert asked(api, dispatch())[0]["state"]["status"] == "standby"
+    assert asked(api, same)[0]["state"]["status"] == "standby"
     tokens = [interrupted["token"]]
     asked(api, {"type": "resume_task_request", "for_task": "one", "for_tokens": tokens})
-    assert asked(api, dispatch())[0]["state"]["status"] == "queued"
+    assert asked(api, same)[0]["state"]["status"] == "queued"
     assert asked(api, {"type": "cancel_task_request", "task_id": "one"})[0] == {"success": True}
-    state = asked(api, dispatch())[0]["state"]
+    state = asked(api, same)[0]["state"]
     assert state["status"] == "canceled"
     assert state["cancellation"] == {"unix_millis_request_time": 5, "labels": []}
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import (
     MAX_TREE_NODES,
@@ -25,6 +26,7 @@ from mrbt_mesh.core.membership.wire import (
     pack_heartbeat,
 )
 from tests.support import harness, inside
+from tests.support.commands import command
 from tests.support.harness import MS
 from tests.support.plain_data import mutations, plain
 from tests.support.script import Script
@@ -143,7 +145,7 @@ def test_a_malformed_command_is_answered_and_changes_nothing(body: Any) -> None:
     script = team()
     data = encode(header(script, ""), MessageKind.COMMAND, body)
     give(script, inputs.QueryReceived(0, MessageKind.COMMAND, data))
-    assert "A answers no: a command is a list of two texts" in script.team.story[-1]
+    assert "A answers no: a command is a list of a text and its argument" in script.team.story[-1]
 
 
 # -- the robot's own code ---------------------------------------------------------------------
@@ -276,7 +278,8 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     agent = started_again(before, knows_its_past, now_us)
     for value in (knows_its_past, not knows_its_past):
         agent.handle(inputs.ConditionSet("sound", value), now_us)
-    assert inside.carry_out(agent, ["team", "pause"], now_us)[0] is False
+    inside.command(agent, TeamOrder.PAUSE, now_us)
+    assert agent.view.facts.order() is TeamOrder.RESUME, "it is still joining"
     assert all(entry.version.incarnation.counter for entry in agent.view.facts.map.of_author("A"))
     agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)
     assert not agent.view.is_joining
@@ -285,19 +288,17 @@ def test_what_a_robot_says_while_it_joins_is_written_once_it_has(knows_its_past:
     assert mine["condition/sound"].incarnation == agent.view.incarnation
 
 
-def test_a_borrowed_robot_that_joins_is_returned_once_it_has() -> None:
-    """Before, it would stay borrowed: what it writes then loses against its earlier life."""
+def test_a_borrowed_robot_stays_so_in_its_next_life_until_it_is_returned() -> None:
     script = team()
-    story(script, "pass 200")
-    before, now_us = script.team.processes["A"].agent, 300 * MS
-    assert inside.carry_out(before, ["borrow", "at_once anna"], now_us)
+    story(script, "pass 200", "operate A borrowed/A at_once", "pass 200")
+    before, now_us = script.team.processes["A"].agent, 600 * MS
     agent = started_again(before, True, now_us)
-    answer = inside.carry_out(agent, ["return", ""], now_us)
-    assert answer == (False, "A is still joining the team: ask again")
     agent.handle(inputs.TimerFired(), now_us + 60_000 * MS)
-    answer = inside.carry_out(agent, ["return", ""], now_us + 60_000 * MS)
-    assert answer == (True, "A works for the team again")
-    assert agent.view.facts.borrowers == {"A": ""}
+    assert agent.view.facts.members["A"].member.pending == {"weld": "borrowed by op"}
+    returned = command("borrowed/A", "returned", 99, "r")
+    inside.context(agent).replica.facts.map.merge([returned])
+    agent.handle(inputs.TimerFired(), now_us + 60_100 * MS)
+    assert agent.view.facts.members["A"].member.pending == {}
 
 
 # -- earlier lives ----------------------------------------------------------------------------

@@ -34,7 +34,7 @@ def test_a_bid_for_what_is_no_longer_wanted_is_not_told() -> None:
     script.block(TEAM.splitlines())
     process = script.team.processes["A"]
     (asked,) = process.asked
-    script.block(["tell A team abort"])
+    script.block(["operate A aborted true"])
     script.team.give(process, BidsMade((BidMade(asked.activation, asked.local_task, 5),)))
     facts = script.team.processes["A"].agent.view.facts
     assert not facts.bids(asked.activation).of(asked.local_task)

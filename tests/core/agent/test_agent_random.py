@@ -42,8 +42,8 @@ commands = st.one_of(
                 f"set {robot} sound=false",
                 f"tell {robot} fault look",
                 f"tell {robot} restore all",
-                f"tell {robot} team pause",
-                f"tell {robot} team resume",
+                f"operate {robot} paused pause",
+                f"operate {robot} paused resume",
             ]
         )
     ),
@@ -81,7 +81,7 @@ def heal(script: Script) -> None:
         for number in list(process.tickets):
             if action is None or action.ticket != number or process.agent.view.claim is None:
                 script.block([f"stopped {process.name}"])
-    script.block(["pass 3000", "tell A team resume"])
+    script.block(["pass 3000", "operate A paused resume"])
     script.block([f"tell {robot} restore all" for robot in ROBOTS])
     script.block(["pass 3000"])
 

@@ -1,27 +1,38 @@
-"""Commands about jobs: what is refused, in words for the operator, and what is answered."""
+"""Commands about jobs at one robot: what it refuses, in words for the operator, and answers."""
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.agent.commands_on_disk import MAX_WAITING, AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Reply
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, KEPT_JOB, SUBMIT, JobDesk
-from mrbt_mesh.core.agent.jobs_on_disk import MAX_WAITING, AwaitedJob
-from mrbt_mesh.core.membership.keys import submission_content
+from mrbt_mesh.core.agent.operator_desk import (
+    MAX_AHEAD,
+    RESERVED_US,
+    CommandStep,
+    OperatorDesk,
+    operate_body,
+)
+from mrbt_mesh.core.facts.jobs import hash_of
+from mrbt_mesh.core.facts.records import JOB_END, JobArchive, JobEnd, JobState
+from mrbt_mesh.core.facts.store import Entry
+from tests.support.commands import command, submission
 from tests.support.keys import keys_of
 from tests.support.one_robot import desk
 
 S = 1_000_000
-JOB = {"id": "a", "type": "inspect", "arguments": ["shelf_1"], "operator": "me"}
+JOB = submission("a", "inspect", "shelf_1", content=7)
 
 
-def asked(found: JobDesk, command: str, **given: Any) -> Any:
-    answer = found.answer(command, json.dumps(given), 0)
-    return answer if isinstance(answer, AwaitedJob) else json.loads(answer)
+def asked(
+    found: OperatorDesk, entry: Entry, step: CommandStep = CommandStep.WRITE, now_us: int = 0
+) -> Any:
+    """The answer to a command; if it is one that waits for the disk, as if that had it."""
+    answer = found.take(operate_body(step, entry), now_us)
+    return answer.make() if isinstance(answer, AwaitedAnswer) else answer
 
 
 def answered(context: Context) -> list[int]:
@@ -29,107 +40,184 @@ def answered(context: Context) -> list[int]:
     return [effect.query for effect in context.take_effects() if isinstance(effect, Reply)]
 
 
-def test_a_query_for_a_job_is_answered_once_the_disk_has_it() -> None:
+def wait(found: OperatorDesk, context: Context, query: int, entry: Entry) -> None:
+    answer = found.take(operate_body(CommandStep.WRITE, entry), 0)
+    assert isinstance(answer, AwaitedAnswer)
+    context.commands_on_disk.wait(query, answer)
+
+
+def test_a_command_is_answered_once_the_disk_has_it() -> None:
     found, context = desk()
-    # The last one is a change that another robot has taken, of which this one has not heard yet.
-    for query, (name, stamp) in enumerate((("a", 1), ("b", 1), ("a", 2))):
-        context.jobs_on_disk.wait(query, asked(found, KEPT_JOB, id=name, stamp=stamp))
-    asked(found, SUBMIT, **JOB)
+    wait(found, context, 0, JOB)
+    wait(found, context, 1, JOB)
     assert answered(context) == []
     context.durability.note_synced(context.durability.take_number())
-    assert answered(context) == [0]
-    asked(found, CHANGE_JOB, id="a", change="hold")
+    assert answered(context) == [0, 1]
+    wait(found, context, 2, command("job_hold/a", "held", 2))
     assert answered(context) == []
     context.durability.note_synced(context.durability.take_number())
     assert answered(context) == [2]
-    assert "stamp is missing" in asked(found, KEPT_JOB, id="a")["refused"]
 
 
 def test_the_oldest_of_too_many_queries_are_forgotten() -> None:
     found, context = desk()
     for query in range(MAX_WAITING + 1):
-        context.jobs_on_disk.wait(query, AwaitedJob("a", 1))
-    asked(found, SUBMIT, **JOB)
+        wait(found, context, query, JOB)
     context.durability.note_synced(context.durability.take_number())
     assert answered(context) == list(range(1, MAX_WAITING + 1))
 
 
-def test_the_same_id_is_the_same_job() -> None:
+def test_the_same_request_again_is_the_same_job() -> None:
     found, context = desk()
-    assert asked(found, SUBMIT, **JOB)["state"] == "open"
+    assert asked(found, JOB)["state"]["state"] == "open"
+    again = submission("a", "inspect", "shelf_1", deadline_us=2_000 * S, content=7, stamp=9)
+    assert asked(found, again)["state"]["priority"] == 0
     (job,) = (entry for entry in context.facts.map if entry.parts[0] == "job")
-    assert job.record.to_value() == ["inspect", ["shelf_1"], 0, 0, 0, "me", 1, "", ""]
-    assert asked(found, CHANGE_JOB, id="a", change="priority", priority=7)["priority"] == 7
-    assert asked(found, CHANGE_JOB, id="a", change="hold")["state"] == "held"
-    assert asked(found, CHANGE_JOB, id="a", change="cancel")["state"] == "cancelled"
-    assert asked(found, CHANGE_JOB, id="a", change="release")["state"] == "cancelled"
-    assert asked(found, SUBMIT, **JOB)["state"] == "cancelled"
+    assert job == JOB
+    assert asked(found, command("job_priority/a", 7, 2))["state"]["priority"] == 7
+    assert asked(found, command("job_hold/a", "held", 2))["state"]["state"] == "held"
+    assert asked(found, command("job_cancelled/a", True, 3))["state"]["state"] == "cancelled"
+    assert asked(found, command("job_cancelled/a", True, 4))["state"]["state"] == "cancelled"
+    assert asked(found, command("job_hold/a", "released", 5))["cause"] == "ended"
+    assert asked(found, JOB)["state"]["state"] == "cancelled"
+
+
+def test_a_field_is_what_the_newest_command_says_whenever_it_arrives() -> None:
+    found, _ = desk()
+    asked(found, JOB)
+    release, hold = command("job_hold/a", "released", 6), command("job_hold/a", "held", 5)
+    assert asked(found, release)["taken"]
+    late = asked(found, hold)
+    assert (late["taken"], late["kept"], late["stamp"]) == (False, False, 6)
+    assert late["state"]["state"] == "open"
+    assert asked(found, command("job_priority/a", 4, 5))["taken"], "another field"
+    assert asked(found, command("job_hold/a", "now", 7))["state"]["state"] == "held"
+
+
+def test_a_stamp_that_is_far_ahead_is_refused() -> None:
+    found, context = desk()
+    far = submission("a", "inspect", "shelf_1", stamp=MAX_AHEAD + 1)
+    assert "far ahead of all that D1 has seen" in asked(found, far)["refused"]
+    assert context.facts.max_stamp == 0
+
+
+OTHERS = [
+    submission("a", "inspect", "shelf_2", content=8, stamp=2),
+    submission("a", "inspect", "shelf_1", priority=3, content=8, stamp=2),
+    submission("a", "inspect", "shelf_1", deadline_us=2_000 * S, content=8, stamp=2),
+]
+
+
+@pytest.mark.parametrize("other", OTHERS, ids=["arguments", "priority", "deadline"])
+@pytest.mark.parametrize("when", ["open", "cancelled", "ended", "archived", "reserved"])
+def test_an_id_is_of_one_job_for_good(other: Entry, when: str) -> None:
+    found, context = desk()
+    if when == "reserved":
+        assert asked(found, JOB, CommandStep.CHECK)["taken"]
+        assert asked(found, JOB, CommandStep.CHECK)["taken"], "by the same request again"
+        for step in (CommandStep.CHECK, CommandStep.WRITE):
+            assert asked(found, other, step)["cause"] == "contended"
+        asked(found, other, CommandStep.GIVE_UP)
+        assert asked(found, other, CommandStep.WRITE)["cause"] == "contended", "it is not its own"
+        assert asked(found, other, CommandStep.CHECK, RESERVED_US)["taken"]
+        return
+    asked(found, JOB)
+    if when == "cancelled":
+        asked(found, command("job_cancelled/a", True, 3))
+    if when in ("ended", "archived"):
+        end = JobEnd(JobState.SUCCEEDED, "inspect", ("shelf_1",), "me", "", ("D1",), 4, 7)
+        context.write([(f"{JOB_END}/a", end)], 0)
+    if when == "archived":
+        context.write([("job_archive/1", JobArchive((hash_of("a"),), (7,)))], 0)
+    context.facts.prune()
+    refused = asked(found, other)
+    assert refused["cause"] == "conflict"
+    said = "ended long ago" if when == "archived" else "a: inspect(shelf_1)"
+    assert said in refused["refused"]
+    state = {"open": "open", "cancelled": "cancelled", "ended": "succeeded", "archived": "ended"}
+    assert asked(found, JOB)["state"]["state"] == state[when], "the same request is a success"
+
+
+def test_a_cancellation_is_taken_also_by_robots_that_have_heard_of_the_end_first() -> None:
+    found, context = desk()
+    asked(found, JOB)
+    end = JobEnd(JobState.CANCELLED, "inspect", ("shelf_1",), "me", "", (), 4, 7)
+    context.write([(f"{JOB_END}/a", end)], 0)
+    assert asked(found, command("job_cancelled/a", True, 3))["state"]["state"] == "cancelled"
+    assert asked(found, command("job_hold/a", "held", 5))["cause"] == "ended"
 
 
 def test_a_robot_that_has_not_read_its_clock_takes_none_yet() -> None:
-    answer = asked(desk(clock_us=None)[0], SUBMIT, **JOB)
+    answer = asked(desk(clock_us=None)[0], JOB)
     assert answer == {"refused": "D1 has not read its clock yet", "cause": "not_ready"}
 
 
+@pytest.mark.parametrize(("signer", "is_taken"), [("op", True), ("D1", False), ("eye", False)])
 @pytest.mark.parametrize(
-    ("signer", "priority", "is_taken"), [("op", 3, True), ("op", 4, False), ("D1", 3, False)]
-)
-def test_in_a_team_with_keys_an_operator_signs_the_whole_job(
-    signer: str, priority: int, is_taken: bool
-) -> None:
-    keys = keys_of("D1")
-    found, _ = desk(keys["D1"])
-    values = ["inspect", ["shelf_1"], 3, 0, 0, "me"]
-    signature = keys[signer].sign(submission_content("r", "job/a", values)).hex()
-    answer = asked(
-        found, SUBMIT, **JOB, priority=priority, deadline_us=0, signer=signer, signature=signature
-    )
-    if is_taken:
-        assert answer["state"] == "open"
-    else:
-        assert answer["refused"] == "no operator of this team has signed it"
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
+    ("name", "value"),
     [
-        ({"type": "paint"}, "no job type 'paint'; there is deliver, inspect"),
-        ({"arguments": []}, "inspect takes 1 argument (where)"),
-        ({"arguments": [1]}, "arguments is missing, or is no list of texts"),
-        ({"arguments": ["moon"]}, "where is one of dock_1,"),
-        ({"id": "a b"}, "'a b' is no id: 1 to 64 letters"),
-        ({"priority": "high"}, "a priority is a whole number"),
-        ({"deadline_us": -1}, "deadline_us is a Unix time in whole microseconds"),
-        ({"not_before_us": 400 * 86_400 * S}, "not_before_us is a Unix time in whole"),
-        ({"deadline_us": 999 * S}, "its deadline has passed, by the team's clocks"),
-        ({"deadline_us": 1_001 * S, "not_before_us": 1_002 * S}, "is before the time at which"),
-        ({"operator": None}, "operator is missing, or is not one line of printable text"),
-        ({"operator": "\ud800"}, "operator is missing, or is not one line"),
-        ({"operator": "a" * 641}, "printable text of at most 640 characters"),
-        ({"signature": "0" * 641}, "signature is missing, or is not one line of printable text"),
-        ({"id": "taken"}, "another job of this id, taken: inspect(shelf_2); choose another id"),
+        ("job/a", ["inspect", ["shelf_1"], 3, 0, 0, 0]),
+        ("paused", "pause"),
+        ("aborted", True),
+        ("borrowed/D1", "at_once"),
     ],
 )
-def test_a_wrong_job_is_refused_with_the_remedy_and_writes_nothing(
-    change: dict[str, Any], message: str
+def test_in_a_team_with_keys_an_operator_signs_every_command(
+    name: str, value: Any, signer: str, is_taken: bool
+) -> None:
+    keys = keys_of("D1", observer="eye")
+    found, context = desk(keys["D1"])
+    answer = asked(found, command(name, value, keys=keys[signer], run="r"))
+    if is_taken:
+        assert answer["taken"]
+    else:
+        assert answer["refused"] == "no operator of this team has signed it"
+        assert len(context.facts.map) == 0
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (submission("b", "paint"), "no jobs of type 'paint'"),
+        (submission("b", "inspect"), "inspect takes 1 argument (where)"),
+        (submission("b", "inspect", "moon"), "where is one of dock_1,"),
+        (submission("a b", "inspect", "shelf_1"), "'a b' names no job"),
+        (submission("b", "inspect", "shelf_1", not_before_us=4 * 10**13), "a year from now"),
+        (submission("b", "inspect", "shelf_1", deadline_us=999 * S), "has passed, by the team's"),
+        (
+            submission("b", "inspect", "shelf_1", deadline_us=1_001 * S, not_before_us=1_002 * S),
+            "is before the time at which",
+        ),
+        (command("job_hold/b", "held"), "no job 'b' is known here"),
+        (command("job_cancelled/b", True), "no job 'b' is known here"),
+        (command("job_priority/b", 1), "no job 'b' is known here"),
+        (command("borrowed/R9", "at_once"), "the team has no robot R9"),
+        (command("borrowed/D1", "returned"), "D1 is not borrowed"),
+        (command("mission/1", ["", False, False]), "a revision that cannot be read"),
+        (command("mission_withdrawn/1", True), "revision '1' is not proposed; 0 is in force"),
+    ],
+    ids=lambda value: value.name if isinstance(value, Entry) else "",
+)
+def test_a_wrong_command_is_refused_with_the_reason_and_writes_nothing(
+    entry: Entry, message: str
 ) -> None:
     found, context = desk()
-    asked(found, SUBMIT, **{**JOB, "id": "taken", "arguments": ["shelf_2"]})
+    asked(found, JOB)
     before = len(context.facts.map)
-    assert message in asked(found, SUBMIT, **{**JOB, **change})["refused"]
+    assert message in asked(found, entry)["refused"]
     assert len(context.facts.map) == before
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "a JSON object is expected"),
-        ("[" * 4_000, "a JSON object is expected"),
-        ("[]", "a JSON object is expected"),
-        ('{"id": "a"}', "change is missing"),
-        ('{"id": "a", "change": "paint"}', "no job 'a' is known here"),
-    ],
-)
-def test_a_wrong_change_is_refused(text: str, message: str) -> None:
+BODY = operate_body(CommandStep.WRITE, command("job_hold/a", "held", 2))
+WRONG = [(0, "paint"), (1, "job_hold"), (1, 7), (2, -1), (2, "2"), (3, "x" * 33), (4, ["held"])]
+WRONG += [(4, ["x", "op", "", ""]), (4, ["held", "o\n", "", ""]), (4, ["held", "op", 1, ""])]
+
+
+@pytest.mark.parametrize(("place", "value"), WRONG)
+def test_a_malformed_command_is_refused(place: int, value: Any) -> None:
     found, _ = desk()
-    assert message in json.loads(found.answer(CHANGE_JOB, text, 0))["refused"]
+    asked(found, JOB)
+    body = [*BODY[:place], value, *BODY[place + 1 :]]
+    assert "malformed command" in str(found.take(body, 0))
+    assert "malformed command" in str(found.take(body[:3], 0))
+    assert "malformed command" in str(found.take({}, 0))

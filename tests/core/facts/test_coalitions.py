@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import coalition_at_work, newly_broken
-from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DONE, DOUBT, GRANT, CoalitionId
-from mrbt_mesh.core.facts.store import Version, parse_entry
+from mrbt_mesh.core.facts.records import BROKEN, CLEARED, DECISION, DOUBT, GRANT, CoalitionId
+from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
 from tests.support.build import World, action, fallback, make_mission, refusal, sequence, task
 
@@ -280,14 +280,14 @@ def test_a_member_that_has_finished_doubts_as_a_giver_only(finished_first: bool)
     assert "in doubt" in reason(world)
 
 
-@pytest.mark.parametrize("kind", [CLEARED, "outcome"])
+@pytest.mark.parametrize("kind", ["retry", "outcome"])
 def test_what_dissolves_a_doubt(kind: str) -> None:
     world = dosing()
     name = dose_name(world)
     token = world.form(name, "A")
     world.say(DOUBT, name, token, "A")
-    if kind == CLEARED:
-        world.say(CLEARED, name, token, "C")
+    if kind == "retry":
+        world.command(f"{DECISION}/{name}/{token}", "retry")
         assert on_it(world) == ["A"]
     else:
         world.end(name, token, "A", True, "pour")
@@ -313,13 +313,26 @@ def test_the_three_policies_for_doubt(
     assert on_it(world) == team
 
 
-def test_the_operator_may_say_that_it_was_done() -> None:
+@pytest.mark.parametrize(
+    ("decision", "status"), [("done", Status.SUCCESS), ("failed", Status.FAILURE)]
+)
+def test_an_operator_may_decide_how_it_ended(decision: str, status: Status) -> None:
     world = dosing()
     name = dose_name(world)
     token = world.form(name, "A")
     world.say(DOUBT, name, token, "A")
-    world.write("C", (f"{DONE}/{name}", True))
-    assert world.status is Status.SUCCESS
+    world.command(f"{DECISION}/{name}/{token}", decision, stamp=2)
+    assert world.facts.task_status("dose", name) is status
+    world.command(f"{DECISION}/{name}/{token}", "retry", stamp=3)
+    assert world.facts.task_status("dose", name) is status, "the first decision counts"
+
+
+def test_only_its_leader_can_tell_that_a_coalition_never_began() -> None:
+    world = dosing()
+    name = dose_name(world)
+    token = world.form(name, "A")
+    entry = parse_entry("C", f"{CLEARED}/{name}/{token}", Version(Incarnation(1, "x"), 9), True)
+    assert "is for A to write" in str(refusal(world.facts, entry))
 
 
 def test_a_clean_failure_is_no_doubt_and_another_robot_may_try() -> None:
@@ -348,7 +361,8 @@ TOKEN = "A.1.n.1"
         ("B", f"coalition/{COVER}/{TOKEN}", [["A", "lift", 1, "n", 1, 1]]),
         ("A", f"coalition/{COVER}/{TOKEN}", [["A", "fly", 1, "n", 1, 1]]),
         ("A", f"grant/{COVER}/{TOKEN}", True),
-        ("A", f"done/{COVER}", True),
+        (records.OPERATORS, f"decision/{COVER}/{TOKEN}", ["done", "op", "", ""]),
+        ("A", f"decision/{COVER}/{TOKEN}", ["done", "op", "", ""]),
     ],
 )
 def test_what_fits_no_coalition_is_refused(author: str, name: str, value: Any) -> None:
@@ -393,7 +407,7 @@ def test_the_order_in_which_facts_arrive_makes_no_difference(
     kinds = (BROKEN, *((DOUBT, CLEARED) if exclusive else ()))
     for kind in kinds:
         if rng.random() < 0.5:
-            world.say(kind, name, first, rng.choice("ABCD"))
+            world.say(kind, name, first, "A" if kind == CLEARED else rng.choice("ABCD"))
     second = world.form(name, "C", "D", since=6)
     world.end(name, second, "C", rng.random() < 0.5, "lift")
     if rng.random() < 0.5:

@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import ARGUMENTS, CONDITION, EXPRESSION, JOB, Job
+from mrbt_mesh.core.facts.records import ARGUMENTS, CONDITION, EXPRESSION
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.formats.build import mission_from_yaml
 from tests.support.build import RUN, World, refusal
+from tests.support.commands import submission
 
 HEAD = """
 mission: m
@@ -234,8 +235,7 @@ tree: {{Jobs: all}}
     first.put("count", 7)
     first.put("battery@R1", 600)
     assert not first.facts.condition("count < {most}")
-    job = Job("bring", ("6",), 0, 0, 0, "me", 1)
-    first.write(f"{JOB}/j1", job.to_value())
+    first.facts.map.merge([submission("j1", "bring", "6")])
     assert first.facts.mission.tree.nodes[0].children
     assert not first.facts.condition("count < 6")
     first.put("battery@R2", 15)

@@ -12,9 +12,7 @@ from mrbt_mesh.core.facts.jobs import KEPT_ENDS, hash_of
 from mrbt_mesh.core.facts.records import (
     MAX_ARCHIVED,
     Claim,
-    Job,
     JobArchive,
-    JobChange,
     JobEnd,
     JobState,
     Phase,
@@ -24,6 +22,7 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry, 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.formats.build import mission_from_yaml
+from tests.support.commands import command, submission
 
 MISSION = mission_from_yaml(
     """
@@ -48,12 +47,24 @@ def entry(author: str, name: str, record: Record, sequence: int = 1) -> Entry:
     return make_entry(author, name, Version(LIFE, sequence), record)
 
 
-def job(kind: str = "bring", stamp: int = 1, priority: int = 0, what: str = "1") -> Job:
-    return Job(kind, (what,), priority, 0, 0, "me", stamp)
+def job(
+    name: str, kind: str = "bring", stamp: int = 1, priority: int = 0, what: str = "1"
+) -> Entry:
+    return submission(name, kind, what, priority=priority, stamp=stamp)
 
 
-def end(state: JobState = JobState.SUCCEEDED, stamp: int = 1) -> JobEnd:
-    return JobEnd(state, "bring", ("1",), "me", "", (), stamp)
+def hold(name: str, how: str = "held", stamp: int = 9) -> Entry:
+    return command(f"job_hold/{name}", how, stamp)
+
+
+def cancelled(name: str, stamp: int = 9) -> Entry:
+    return command(f"job_cancelled/{name}", True, stamp)
+
+
+def end(
+    state: JobState = JobState.SUCCEEDED, stamp: int = 1, robots: tuple[str, ...] = ()
+) -> JobEnd:
+    return JobEnd(state, "bring", ("1",), "me", "", robots, stamp)
 
 
 def facts_with(*entries: Entry) -> TeamFacts:
@@ -74,31 +85,29 @@ def claim(name: str, what: str = "1") -> Claim:
 
 def test_larger_priorities_go_first_then_earlier_ones_and_so_many_of_each_type() -> None:
     facts = facts_with(
-        entry("A", "job/c", job(stamp=3)),
-        entry("A", "job/b", job(stamp=2, priority=5)),
-        entry("B", "job/a", job(stamp=1)),
-        entry("B", "job/t", job("tidy", stamp=9, priority=3)),
+        job("c", stamp=3),
+        job("b", stamp=2, priority=5),
+        job("a", stamp=1),
+        job("t", "tidy", stamp=9, priority=3),
     )
     assert in_tree(facts) == ["b", "t", "a"]
-    facts.map.merge([entry("B", "job_change/c", JobChange(False, 9, 4))])
+    facts.map.merge([command("job_priority/c", 9, 10)])
     assert in_tree(facts) == ["c", "b", "t"]
 
 
 def test_what_is_begun_stays_in_the_tree() -> None:
-    facts = facts_with(entry("A", "job/a", job(stamp=1)), entry("A", "claim", claim("a")))
-    facts.map.merge([entry("B", f"job/u{n}", job(stamp=n + 2, priority=9)) for n in range(3)])
+    facts = facts_with(job("a"), entry("A", "claim", claim("a")))
+    facts.map.merge([job(f"u{n}", stamp=n + 2, priority=9) for n in range(3)])
     assert in_tree(facts) == ["u0", "a"]
-    facts.map.merge([entry("B", "job_change/a", JobChange(True, None, 9))])
+    facts.map.merge([hold("a")])
     assert in_tree(facts) == ["u0", "a"], "to hold a job stops nothing that goes on"
 
 
-def test_the_first_submission_of_an_id_counts_and_success_before_a_cancellation() -> None:
-    facts = facts_with(
-        entry("B", "job/a", job(stamp=2, what="2")), entry("A", "job/a", job(stamp=2, what="1"))
-    )
+def test_the_first_submission_of_an_id_counts_and_success_before_a_failure() -> None:
+    facts = facts_with(job("a", stamp=3, what="2"), job("a", stamp=2, what="1"))
     (found,) = (node.subject for node in facts.mission.tree.actions())
     assert found == "fetch(1)"
-    facts.map.merge([entry("A", "job_end/a", end(JobState.CANCELLED))])
+    facts.map.merge([entry("A", "job_end/a", end(JobState.FAILED))])
     facts.map.merge([entry("B", "job_end/a", end(JobState.SUCCEEDED))])
     assert facts.jobs is not None
     known = facts.jobs.known["a"].end
@@ -107,16 +116,45 @@ def test_the_first_submission_of_an_id_counts_and_success_before_a_cancellation(
     assert in_tree(facts) == []
 
 
+def test_a_cancellation_stays_visible_when_the_job_is_done_all_the_same() -> None:
+    facts = facts_with(job("a"), entry("A", "claim", claim("a")))
+    facts.map.merge([cancelled("a")])
+    assert facts.jobs is not None
+    known = facts.jobs.known["a"]
+    assert in_tree(facts) == []
+    assert known.end is not None
+    assert known.end.state is JobState.CANCELLED
+    assert [each.id for each in facts.jobs.cancelled()] == ["a"], "robots have yet to write its end"
+    facts.map.merge([entry("A", "job_end/a", end(JobState.CANCELLED, 10))])
+    assert facts.jobs.cancelled() == []
+    assert known.done_all_the_same == ()
+    facts.map.merge([entry("B", "job_end/a", end(robots=("B",)))])
+    facts.prune()
+    assert known.end.state is JobState.CANCELLED
+    assert known.done_all_the_same == ("B",)
+    assert {each.name for each in facts.map} == {"claim", "job_end/a", "job_cancelled/a"}
+
+
+def test_that_a_job_was_cancelled_is_not_believed_of_a_robot() -> None:
+    facts = facts_with(job("a"), entry("B", "job_end/a", end(JobState.CANCELLED)))
+    facts.prune()
+    assert in_tree(facts) == ["a"]
+    facts.map.merge([cancelled("a")])
+    facts.prune()
+    assert in_tree(facts) == []
+    assert {each.name for each in facts.map} == {"job_end/a", "job_cancelled/a"}
+
+
 def test_of_an_ended_job_only_its_end_is_kept() -> None:
     facts = facts_with(
-        entry("A", "job/a", job()),
-        entry("A", "job_change/a", JobChange(True, None, 1)),
+        job("a"),
+        hold("a"),
         entry("A", "outcome/r:2@a:fetch(1)::0/take(1)", end_of_work()),
         entry("B", "job_end/a", end()),
     )
     facts.prune()
     assert [each.name for each in facts.map] == ["job_end/a"]
-    facts.map.merge([entry("B", "job/a", job()), entry("B", "claim", claim("a"), 2)])
+    facts.map.merge([job("a"), entry("B", "claim", claim("a"), 2)])
     facts.prune()
     assert {each.name for each in facts.map} == {"job_end/a", "claim"}, "late news is dropped"
     assert in_tree(facts) == []
@@ -142,30 +180,36 @@ def test_long_ended_jobs_are_archived_and_never_begin_again() -> None:
     facts.prune()
     assert len(facts.map) == KEPT_ENDS + 2
     assert facts.jobs.to_archive() is None
-    facts.map.merge([entry("B", "job/j0", job()), entry("B", "job/j900", job())])
+    facts.map.merge([job("j0"), job("j900")])
     assert in_tree(facts) == []
     facts.prune()
     assert len(facts.map) == KEPT_ENDS + 2
 
 
 ENTRIES = [
-    entry("A", "job/a", job(stamp=1)),
-    entry("B", "job/a", job(stamp=1, what="2")),
-    entry("A", "job/b", job(stamp=2, priority=2)),
-    entry("A", "job/c", job("tidy", stamp=3)),
-    entry("B", "job/d", job(stamp=4)),
-    entry("A", "job_change/b", JobChange(True, None, 5)),
-    entry("B", "job_change/b", JobChange(False, -1, 6)),
+    job("a", stamp=1),
+    job("a", stamp=2, what="2"),
+    job("b", stamp=2, priority=2),
+    job("c", "tidy", stamp=3),
+    job("d", stamp=4),
+    hold("b", "held", 5),
+    hold("b", "released", 6),
+    hold("b", "now", 4),
+    command("job_priority/b", -1, 6),
+    command("job_priority/b", 7, 5),
+    command("job_priority/b", 8, 6, "a"),
+    cancelled("c"),
+    cancelled("c", 8),
     entry("A", "job_end/c", end(JobState.CANCELLED)),
     entry("B", "job_end/c", end(JobState.FAILED)),
     entry("A", "claim", claim("d")),
     entry("A", "claim", claim("b"), 2),
-    entry("B", "job_archive/1", JobArchive((hash_of("e"),))),
-    entry("A", "job/e", job(stamp=7)),
+    entry("B", "job_archive/1", JobArchive((hash_of("e"),), (7,))),
+    job("e", stamp=7),
 ]
 
 
-@given(st.permutations(ENTRIES), st.lists(st.integers(0, len(ENTRIES) - 1)))
+@given(st.permutations([*ENTRIES, *ENTRIES[::3]]), st.lists(st.integers(0, len(ENTRIES) - 1)))
 def test_the_order_in_which_facts_arrive_makes_no_difference(
     order: list[Entry], looks: list[int]
 ) -> None:
@@ -186,10 +230,12 @@ def test_the_order_in_which_facts_arrive_makes_no_difference(
 
 def test_facts_of_jobs_that_the_mission_could_not_have_are_refused() -> None:
     wrong = [
-        entry("A", "job/a", job("paint")),
-        entry("A", "job/a", job(what="10")),
-        entry("A", "job/a b", job()),
-        entry("A", "job_archive/x", JobArchive(())),
+        job("a", "paint"),
+        job("a", what="10"),
+        job("a b"),
+        hold("a b"),
+        entry("A", "job/a", job("a").record),
+        entry("A", "job_archive/x", JobArchive((), ())),
         entry("A", "outcome/r:2@a:fetch(10)::0/take(10)", end_of_work()),
         entry("A", "outcome/r:2:fetch({what})::0/take({what})", end_of_work()),
         entry("A", "outcome/r:0@a:::0/take(1)", end_of_work()),

@@ -8,12 +8,10 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.facts.records import (
-    LATCH,
     AdoptedMission,
     HeldMission,
     Outcome,
     Proposal,
-    ProposedMission,
     ProposedStep,
     Record,
 )
@@ -25,6 +23,7 @@ from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.formats.build import mission_from_yaml
+from tests.support.commands import command
 
 FILE = """
 mission: line
@@ -65,9 +64,9 @@ def entry(author: str, name: str, record: Record, number: int = 1) -> Entry:
     return make_entry(author, name, Version(Incarnation(1, author), number), record)
 
 
-def proposed(found: Mission, author: str = "A1", stamp: int = 1) -> Entry:
-    record = ProposedMission(compile_mission(found), "op", False, False, stamp)
-    return entry(author, f"mission/{found.revision_number}", record)
+def proposed(found: Mission, stamp: int = 1) -> Entry:
+    value = [compile_mission(found), False, False]
+    return command(f"mission/{found.revision_number}", value, stamp)
 
 
 def adopted(found: Mission, author: str = "A2") -> Entry:
@@ -163,10 +162,10 @@ def test_all_must_hold_the_same_proposal() -> None:
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        ((entry("A2", "mission_withdrawn/1", LATCH),), "it was withdrawn"),
+        ((command("mission_withdrawn/1", True),), "it was withdrawn"),
         ((held("A2", AFTER, "it works on weld"),), "A2: it works on weld"),
         (
-            (held("A2", AFTER), proposed(OTHER, "A3", 2), held("A3", OTHER)),
+            (held("A2", AFTER), proposed(OTHER, 2), held("A3", OTHER)),
             "two revisions were proposed at the same time; propose one of them again",
         ),
     ],
@@ -181,7 +180,7 @@ def test_a_proposal_can_be_void(more: tuple[Entry, ...], why: str) -> None:
 
 
 def test_of_two_proposals_the_earlier_one_counts() -> None:
-    pending = facts(proposed(OTHER, "A3", 1), proposed(AFTER, "A1", 2)).revisions.pending(0)
+    pending = facts(proposed(OTHER, 1), proposed(AFTER, 2)).revisions.pending(0)
     assert pending is not None
     assert pending[1] == OTHER
 
@@ -196,5 +195,5 @@ def test_of_two_proposals_the_earlier_one_counts() -> None:
     ],
 )
 def test_no_other_mission_is_accepted(name: str, text: str, why: str) -> None:
-    given = entry("A1", name, ProposedMission(text, "op", False, False, 1))
+    given = command(name, [text, False, False])
     assert why in (refusal_reason(given, BEFORE, RUN) or "")

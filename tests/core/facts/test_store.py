@@ -33,8 +33,15 @@ claims = st.none() | st.builds(
 )
 VALUES: dict[str, st.SearchStrategy[Any]] = {
     "claim": claims,
-    "command": st.builds(
-        lambda k, s: [k, s], st.sampled_from(("pause", "resume", "abort")), st.integers(0, 2)
+    "job_hold/j": st.builds(
+        lambda how, who: [how, who, "", ""],
+        st.sampled_from(("held", "now", "released")),
+        st.sampled_from(("anna", "bert")),
+    ),
+    "job/j": st.builds(
+        lambda priority, who: [["bring", [], priority, 0, 0, 0], who, "", ""],
+        st.integers(0, 2),
+        st.sampled_from(("anna", "bert")),
     ),
     f"outcome/{SCOPE}/a": st.builds(
         lambda ok, data: [ok, data], st.booleans(), st.none() | st.integers(0, 2)
@@ -149,13 +156,11 @@ def test_a_latch_stays(kind: str) -> None:
     assert joined(entry(True, f"{kind}/{SCOPE}", 1), entry(True, f"{kind}/{SCOPE}", 2)) is True
 
 
-def test_abort_absorbs_every_later_command() -> None:
-    assert (
-        joined(entry(["abort", 1], "command", 1), entry(["resume", 9], "command", 9))[0] == "abort"
-    )
-    assert (
-        joined(entry(["pause", 1], "command", 1), entry(["resume", 2], "command", 2))[0] == "resume"
-    )
+def test_of_a_field_that_is_commanded_once_the_first_command_stands_of_others_the_newest() -> None:
+    held, now = [["held", "op", "", ""], ["now", "op", "", ""]]
+    assert joined(entry(held, "job_hold/j", 2), entry(now, "job_hold/j", 1)) == held
+    one, two = ([["bring", [], n, 0, 0, 0], "op", "", ""] for n in (1, 2))
+    assert joined(entry(one, "job/j", 2), entry(two, "job/j", 1)) == two
 
 
 def test_authors_do_not_overwrite_one_another() -> None:
@@ -174,7 +179,7 @@ def test_the_digest_does_not_depend_on_the_order_of_arrival(batch: list[Entry], 
 
 
 @given(batches, batches)
-@example([entry(["pause", 1], "command")], [entry(["pause", 1], "command", author="B1")])
+@example([entry(None, "claim")], [entry(None, "claim", author="B1")])
 @example([entry(True, f"latched_failure/{SCOPE}")], [entry(True, f"expired/{SCOPE}")])
 @example([entry(1, f"attempt/{SCOPE}", 1)], [entry(1, f"attempt/{SCOPE}", 2)])
 def test_digests_are_equal_exactly_where_the_maps_are(

@@ -16,9 +16,9 @@ from mrbt_mesh.core.facts.records import (
     MEMBER,
     TRAVEL_TIMES,
     Claim,
-    CommandKind,
     NoClaim,
     Phase,
+    TeamOrder,
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
@@ -240,8 +240,8 @@ def test_the_latest_order_stands_and_abort_absorbs(
 ) -> None:
     world = open_door()
     for kind, stamp, author in commands:
-        world.command(kind, stamp, author)
-    assert world.facts.command() is CommandKind(standing)
+        world.order(kind, stamp, author)
+    assert world.facts.order() is TeamOrder(standing)
 
 
 # -- where robots are -------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.facts.records import (
-    CommandKind,
-    ConditionValue,
-    Job,
-    ProposedMission,
-    TeamCommand,
-    submitted_values,
-)
-from mrbt_mesh.core.facts.store import Entry, Fact
+from mrbt_mesh.core.agent.operator_desk import command_version
+from mrbt_mesh.core.facts.records import OPERATORS, ConditionValue, RobotProblem
+from mrbt_mesh.core.facts.store import Entry, Fact, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC, Role, submission_content
+from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC, Role, command_content
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
@@ -58,7 +51,7 @@ def replica(
 def said(stamp: int = 1) -> list[Fact]:
     """A batch of two facts."""
     return [
-        ("command", TeamCommand(CommandKind.PAUSE, stamp)),
+        ("problem/clock", RobotProblem(str(stamp))),
         ("condition/open", ConditionValue(True, stamp, stamp)),
     ]
 
@@ -88,7 +81,7 @@ def test_facts_are_passed_on_and_believed() -> None:
 
 def test_what_stands_of_an_old_batch_is_believed_when_the_rest_is_gone() -> None:
     a, b, c = replica("A"), replica("B"), replica("C")
-    for values in (said(1), [("command", TeamCommand(CommandKind.RESUME, 2))]):
+    for values in (said(1), [("problem/clock", RobotProblem("2"))]):
         b.receive("A", a.write(values, 0)[0], 0)
     c.receive_state(answer(b, c), 0)
     assert facts(c) == facts(a)
@@ -106,7 +99,7 @@ def raise_incarnation(groups: list[Any]) -> None:
 
 
 def change_value(groups: list[Any]) -> None:
-    groups[0][4][0][1] = ["abort", 9]
+    groups[0][4][0][1] = "9"
 
 
 def change_author(groups: list[Any]) -> None:
@@ -118,7 +111,7 @@ def take_proof_away(groups: list[Any]) -> None:
 
 
 def add_an_entry(groups: list[Any]) -> None:
-    groups[0][4][:] = [["command", ["abort", 9]]]
+    groups[0][4][:] = [["problem/clock", "9"]]
 
 
 def change_hashes(groups: list[Any]) -> None:
@@ -138,7 +131,7 @@ def empty_proof(groups: list[Any]) -> None:
 )
 def test_whoever_passes_facts_on_cannot_change_them(change: Any) -> None:
     a, b, c = replica("A"), replica("B"), replica("C")
-    b.receive("A", a.write([("command", TeamCommand(CommandKind.PAUSE, 1))], 0)[0], 0)
+    b.receive("A", a.write([("problem/clock", RobotProblem("1"))], 0)[0], 0)
     found = c.receive_state(answer(b, c, change), 0)
     assert (found.changed, found.refused, found.reason) == ([], 1, NOT_AUTHENTIC)
     assert facts(c) == {}
@@ -147,25 +140,25 @@ def test_whoever_passes_facts_on_cannot_change_them(change: Any) -> None:
 def test_an_entry_in_anothers_name_signed_with_a_key_of_ones_own_is_refused() -> None:
     """A robot with a valid key writes an order of C."""
     forger = replica("C", keys=KEYS["A"])
-    data, _ = forger.write([("command", TeamCommand(CommandKind.ABORT, 9))], 0)
+    data, _ = forger.write([("problem/clock", RobotProblem("9"))], 0)
     found = replica("B").receive("C", data, 0)
     assert (found.changed, found.reason) == ([], NOT_AUTHENTIC)
 
 
 @pytest.mark.parametrize("name", ["op", "eye"])
 def test_who_is_no_robot_writes_nothing(name: str) -> None:
-    data, _ = replica(name).write([("command", TeamCommand(CommandKind.ABORT, 9))], 0)
+    data, _ = replica(name).write([("problem/clock", RobotProblem("9"))], 0)
     assert replica("B").receive(name, data, 0).reason == NOT_AUTHENTIC
 
 
 def test_batches_of_another_run_are_refused() -> None:
     """Their entries, put into messages of this run."""
     other, c = replica("A", run="other"), replica("C")
-    _, entries = other.write([("command", TeamCommand(CommandKind.ABORT, 9))], 0)
+    _, entries = other.write([("problem/clock", RobotProblem("9"))], 0)
     proof = entries[0].proof
     assert proof is not None
     version = entries[0].version
-    rows = [["command", ["abort", 9]]]
+    rows = [["problem/clock", "9"]]
     shown = [proof.hashes, proof.signature]
     group = ["A", *version.incarnation, version.sequence, rows, shown]
     data = encode(
@@ -236,15 +229,37 @@ tree: {Jobs: all}
     "m.yaml",
     Path(),
 )
-BRING = Job("bring", ("1",), 5, 0, 0, "anna", 1)
-REVISED = ProposedMission(compile_mission(revise(WITH_JOBS, WITH_JOBS)), "anna", False, False, 1)
+BRING = "job/1", ["bring", ["1"], 5, 0, 0, 7]
+REVISED = "mission/1", [compile_mission(revise(WITH_JOBS, WITH_JOBS)), False, False]
+COMMANDS = [
+    BRING,
+    REVISED,
+    ("mission_withdrawn/1", True),
+    ("paused", "pause"),
+    ("aborted", True),
+    ("borrowed/A", "at_once"),
+    ("job_cancelled/1", True),
+    ("job_hold/1", "held"),
+    ("job_priority/1", 9),
+]
+SIGNED = {"name": "", "run": build.RUN, "stamp": 3, "id": "c", "operator": "anna"}
 
 
+def as_signed(name: str, value: Any, signer: str, other: dict[str, Any]) -> Entry:
+    """A command that `signer` has signed, perhaps as something else."""
+    what = {**SIGNED, "name": name} | other
+    version = command_version(what["stamp"], what["id"])
+    values = [value, what["operator"]]
+    signature = ""
+    if signer:
+        content = command_content(what["run"], what["name"], version, values)
+        signature = KEYS[signer].sign(content).hex()
+    return parse_entry(OPERATORS, name, command_version(3, "c"), [value, "anna", signer, signature])
+
+
+@pytest.mark.parametrize(("name", "value"), COMMANDS, ids=[name for name, _ in COMMANDS])
 @pytest.mark.parametrize(
-    ("name", "record"), [("job/1", BRING), ("mission/1", REVISED)], ids=["job", "revision"]
-)
-@pytest.mark.parametrize(
-    ("signer", "about", "is_believed"),
+    ("signer", "other", "is_believed"),
     [
         ("op", {}, True),
         ("A", {}, False),  # a robot
@@ -253,23 +268,29 @@ REVISED = ProposedMission(compile_mission(revise(WITH_JOBS, WITH_JOBS)), "anna",
         ("op", {"name": "other/1"}, False),
         ("op", {"run": "other"}, False),
         ("op", {"operator": "bert"}, False),
+        ("op", {"stamp": 2}, False),
+        ("op", {"id": "d"}, False),
     ],
-    ids=["good", "a robot", "an observer", "nobody", "another name", "another run", "changed"],
+    ids=["good", "robot", "observer", "nobody", "name", "run", "operator", "stamp", "id"],
 )
-def test_what_operators_submit_no_robot_can_make(
-    name: str, record: Job | ProposedMission, signer: str, about: dict[str, str], is_believed: bool
+def test_what_operators_command_no_robot_can_make(
+    name: str, value: Any, signer: str, other: dict[str, Any], is_believed: bool
 ) -> None:
-    """A robot signs the batch in any case: it says that an operator has submitted this."""
-    signed = replace(record, operator=about.get("operator", record.operator))
-    content = submission_content(
-        about.get("run", build.RUN), about.get("name", name), submitted_values(signed)
-    )
-    signature = KEYS[signer].sign(content).hex() if signer else ""
     a, b = replica("A", mission=WITH_JOBS), replica("B", mission=WITH_JOBS)
-    data, _ = a.write([(name, replace(record, signer=signer, signature=signature))], 0)
+    data = a.take_command(as_signed(name, value, signer, other), 0)
     found = b.receive("A", data, 0)
     assert (len(found.changed), found.refused) == ((1, 0) if is_believed else (0, 1))
     assert found.reason == ("" if is_believed else NOT_AUTHENTIC)
+
+
+@pytest.mark.parametrize(("name", "value"), COMMANDS, ids=[name for name, _ in COMMANDS])
+def test_a_robot_cannot_write_a_command_as_its_own_fact(name: str, value: Any) -> None:
+    """It may sign it as a robot, as well, and repeat what an operator has signed."""
+    a, b = replica("A", mission=WITH_JOBS), replica("B", mission=WITH_JOBS)
+    data, _ = a.write([(name, as_signed(name, value, "op", {}).record)], 0)
+    found = b.receive("A", data, 0)
+    assert (found.changed, found.refused) == ([], 1)
+    assert "is not for operators" not in found.reason
 
 
 @given(st.data())

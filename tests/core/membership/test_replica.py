@@ -6,10 +6,9 @@ import pytest
 
 from mrbt_mesh.core.facts.records import (
     NO_CLAIM,
-    CommandKind,
     ConditionValue,
     Outcome,
-    TeamCommand,
+    RobotProblem,
 )
 from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, WireError
@@ -30,7 +29,7 @@ def test_a_new_incarnation_is_above_its_own_the_facts_and_what_was_heard() -> No
 def test_all_entries_of_a_batch_share_a_version_and_the_next_batch_has_a_greater_one() -> None:
     mine = replica("A")
     mine.next_incarnation(0)
-    mine.write([("claim", NO_CLAIM), ("command", TeamCommand(CommandKind.PAUSE, 1))], 0)
+    mine.write([("claim", NO_CLAIM), ("problem/clock", RobotProblem("1"))], 0)
     first = {entry.version for entry in mine.facts.map}
     assert first == {Version(Incarnation(1, "n"), 1)}
     mine.write([("claim", NO_CLAIM)], 0)
@@ -49,9 +48,12 @@ def test_the_greatest_stamp_seen_is_known() -> None:
 def test_an_answer_holds_what_the_asker_lacks_whoever_wrote_it() -> None:
     asked, asking, dead = replica("A"), replica("B"), replica("C")
     asked.write([("claim", NO_CLAIM)], 0)
-    asked.receive("C", dead.write([("command", TeamCommand(CommandKind.PAUSE, 1))], 0)[0], 0)
+    asked.receive("C", dead.write([("problem/clock", RobotProblem("1"))], 0)[0], 0)
     received = asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0)
-    assert [(e.author, e.name) for e in received.changed] == [("A", "claim"), ("C", "command")]
+    assert [(e.author, e.name) for e in received.changed] == [
+        ("A", "claim"),
+        ("C", "problem/clock"),
+    ]
     assert asking.facts.map.digest() == asked.facts.map.digest()
     assert asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0).changed == []
 
@@ -63,7 +65,7 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
         activation = f"{RUN}:{action_node.index}:a::{number}"
         outcome = (f"outcome/{activation}/a", Outcome(True, {"log": "x" * 200_000}))
         asked.write(
-            [outcome, ("claim", NO_CLAIM), ("command", TeamCommand(CommandKind.PAUSE, number))],
+            [outcome, ("claim", NO_CLAIM), ("problem/clock", RobotProblem(str(number)))],
             0,
         )
     pages = asked.answer_pull(asking.write_pull())

@@ -90,7 +90,11 @@ GOOD_VALUES: list[tuple[str, Any]] = [
     ("claim", "dock"),
     ("claim", [SCOPE, "a", "drill", 1, 3, ""]),
     ("claim", [SCOPE, "a", "drill", 4, 3, "", "dock"]),
-    ("command", ["pause", 4]),
+    ("paused", ["pause", "anna", "op", "00ff"]),
+    ("job/j1", [["bring", ["1"], -3, 0, 7, 9], "anna", "", ""]),
+    ("job_hold/j1", ["now", "anna", "", ""]),
+    ("mission/1", [["{}", True, False], "anna", "", ""]),
+    (f"decision/{SCOPE}/A1.1.n.1", ["retry", "anna", "", ""]),
     (f"outcome/{SCOPE}/drill", [True, {"depth": [1.5, None]}]),
     ("condition/open(2)", [True, 1, 0]),
     (f"attempt/{SCOPE}", 3),
@@ -293,7 +297,10 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         ("claim", ""),
         ("claim", [SCOPE, "a", "drill", 1, 1]),
         ("claim", [SCOPE, "a", "drill", 1, -1, ""]),
-        ("command", ["start over", 1]),
+        ("paused", ["start over", "anna", "", ""]),
+        ("paused", ["abort", "anna", "", ""]),
+        ("job_hold/j1", [True, "anna", "", ""]),
+        ("job_hold/j1", ["held", "two\nlines", "", ""]),
         (f"outcome/{SCOPE}/drill", [1, None]),
         (f"outcome/{SCOPE}/drill", [True]),
         ("condition/c", [True, 0, 0]),
@@ -312,10 +319,10 @@ def test_what_is_not_exactly_its_kind_is_refused(name: str, value: Any) -> None:
 
 
 def test_one_malformed_entry_does_not_cost_the_others() -> None:
-    table = pack_entries([entry("command", ["pause", 1]), entry("claim", None)])
-    table[0][4].insert(1, ["command", ["nonsense", 1]])
+    table = pack_entries([entry("aborted", [True, "", "", ""]), entry("claim", None)])
+    table[0][4].insert(1, ["aborted", [False, "", "", ""]])
     good, malformed = parse_entries(table)
-    assert ([e.name for e in good], malformed) == (["command", "claim"], 1)
+    assert ([e.name for e in good], malformed) == (["aborted", "claim"], 1)
 
 
 # -- limits and incompatible teams ------------------------------------------------------------

@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission, ProposedMission
+from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.core.observer.episodes import after_text
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.observer import Observer
+from tests.support.commands import command
 from tests.support.watched import ALONE, COVER, WELD, watched
 
 
@@ -75,10 +76,11 @@ def test_all_are_dead() -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "says"), [("pause", "paused: `mrbt resume` goes on"), ("abort", "failure")]
+    ("what", "says"),
+    [("paused pause", "paused: `mrbt resume` goes on"), ("aborted true", "failure")],
 )
 def test_commands(what: str, says: str) -> None:
-    _, observer = watched(WELD, f"tell A team {what}", "pass 300")
+    _, observer = watched(WELD, f"operate A {what}", "pass 300")
     assert says in said(observer)[0]
 
 
@@ -87,9 +89,10 @@ def test_a_revision_that_is_not_held_by_all_says_whom_it_waits_for() -> None:
     after = revise(observer.mission, observer.mission)
     held = HeldMission(1, after.digest, "", 0)
     facts = {
-        ("op", "mission/1"): ProposedMission(compile_mission(after), "anna", False, False, 1),
         ("B", "mission_held"): held,
     }
+    proposed = command("mission/1", [compile_mission(after), False, False], operator="anna")
+    observer.facts.map.merge([proposed])
     version = Version(Incarnation(9, "n"), 1)
     observer.facts.map.merge([make_entry(a, n, version, r) for (a, n), r in facts.items()])
     assert said(observer)[0] == (

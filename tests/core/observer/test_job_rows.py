@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
-import json
-
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.agent.job_desk import CHANGE_JOB, SUBMIT
 from mrbt_mesh.core.observer.job_rows import JobRows
+from tests.support.commands import command, submission
 from tests.support.one_robot import desk
 
 NAMES = [f"job-{number}" for number in range(30)]
-CHANGES = st.tuples(
-    st.sampled_from(["cancel", "hold", "release", "priority"]),
+CHANGES = {
+    "job_cancelled": True,
+    "job_hold": "held",
+    "job_hold again": "released",
+    "job_priority": 0,
+}
+DRAWN = st.tuples(
+    st.sampled_from(sorted(CHANGES)),
     st.sampled_from(NAMES),
     st.integers(-2, 2),
 )
 
 
-@given(st.lists(CHANGES, max_size=12))
+@given(st.lists(DRAWN, max_size=12))
 def test_kept_rows_are_as_new_ones(changes: list[tuple[str, str, int]]) -> None:
     """More jobs than are in the tree at a time: others come into it when one is cancelled."""
-    (robot, context), kept = desk(), JobRows()
-    for name in NAMES:
-        job = {"id": name, "type": "inspect", "arguments": ["shelf_1"], "operator": "me"}
-        robot.answer(SUBMIT, json.dumps(job), 0)
+    (_, context), kept = desk(), JobRows()
+    for stamp, name in enumerate(NAMES):
+        context.facts.map.merge([submission(name, "inspect", "shelf_1", stamp=stamp + 1)])
     before = kept.update(context.facts, None, ())
     assert [row.why for row in before].count("behind others") == len(NAMES) - 20
     for change, name, priority in changes:
-        given = {"id": name, "change": change}
-        more = {"priority": priority} if change == "priority" else {}
-        robot.answer(CHANGE_JOB, json.dumps(given | more), 0)
+        value = priority if change == "job_priority" else CHANGES[change]
+        stamp = context.facts.max_stamp + 1
+        context.facts.map.merge([command(f"{change.split()[0]}/{name}", value, stamp)])
         context.facts.prune()
         rows = kept.update(context.facts, None, ())
         assert rows == JobRows().update(context.facts, None, ())

@@ -68,7 +68,7 @@ def test_each_round_is_told_with_its_times_its_result_and_who_took_part() -> Non
             ),
             "blocked",
         ),
-        (("succeed A nominal=true", "pass 200", "tell A team abort", "pass 500"), "failure"),
+        (("succeed A nominal=true", "pass 200", "operate A aborted true", "pass 500"), "failure"),
     ],
 )
 def test_the_last_round_that_has_ended_is_the_result(steps: tuple[str, ...], result: str) -> None:

@@ -41,8 +41,8 @@ TWO = "task weld weld 2..2"
             FAILURE,
             IDLE,
         ),
-        ('Sequence("weld", "look")', "tell A team pause", RUNNING, IDLE),
-        ('Sequence("weld", "look")', "tell A team abort", CANCELLED, IDLE),
+        ('Sequence("weld", "look")', "operate A paused pause", RUNNING, IDLE),
+        ('Sequence("weld", "look")', "operate A aborted true", CANCELLED, IDLE),
     ],
 )
 def test_states_of_tasks(tree: str, commands: str, weld: TaskState, look: TaskState) -> None:

@@ -169,7 +169,7 @@ def test_every_robot_has_a_line_or_a_reason_and_never_both() -> None:
 @pytest.mark.parametrize("command", ["pause", "abort"])
 def test_a_command_takes_everybodys_task_away(command: str) -> None:
     world = repair()
-    world.command(command, 1, "A1")
+    world.order(command)
     plan = world.plan()
     assert (plan.assignments, plan.waiting) == ({}, ())
     assert set(plan.idle.values()) == {f"the operator's command is {command}"}
@@ -179,9 +179,9 @@ def test_a_command_takes_everybodys_task_away(command: str) -> None:
 def test_resuming_gives_the_tasks_back() -> None:
     world = repair()
     before = world.plan().digest
-    world.command("pause", 1, "A1")
+    world.order("pause")
     assert world.plan().digest != before
-    world.command("resume", 2, "C1")
+    world.order("resume", 2)
     assert world.plan().digest == before
 
 
@@ -292,7 +292,7 @@ def test_the_problem_is_infeasible_when_no_request_can_be_served() -> None:
     assert [each.global_task for each in world.plan().waiting] == ["cover", "part"]
     assert (world.plan().consistent, world.plan().feasible) == (False, False)
     # The operator's word is no failure: nothing is asked for.
-    world.command("pause", 1)
+    world.order("pause")
     assert world.plan().feasible
 
 

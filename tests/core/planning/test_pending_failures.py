@@ -117,7 +117,7 @@ def test_no_clock_runs_while_the_operator_lets_the_team_rest() -> None:
     world.outcome(world.activation("a"), False, "R1")
     world.die("R2")
     assert pending(world) == ["a"]
-    world.command("pause", 1)
+    world.order("pause")
     assert pending(world) == []
 
 

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from mrbt_mesh.core.facts.records import AdoptedMission, ProposedMission, Record
+from mrbt_mesh.core.facts.records import AdoptedMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.compiled import compile_mission
@@ -15,6 +15,7 @@ from mrbt_mesh.core.planning.revised import is_at_work, revision_changes
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.chaos.generate import generate_mission
 from mrbt_mesh.sim.chaos.vary import varied
+from tests.support.commands import command
 from tests.support.effort import seeds
 
 HALFWAY_US = 4_000_000
@@ -33,12 +34,8 @@ def test_a_dry_run_says_what_stays_and_what_does_not(seed: int) -> None:
     now = TeamFacts(before.mission, facts.run)
     now.map.merge(facts.map)
     version = Version(Incarnation(9, "n"), 1)
-    proposed = ProposedMission(compile_mission(after), "op", False, False, 1)
-    records: dict[str, Record] = {
-        "mission/1": proposed,
-        "mission_adopted/1": AdoptedMission(after.digest),
-    }
-    now.map.merge([make_entry("op", name, version, each) for name, each in records.items()])
+    adopted = make_entry("A1", "mission_adopted/1", version, AdoptedMission(after.digest))
+    now.map.merge([command("mission/1", [compile_mission(after), False, False]), adopted])
     assert now.declared == after
     assert {name for name in done if now.has_outcome(name)} == set(told.kept)
     assert not any(now.has_outcome(name) for name in (*told.begun_again, *told.dropped))

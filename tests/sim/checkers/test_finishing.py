@@ -82,7 +82,7 @@ def test_where_nobody_has_failed_it_stays_blocked_unless_it_says_so() -> None:
 
 def test_nothing_is_demanded_of_a_team_that_rests_by_order() -> None:
     world = world_of(action("a"))
-    world.command("pause", 1)
+    world.order("pause")
     assert not finishes(world)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from mrbt_mesh.core.agent.effects import Forget, Persist, Publish, StartAction
 from mrbt_mesh.core.agent.inputs import JournalOpened, TimerFired
-from mrbt_mesh.core.facts.records import OUTCOME, CommandKind, TeamCommand
+from mrbt_mesh.core.facts.records import OUTCOME, RobotProblem
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.wire import MessageKind
 from tests.support import inside
@@ -66,40 +66,40 @@ def test_i9_no_version_has_two_contents(team: Team) -> None:
     process: Any = team.processes[0]
     version = Version(Incarnation(1, "n"), 1)
     for stamp in (3, 4):
-        entry = parse_entry("A1", "command", version, ["pause", stamp])
+        entry = parse_entry("A1", "problem/clock", version, str(stamp))
         team.checkers.i9.handled(process, TICK, [Persist((entry,), at_once=True)])
     assert "for two contents" in team.checkers.violations[0]
 
 
-def pause(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
-    """The message and the entries with which a robot notes a command."""
-    command = TeamCommand(CommandKind.PAUSE, stamp)
-    return inside.context(process.agent).replica.write([("command", command)], 0)
+def note(process: Any, stamp: int) -> tuple[bytes, tuple[Entry, ...]]:
+    """The message and the entries with which a robot notes a problem."""
+    problem = RobotProblem(str(stamp))
+    return inside.context(process.agent).replica.write([("problem/clock", problem)], 0)
 
 
 def test_i9_what_a_robot_writes_stands(team: Team) -> None:
     """Unless an entry of an earlier life, with a higher incarnation, goes before it."""
     process: Any = team.processes[0]
-    _, entries = pause(process, stamp=9)
+    _, entries = note(process, stamp=9)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True)])
     assert team.checkers.violations == []
     # A later one in the same step, which need not be on disk at once.
-    _, newer = pause(process, stamp=10)
+    _, newer = note(process, stamp=10)
     both = [Persist(entries, at_once=True), Persist(newer, at_once=False)]
     team.checkers.i9.handled(process, TICK, both)
     assert team.checkers.violations == []
-    late = parse_entry("A1", "command", Version(Incarnation(0, "n"), 1), ["resume", 11])
+    late = parse_entry("A1", "problem/clock", Version(Incarnation(0, "n"), 1), "11")
     team.checkers.i9.handled(process, TICK, [Persist((late,), at_once=True)])
-    assert "A1 writes command" in team.checkers.violations[0]
+    assert "A1 writes problem/clock" in team.checkers.violations[0]
 
 
 def test_i9_nothing_is_published_before_the_journal_has_it_to_write(team: Team) -> None:
     process: Any = team.processes[0]
-    data, entries = pause(process, stamp=9)
+    data, entries = note(process, stamp=9)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [Persist(entries, at_once=True), publish])
     assert team.checkers.violations == []
-    data, entries = pause(process, stamp=10)
+    data, entries = note(process, stamp=10)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [publish, Persist(entries, at_once=True)])
     assert "A1 publishes command" in team.checkers.violations[0]

@@ -11,7 +11,7 @@ import pytest
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.agent.effects import CancelAction, Persist
 from mrbt_mesh.core.agent.inputs import TimerFired
-from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, CommandKind, Phase
+from mrbt_mesh.core.facts.records import BROKEN, OUTCOME, Claim, Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import KnownMember
 from mrbt_mesh.core.membership.joining import Joining
@@ -150,7 +150,7 @@ def test_i4_a_robot_that_is_taken_off_what_it_runs(run: Run) -> None:
     assert "R1 is taken off explore(A)" in team.checkers.violations[0]
     # Not so if the operator says that everybody rests.
     team.checkers.violations.clear()
-    inside.command(team.agents[0], CommandKind.PAUSE, 3 * SECOND_US)
+    inside.command(team.agents[0], TeamOrder.PAUSE, 3 * SECOND_US)
     team.agents[0].handle(TimerFired(), 3 * SECOND_US)
     team.checkers.handled(process, TimerFired(), cancel)  # type: ignore[arg-type]
     assert team.checkers.violations == []

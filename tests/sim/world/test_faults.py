@@ -9,7 +9,6 @@ import pytest
 from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
     Block,
-    Command,
     Fault,
     Freeze,
     Garbage,
@@ -25,6 +24,7 @@ from mrbt_mesh.sim import (
     Unblock,
     partition,
 )
+from mrbt_mesh.sim.world.faults import Operate
 from tests.support.effort import seeds
 from tests.support.runs import Run, undisturbed
 
@@ -245,11 +245,11 @@ def test_a_minor_fault_takes_one_capability_until_it_is_restored(run: Run) -> No
 
 
 def test_the_operator_pauses_resumes_and_aborts(run: Run) -> None:
-    pause = [(SECOND_US, Command("A1", "team", "pause"))]
+    pause = [(SECOND_US, Operate("A1", "paused", "pause"))]
     paused = run("vehicle_repair", 1, schedule=pause, expect="timeout", timeout_us=5_000_000)
     assert {span.end for span in spans(paused.events)} == {"cancel"}
-    resume = [*pause, (5 * SECOND_US, Command("B2", "team", "resume"))]
+    resume = [*pause, (5 * SECOND_US, Operate("B2", "paused", "resume"))]
     run("vehicle_repair", 1, schedule=resume)
-    abort = [(4 * SECOND_US, Command("C2", "team", "abort"))]
+    abort = [(4 * SECOND_US, Operate("C2", "aborted", True))]
     aborted = run("vehicle_repair", 1, schedule=abort, expect="failure")
     assert aborted.duration_us < 5 * SECOND_US

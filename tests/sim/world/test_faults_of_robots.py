@@ -14,7 +14,6 @@ from mrbt_mesh.drills.physical import of, spans
 from mrbt_mesh.sim import (
     ClockJump,
     ClockRate,
-    Command,
     Disk,
     Disturb,
     Fault,
@@ -31,6 +30,7 @@ from mrbt_mesh.sim import (
     partition,
 )
 from mrbt_mesh.sim.world.clock import Gate, LocalClock, VirtualClock
+from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.sim.world.journal import FULL, SimJournal, SimJournalWriter
 from mrbt_mesh.sim.world.network import LinkKnobs
 from mrbt_mesh.sim.world.pace import Pace
@@ -284,7 +284,7 @@ def test_healing_ends_every_fault(run: Run) -> None:
         (SECOND_US, partition(["A1"], ["A2"])),
         (SECOND_US, Disturb(LinkKnobs(loss_permille=900))),
         (SECOND_US, ClockRate("A2", 40_000)),
-        (4 * SECOND_US, Command("A2", "team", "pause")),
+        (4 * SECOND_US, Operate("A2", "paused", "pause")),
     ]
     timeout_us = 40 * SECOND_US
     run("vehicle_repair", 3, schedule=schedule, expect="timeout", timeout_us=timeout_us)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.facts.records import Job, JobEnd, JobState, Latch, Outcome
+from mrbt_mesh.core.facts.records import JobEnd, JobState, Latch, Outcome
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.timing import Timing
@@ -17,6 +17,7 @@ from mrbt_mesh.recording.metadata import RunMetadata
 from mrbt_mesh.recording.reader import RecordedMessages, Recording
 from mrbt_mesh.views.replay.check_derived import CLOCKS_US, DerivedCheck, due_us, early
 from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedFact
+from tests.support.commands import command, submission
 
 MISSION = mission_from_yaml(
     """
@@ -49,9 +50,18 @@ def end(state: JobState, *robots: str) -> Entry:
 def facts() -> TeamFacts:
     """One job is open, which may not begin before long."""
     found = TeamFacts(MISSION, "r")
-    job = Job("inspect", ("a",), 0, DUE_US, DUE_US + 60_000_000, "op", 1)
-    found.map.merge([entry("R2", "job/v0", job)])
+    times = {"not_before_us": DUE_US, "deadline_us": DUE_US + 60_000_000}
+    found.map.merge([submission("v0", "inspect", "a", **times)])
     return found
+
+
+def test_a_job_is_cancelled_by_an_operator_alone(facts: TeamFacts) -> None:
+    check = DerivedCheck()
+    check.planned(facts, make_plan(facts, {}, default_solver))
+    with pytest.raises(ValueError, match="no operator has cancelled v0"):
+        check.own(end(JobState.CANCELLED), 7)
+    facts.map.merge([command("job_cancelled/v0", True)])
+    check.own(end(JobState.CANCELLED), 7)
 
 
 @pytest.mark.parametrize("state", [JobState.SUCCEEDED, JobState.FAILED])

@@ -13,7 +13,6 @@ from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import (
-    Command,
     Freeze,
     Kill,
     Leave,
@@ -24,6 +23,7 @@ from mrbt_mesh.sim import (
     Thaw,
     simulate,
 )
+from mrbt_mesh.sim.world.faults import Operate
 from mrbt_mesh.views.replay.what_if import what_if
 from tests.support.depot import SECOND, depot, worker
 from tests.support.effort import at_size
@@ -48,8 +48,8 @@ RUNS: dict[str, tuple[str, int, Schedule]] = {
         "inspection",
         6,
         [
-            (2_000_000, Command("R1", "team", "pause")),
-            (5_000_000, Command("R1", "team", "resume")),
+            (2_000_000, Operate("R1", "paused", "pause")),
+            (5_000_000, Operate("R1", "paused", "resume")),
         ],
     ),
 }

@@ -1,0 +1,258 @@
+"""Takes operators' commands, at one robot: what it refuses, what it writes, what it answers.
+
+An operator's client sends a command to all robots at once. Each takes it into its facts and answers
+once its journal holds it, with what the field has become. What robots may refuse is checked by a
+majority first, so that nothing of a command that is refused is written. There a field that is
+commanded once is reserved, so that of two commands with different values at most one is written.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.effects import Persist, Publish
+from mrbt_mesh.core.facts import records
+from mrbt_mesh.core.facts.records import OPERATORS, FirstCommand, OperatorCommand
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
+from mrbt_mesh.core.facts.validation import no_place_reason
+from mrbt_mesh.core.facts.values import (
+    MAX_STAMP,
+    read_boolean,
+    read_fields,
+    read_integer,
+    read_text,
+)
+from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.membership.wire import MAX_NONCE, MessageKind
+
+# How far the stamp of a command may be ahead of all that this robot has seen.
+MAX_AHEAD = 1 << 20
+RESERVED_US = 5 * SECOND_US
+MAX_RESERVED = 10_000
+
+# What is wrong with a command that is refused. UNKNOWN: there is no such subject. CONFLICT: the
+# field has another value for good. FULL: there are too many. ENDED: it is too late.
+INVALID, UNKNOWN, CONFLICT, FULL, ENDED = "invalid", "unknown", "conflict", "full", "ended"
+# Another robot may take it, or this one in a moment; another client has reserved the field.
+NOT_READY, CONTENDED = "not_ready", "contended"
+
+
+class CommandStep(enum.StrEnum):
+    """What a client asks of a robot: to CHECK whether it would take a command, and to reserve its
+    field if that is commanded once; to WRITE it; or to GIVE_UP what was reserved.
+    """
+
+    CHECK = "check"
+    WRITE = "write"
+    GIVE_UP = "give_up"
+
+
+class RefusalError(ValueError):
+    """Why a command is refused, in words for the operator."""
+
+    def __init__(self, text: str, cause: str = INVALID) -> None:
+        super().__init__(text)
+        self.cause = cause
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRule:
+    """How a robot deals with commands of one field.
+
+    `check` raises RefusalError for a command that cannot be taken now; `known` returns True if the
+    field has this very value for good already, and raises RefusalError if it has another one.
+    `state`: what the subject has become.
+    """
+
+    state: Callable[[str], dict[str, Any]]
+    check: Callable[[Entry, int], None] = lambda *_: None
+    known: Callable[[Entry], bool] = lambda _: False
+
+
+Rules: TypeAlias = Mapping[str, FieldRule]
+
+
+def operate_body(step: CommandStep, entry: Entry, passes_on: bool = True) -> list[Any]:
+    """What a client asks of a robot, as plain data. `passes_on`: the robot is to pass the command
+    on to the others at once; one that does not is asked for it by those that lack it.
+    """
+    (stamp, command_id), _ = entry.version
+    return [str(step), entry.name, stamp, command_id, entry.value, passes_on]
+
+
+def command_version(stamp: int, command_id: str) -> Version:
+    """The version of a command's entry."""
+    return Version(Incarnation(stamp, command_id), 0)
+
+
+class OperatorDesk:
+    """Takes the commands that operators send to one robot."""
+
+    def __init__(self, context: Context, rules: Rules) -> None:
+        self._context = context
+        self._rules = rules
+        # Entry -> its id and values, and until when it is reserved for these.
+        self._reserved: dict[str, tuple[list[Any], int]] = {}
+
+    def take(self, body: Any, now_us: int) -> dict[str, Any] | AwaitedAnswer:
+        """Answer a client. A refusal is `{"refused": why, "cause": ...}`."""
+        try:
+            step, entry, passes_on = self._read(body)
+            if step is CommandStep.GIVE_UP:
+                self._give_up(entry)
+                return {}
+            return self._take(step, entry, passes_on, now_us)
+        except RefusalError as refusal:
+            return {"refused": str(refusal), "cause": refusal.cause}
+
+    def _read(self, body: Any) -> tuple[CommandStep, Entry, bool]:
+        context = self._context
+        try:
+            step, name, stamp, command_id, value, passes_on = read_fields(body, 6)
+            version = command_version(read_integer(stamp), read_text(command_id, MAX_NONCE))
+            entry = parse_entry(OPERATORS, read_text(name, records.MAX_NAME), version, value)
+            found, is_passed_on = CommandStep(read_text(step)), read_boolean(passes_on)
+        except (ValueError, TypeError) as error:
+            raise RefusalError(f"malformed command: {error}") from None
+        if entry.parts[0] not in self._rules:
+            raise RefusalError(f"this mission has no commands of the kind {entry.parts[0]!r}")
+        if reason := no_place_reason(entry, context.mission, context.facts.run):
+            raise RefusalError(reason)
+        if not context.replica.is_authentic(entry):
+            raise RefusalError("no operator of this team has signed it")
+        if stamp > min(context.facts.max_stamp + MAX_AHEAD, MAX_STAMP):
+            raise RefusalError(f"its stamp {stamp} is far ahead of all that {context.me} has seen")
+        return found, entry, is_passed_on
+
+    def _take(
+        self, step: CommandStep, entry: Entry, passes_on: bool, now_us: int
+    ) -> dict[str, Any] | AwaitedAnswer:
+        context, name = self._context, entry.name
+        rule = self._rules[entry.parts[0]]
+        held = context.facts.map.get(OPERATORS, name)
+        is_known = held is not None and held.hash == entry.hash
+        if is_known or rule.known(entry):
+            return self._answer(step, entry, is_taken=True)
+        if held is not None and held.version >= entry.version:
+            return self._answer(CommandStep.CHECK, entry, is_taken=False)
+        rule.check(entry, now_us)
+        if isinstance(entry.record, FirstCommand):
+            self._reserve(entry, now_us)
+        if step is CommandStep.WRITE:
+            self._write(entry, passes_on, now_us)
+        return self._answer(step, entry, is_taken=True)
+
+    def _answer(
+        self, step: CommandStep, entry: Entry, is_taken: bool
+    ) -> dict[str, Any] | AwaitedAnswer:
+        """`taken`: whether the robot has, or would have, the command; else one that is newer has
+        been given. `stamp`: the newest that it has seen. `is_kept`: its journal holds the command.
+        `state`: of the subject.
+        """
+
+        def make() -> dict[str, Any]:
+            found = self._context.facts.map.get(OPERATORS, entry.name)
+            newest = list(found.version.incarnation) if found is not None else None
+            state = self._rules[entry.parts[0]].state(entry.name.partition("/")[2])
+            return {
+                "taken": is_taken,
+                "kept": is_taken and step is CommandStep.WRITE,
+                "newest": newest,
+                "stamp": self._context.facts.max_stamp,
+                "state": state,
+            }
+
+        return AwaitedAnswer(entry.name, make) if step is CommandStep.WRITE else make()
+
+    def _reserve(self, entry: Entry, now_us: int) -> None:
+        wanted = entry.value[:1]
+        values, until_us = self._reserved.get(entry.name, (wanted, 0))
+        if now_us < until_us and values != wanted:
+            raise RefusalError("another client commands this at the same time", CONTENDED)
+        self._reserved.pop(entry.name, None)
+        self._reserved[entry.name] = wanted, now_us + RESERVED_US
+        while len(self._reserved) > MAX_RESERVED:
+            del self._reserved[next(iter(self._reserved))]
+
+    def _give_up(self, entry: Entry) -> None:
+        values, _ = self._reserved.get(entry.name, (None, 0))
+        if values == entry.value[:1]:
+            del self._reserved[entry.name]
+
+    def _write(self, entry: Entry, passes_on: bool, now_us: int) -> None:
+        """Take it in, and pass it on if that is wanted."""
+        context = self._context
+        self._reserved.pop(entry.name, None)
+        message = context.replica.take_command(entry, now_us)
+        number = context.durability.take_number()
+        context.commands_on_disk.note(entry.name, number)
+        context.emit(Persist((entry,), True, number))
+        if passes_on:
+            context.emit(Publish(MessageKind.FACT, message))
+        assert isinstance(entry.record, OperatorCommand)
+        text = records.command_text(entry.parts, entry.record)
+        level = "info" if entry.parts[0] in records.JOB_KINDS else "warning"
+        context.log(level, "command", command=text, operator=entry.record.operator)
+
+
+def team_rules(context: Context) -> Rules:
+    """Those of what is commanded to the whole team, and about robots."""
+    facts = context.facts
+
+    def loan(robot: str) -> dict[str, Any]:
+        by, since = facts.borrowers.get(robot, ("", records.Loan.RETURNED))
+        return {"loan": str(since), "by": by}
+
+    def check_loan(entry: Entry, _: int) -> None:
+        command, robot = entry.record, entry.parts[1]
+        assert isinstance(command, OperatorCommand)
+        by, _since = facts.borrowers.get(robot, ("", records.Loan.RETURNED))
+        if robot not in facts.members and robot not in context.mission.robots:
+            raise RefusalError(f"the team has no robot {robot}", UNKNOWN)
+        if command.value is records.Loan.RETURNED and not by:
+            raise RefusalError(f"{robot} is not borrowed", CONFLICT)
+        if command.value is not records.Loan.RETURNED and by not in ("", command.operator):
+            raise RefusalError(f"{robot} is borrowed by {by}: `mrbt return` it first", CONFLICT)
+
+    order = FieldRule(lambda _: {"order": str(facts.order())})
+    return {
+        records.PAUSED: order,
+        records.ABORTED: order,
+        records.BORROWED: FieldRule(loan, check_loan),
+    }
+
+
+def decision_rules(context: Context) -> Rules:
+    """That of decisions about exclusive tasks in doubt."""
+    facts = context.facts
+
+    def decided(subject: str) -> dict[str, Any]:
+        held = facts.map.get(OPERATORS, f"{records.DECISION}/{subject}")
+        command = held.record if held is not None else None
+        if not isinstance(command, OperatorCommand):
+            return {"decision": ""}
+        return {"decision": str(command.value), "by": command.operator}
+
+    def known(entry: Entry) -> bool:
+        held = facts.map.get(OPERATORS, entry.name)
+        if held is None:
+            return False
+        found, wanted = held.record, entry.record
+        assert isinstance(found, OperatorCommand)
+        assert isinstance(wanted, OperatorCommand)
+        if found.value != wanted.value:
+            raise RefusalError(f"{found.operator} has decided already: {found.value}", CONFLICT)
+        return True
+
+    def check(entry: Entry, _: int) -> None:
+        activation, coalition = entry.parts[1:]
+        doubted = facts.coalitions(activation).in_doubt(facts.grantors)
+        if coalition not in map(str, doubted):
+            raise RefusalError(f"{activation} is not in doubt (any more)", UNKNOWN)
+
+    return {records.DECISION: FieldRule(decided, check, known)}

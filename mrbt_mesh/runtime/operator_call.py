@@ -1,0 +1,212 @@
+"""How an operator's client commands a team: to all robots at once, until enough of them have it.
+
+Acknowledged means that the journals of enough robots hold the command, and the answer tells what
+its subject has become. Refused means that it is not in force.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Awaitable, Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+from zlib import crc32
+
+import anyio
+
+from mrbt_mesh.core.agent.operator_desk import (
+    CONFLICT,
+    CONTENDED,
+    NOT_READY,
+    CommandStep,
+    command_version,
+)
+from mrbt_mesh.core.facts.records import JOB_KINDS
+from mrbt_mesh.core.facts.store import Entry, Version
+from mrbt_mesh.errors import InputError
+
+# A robot that does not answer for so long is asked again.
+ANSWER_S = 1.0
+CALL_TIMEOUT_S = 10.0
+AGAIN_S = 0.1
+# For so long the rest of the robots may answer, if those that do not are to be named.
+REST_S = 0.3
+ID_BYTES = 8
+
+
+class CommandRefusedError(InputError):
+    """A team has refused a command; the text says why, and what its subject is.
+
+    `cause`: `invalid`, `unknown` (there is no such subject), `conflict` (the field has another
+    value for good), `ended` (it is too late), or `full`.
+    """
+
+    def __init__(self, text: str, cause: str) -> None:
+        super().__init__(text)
+        self.cause = cause
+
+
+@dataclass(frozen=True)
+class Acknowledged:
+    """A command is in force. `state`: what its subject has become. `robots`: those whose journals
+    hold it; `silent`: those that have not answered, both sorted.
+    """
+
+    state: dict[str, Any]
+    robots: tuple[str, ...]
+    silent: tuple[str, ...]
+
+    def text(self, what: str) -> str:
+        """`what`, and which robots do not have it yet."""
+        return f"{what}; {_not_answered(self.silent)}" if self.silent else what
+
+
+@dataclass
+class OperatorCall:
+    """One command to a team.
+
+    `make`: the command's entry with a version. `ask`: a robot's answer to a step of it, which it
+    passes on or not; None if there is none. `robots`: those that are heard; `team`: all of the
+    mission. `wanted`: how many journals are to hold it; `needs`: which in any case.
+    `is_checked_first`: robots may refuse it.
+    `rest_s`: how long it waits for the rest of the robots once enough have the command.
+    """
+
+    make: Callable[[Version], Entry]
+    ask: Callable[[str, CommandStep, Entry, bool], Awaitable[dict[str, Any] | None]]
+    robots: Callable[[], Collection[str]]
+    team: Collection[str]
+    wanted: int
+    needs: Collection[str] = ()
+    is_checked_first: bool = False
+    rest_s: float = 0.0
+    timeout_s: float = CALL_TIMEOUT_S
+    _id: str = field(default_factory=lambda: secrets.token_hex(ID_BYTES))
+
+    async def carry_out(self, stamp: int) -> Acknowledged:
+        """Give the command, with this stamp at first. Raises CommandRefusedError, TimeoutError."""
+        entry, keepers = self.make(command_version(stamp, self._id)), dict[str, dict[str, Any]]()
+        is_checked = not self.is_checked_first
+        with anyio.move_on_after(self.timeout_s):
+            while True:
+                keepers.clear()
+                newest = None if is_checked else await self._check(entry)
+                is_checked = is_checked or newest is None
+                if newest is None:
+                    newest = await self._round(CommandStep.WRITE, entry, keepers)
+                if newest is None:
+                    return self._acknowledged(keepers)
+                entry = self.make(command_version(newest + 1, self._id))
+        if self._are_enough(keepers):
+            return self._acknowledged(keepers)  # in the very last moment
+        raise TimeoutError(self._shortage(keepers))
+
+    def _acknowledged(self, keepers: dict[str, dict[str, Any]]) -> Acknowledged:
+        latest = max(keepers.values(), key=lambda each: (each["newest"] or [0, ""], each["stamp"]))
+        silent = {*self.team, *self.robots()} - keepers.keys()
+        return Acknowledged(latest["state"], tuple(sorted(keepers)), tuple(sorted(silent)))
+
+    def _shortage(self, keepers: Collection[str]) -> str:
+        listed = ", ".join(sorted(keepers)) or "nobody"
+        silent = sorted({*self.team, *self.needs, *self.robots()} - {*keepers})
+        text = (
+            f"it is in the journals of {len(keepers)} robots ({listed}), and {self.wanted} were "
+            "asked for"
+        )
+        return f"{text}; {_not_answered(silent)}" if silent else text
+
+    def _are_enough(self, robots: Collection[str]) -> bool:
+        return len(robots) >= self.wanted and all(robot in robots for robot in self.needs)
+
+    async def _check(self, entry: Entry) -> int | None:
+        """Have enough robots check the command, so that nothing of one that is refused is written;
+        returns as `_round`. If another client commands the same at the same time, one gives up.
+        """
+        while True:
+            try:
+                return await self._round(CommandStep.CHECK, entry, {})
+            except CommandRefusedError as refusal:
+                if refusal.cause != CONTENDED:
+                    raise
+            for robot in self.robots():
+                with anyio.move_on_after(AGAIN_S):
+                    await self.ask(robot, CommandStep.GIVE_UP, entry, False)
+            await anyio.sleep(AGAIN_S * (1 + secrets.randbelow(10)) / 4)
+
+    async def _round(
+        self, step: CommandStep, entry: Entry, takers: dict[str, dict[str, Any]]
+    ) -> int | None:
+        """Ask all robots until enough have taken the step; None then, or the newest stamp that is
+        known if another command has been given since.
+        """
+        refused: dict[str, CommandRefusedError] = {}
+        asked: set[str] = set()
+        later: list[int] = []
+        news = anyio.Event()
+
+        async def ask(robot: str) -> None:
+            answer = None
+            with anyio.move_on_after(ANSWER_S):
+                answer = _checked(await self.ask(robot, step, entry, self._passes_on(robot, entry)))
+            if answer is None or answer.get("cause") == NOT_READY:
+                await anyio.sleep(AGAIN_S)
+                asked.discard(robot)
+            elif "refused" in answer:
+                refused[robot] = CommandRefusedError(answer["refused"], answer["cause"])
+            elif not answer["taken"]:
+                later.append(max(answer["stamp"], (answer["newest"] or [0])[0]))
+            else:
+                takers[robot] = answer
+            news.set()
+
+        refusal: CommandRefusedError | None = None
+        async with anyio.create_task_group() as group:
+            while not later and not self._are_enough(takers) and refusal is None:
+                for robot in sorted(self.robots()):
+                    if robot not in asked:
+                        asked.add(robot)
+                        group.start_soon(ask, robot)
+                with anyio.move_on_after(AGAIN_S):
+                    await news.wait()
+                news = anyio.Event()
+                refusal = self._refusal(refused, takers)
+            if not later and refusal is None:
+                await self._rest(asked, takers)
+            group.cancel_scope.cancel()
+        if refusal is not None and not self._are_enough(takers):
+            raise refusal
+        return max(later) if later else None
+
+    def _passes_on(self, robot: str, entry: Entry) -> bool:
+        """Of the many commands about jobs one robot passes each on, others all do."""
+        robots = sorted(self.robots())
+        first = robots[crc32(entry.name.encode()) % len(robots)] if robots else robot
+        return entry.parts[0] not in JOB_KINDS or robot == first
+
+    async def _rest(self, asked: Collection[str], takers: Collection[str]) -> None:
+        """Give the others a moment to answer, so that only those are named that do not."""
+        with anyio.move_on_after(self.rest_s):
+            while any(robot not in takers for robot in asked):
+                await anyio.sleep(REST_S / 30)
+
+    def _refusal(
+        self, refused: dict[str, CommandRefusedError], takers: Collection[str]
+    ) -> CommandRefusedError | None:
+        """A conflict decides at once; other refusals once too few robots are left to take it."""
+        conflicts = [each for each in refused.values() if each.cause == CONFLICT]
+        left = {*self.robots(), *self.needs, *takers} - refused.keys()
+        if conflicts or self._are_enough(left):
+            return next(iter(conflicts), None)
+        return next(iter(refused.values()), None)
+
+
+def _not_answered(robots: Sequence[str]) -> str:
+    return f"{', '.join(robots)} {'has' if len(robots) == 1 else 'have'} not answered"
+
+
+def _checked(answer: dict[str, Any] | None) -> dict[str, Any] | None:
+    """An answer with all that belongs to it, None if it lacks some."""
+    if answer is None:
+        return None
+    wanted = {"refused", "cause"} if "refused" in answer else {"taken", "newest", "stamp", "state"}
+    return answer if wanted <= answer.keys() else None

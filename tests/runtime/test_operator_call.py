@@ -1,0 +1,390 @@
+"""A client's command to a team: when it is acknowledged or refused, and what it is told.
+
+The robots are the desks of agents' contexts, each with facts of its own; a virtual clock runs.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import anyio
+import pytest
+
+from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
+from mrbt_mesh.core.agent.config import AgentConfig
+from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.job_desk import job_rules
+from mrbt_mesh.core.agent.operator_desk import (
+    NOT_READY,
+    CommandStep,
+    OperatorDesk,
+    operate_body,
+    team_rules,
+)
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.facts.records import JobState
+from mrbt_mesh.core.facts.store import Entry, Version
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.membership.keys import make_command
+from mrbt_mesh.core.planning.job_ends import cancelled_ends
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.operator_call import CommandRefusedError, OperatorCall
+from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
+from tests.support.effort import seeds
+from tests.support.paths import mission_file
+
+MISSION = load_mission(mission_file("deliveries"))
+ROBOTS = ("A", "B", "C", "D", "E")
+MAJORITY = 3
+NOW_US = 1_000_000_000
+TEAM_FIELDS = ("paused", "aborted")
+
+
+def in_virtual_time(main: Callable[[], Any]) -> None:
+    clock = VirtualClock()
+    anyio.run(main, backend_options={"loop_factory": lambda: VirtualLoop(clock)})
+
+
+class Robots:
+    """Five robots, whose messages take a while, and some are lost. `frozen_until_s`: until when a
+    robot hears nothing; `apart`: those that hear nobody else of the team.
+    """
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng = rng
+        self.frozen_until_s: dict[str, float] = {}
+        self.late: list[tuple[str, list[Any]]] = []
+        self.apart: set[str] = set()
+        self.contexts: dict[str, Context] = {}
+        self.desks: dict[str, OperatorDesk] = {}
+        for name in ROBOTS:
+            config = AgentConfig(name, "drone", {"look": 1_000_000}, "r", name, default_solver)
+            context = self.contexts[name] = Context(MISSION, config, 0)
+            context.replica.next_incarnation(0)
+            assert context.wall_clock is not None
+            assert context.facts.jobs is not None
+            context.wall_clock.read(NOW_US, 0)
+            jobs = job_rules(context, context.facts.jobs)
+            self.desks[name] = OperatorDesk(context, {**team_rules(context), **jobs})
+
+    async def ask(
+        self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
+    ) -> dict[str, Any] | None:
+        await anyio.sleep(self._rng.random() * 0.02)
+        if self._rng.random() < 0.05:
+            await anyio.sleep(5)
+        body = operate_body(step, entry, passes_on)
+        if self.frozen_until_s.get(robot, 0) > anyio.current_time():
+            # It carries the command out when it wakes, whether or not the client still waits.
+            self.late.append((robot, body))
+            await anyio.sleep(60)
+        answer = self.desks[robot].take(body, round(anyio.current_time() * 1e6))
+        if isinstance(answer, AwaitedAnswer):
+            await anyio.sleep(self._rng.random() * 0.05)
+            answer = answer.make()
+        if self._rng.random() < 0.1:
+            await anyio.sleep(5)
+        return answer
+
+    def exchange(self, one: str, other: str) -> None:
+        """One takes over the facts of another, as after a pull, and writes what follows."""
+        if (one in self.apart) is not (other in self.apart):
+            return
+        mine, theirs = self.contexts[one], self.contexts[other]
+        mine.facts.map.merge(list(theirs.facts.map))
+        if ends := cancelled_ends(mine.facts):
+            mine.write(ends, 0)
+        mine.facts.prune()
+
+    def wake(self) -> None:
+        """Robots that are not frozen any more carry out what has waited for them."""
+        now_s, late, self.late = anyio.current_time(), self.late, []
+        for robot, body in late:
+            if self.frozen_until_s.get(robot, 0) > now_s:
+                self.late.append((robot, body))
+            else:
+                self.desks[robot].take(body, round(now_s * 1e6))
+
+    async def gossip(self) -> None:
+        while True:
+            await anyio.sleep(0.02)
+            self.wake()
+            self.exchange(*self._rng.sample(ROBOTS, 2))
+
+    def settle(self) -> TeamFacts:
+        """All faults end, and everybody hears everything."""
+        self.apart.clear()
+        self.frozen_until_s.clear()
+        self.wake()
+        for _ in range(3):
+            for one in ROBOTS:
+                for other in ROBOTS:
+                    self.exchange(one, other)
+        digests = {each.facts.map.digest() for each in self.contexts.values()}
+        assert len(digests) == 1
+        return self.contexts["A"].facts
+
+
+class Client:
+    """Commands from what it has seen: the facts of the robots that it has heard of last."""
+
+    def __init__(self, robots: Robots, reached: Collection[str] = ROBOTS) -> None:
+        self.robots = robots
+        self.reached = reached
+        self.stamp = 0
+
+    async def command(self, name: str, value: Any) -> dict[str, Any]:
+        def make(version: Version) -> Entry:
+            self.stamp = max(self.stamp, version.incarnation.counter)
+            return make_command(name, value, "me", version, "r", None)
+
+        is_checked, reached = name not in TEAM_FIELDS, self.reached
+        ask = self.robots.ask
+        call = OperatorCall(make, ask, lambda: reached, ROBOTS, MAJORITY, (), is_checked)
+        return (await call.carry_out(self.stamp + 1)).state
+
+
+def job(content: int, shelf: str = "shelf_1") -> list[Any]:
+    return ["inspect", [shelf], 0, 0, 0, content]
+
+
+@pytest.mark.parametrize("seed", seeds(20))
+def test_of_two_jobs_with_one_id_at_most_one_is_acknowledged(seed: int) -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(seed))
+        results: dict[int, str] = {}
+
+        async def submit(content: int) -> None:
+            try:
+                await Client(robots).command("job/a", job(content))
+                results[content] = "acknowledged"
+            except CommandRefusedError as refusal:
+                results[content] = refusal.cause
+            except TimeoutError:
+                results[content] = "timeout"
+
+        async with anyio.create_task_group() as group:
+            group.start_soon(robots.gossip)
+            with anyio.move_on_after(15):
+                async with anyio.create_task_group() as clients:
+                    clients.start_soon(submit, 1)
+                    clients.start_soon(submit, 2)
+            group.cancel_scope.cancel()
+        known = robots.settle().jobs
+        assert known is not None
+        found = known.known["a"].job if "a" in known.known else None
+        assert sorted(results.values()) == ["acknowledged", "conflict"], f"seed {seed}"
+        assert found is not None
+        assert results[found.content] == "acknowledged"
+
+    in_virtual_time(main)
+
+
+def test_a_command_that_is_older_than_what_robots_have_is_given_a_newer_stamp() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        ahead, behind = Client(robots), Client(robots)
+        await ahead.command("job/a", job(1))
+        ahead.stamp = 50
+        assert (await ahead.command("job_hold/a", "held"))["state"] == "held"
+        assert (await behind.command("job_hold/a", "released"))["state"] == "open"
+        facts = robots.settle()
+        assert facts.jobs is not None
+        assert not facts.jobs.is_held("a")
+
+    in_virtual_time(main)
+
+
+def test_a_robot_that_wakes_late_does_not_carry_out_an_old_command() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        client = Client(robots)
+        await client.command("job/a", job(1))
+        async with anyio.create_task_group() as group:
+            robots.frozen_until_s["A"] = anyio.current_time() + 30
+            group.start_soon(client.command, "job_hold/a", "held")
+            await anyio.sleep(5)
+            assert (await client.command("job_hold/a", "released"))["state"] == "open"
+        facts = robots.settle()
+        assert facts.jobs is not None
+        assert not facts.jobs.is_held("a")
+
+    in_virtual_time(main)
+
+
+def test_a_minority_acknowledges_nothing_and_names_who_has_not_answered() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        text = r"2 robots \(A, B\), and 3 were .*; C, D, E have not"
+        with pytest.raises(TimeoutError, match=text):
+            await Client(robots, ("A", "B")).command("paused", "pause")
+
+    in_virtual_time(main)
+
+
+def test_no_robot_that_has_joined_is_an_answer_too() -> None:
+    async def main() -> None:
+        async def ask(*_: Any) -> dict[str, Any]:
+            return {"refused": "still joining", "cause": NOT_READY}
+
+        def make(version: Version) -> Entry:
+            return make_command("paused", "pause", "me", version, "r", None)
+
+        call = OperatorCall(make, ask, lambda: ROBOTS, ROBOTS, MAJORITY)
+        with pytest.raises(TimeoutError, match=r"0 robots \(nobody\)"):
+            await call.carry_out(1)
+
+    in_virtual_time(main)
+
+
+@pytest.mark.parametrize(
+    "strange", [{}, {"taken": True}, {"refused": "x"}, {"kept": True, "state": "held"}]
+)
+def test_a_strange_answer_is_none(strange: dict[str, Any]) -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+
+        async def ask(robot: str, *given: Any) -> dict[str, Any] | None:
+            return strange if robot in "AB" else await robots.ask(robot, *given)
+
+        def make(version: Version) -> Entry:
+            return make_command("paused", "pause", "me", version, "r", None)
+
+        done = await OperatorCall(make, ask, lambda: ROBOTS, ROBOTS, MAJORITY).carry_out(1)
+        assert done.robots == ("C", "D", "E")
+        assert done.silent == ("A", "B")
+
+    in_virtual_time(main)
+
+
+# -- random clients, and what they may rely on ------------------------------------------------
+
+
+@dataclass
+class Operation:
+    """One command of the history: of a field of a job. `ended_s` None: nobody knows what it did."""
+
+    name: str
+    value: Any
+    begun_s: float
+    ended_s: float | None = None
+    cause: str = ""
+
+    @property
+    def is_acknowledged(self) -> bool:
+        return self.ended_s is not None and not self.cause
+
+
+@dataclass
+class History:
+    """Commands of clients, and what docs/how-to/jobs.md promises of them."""
+
+    operations: list[Operation] = field(default_factory=list)
+
+    def of(self, name: str) -> list[Operation]:
+        return [each for each in self.operations if each.name == name]
+
+    def may_stand(self, name: str, value: Any) -> bool:
+        """Whether a field may have this value in the end: a command gave it that was not refused,
+        and no command that was acknowledged began after that one had ended.
+        """
+        given = [each for each in self.of(name) if not each.cause and each.value == value]
+        acknowledged = [each for each in self.of(name) if each.is_acknowledged]
+        if value is None:
+            return not acknowledged
+        return any(
+            not any(e.ended_s is not None and e.ended_s < later.begun_s for later in acknowledged)
+            for e in given
+        )
+
+
+def drawn(rng: random.Random, numbers: Iterator[int]) -> tuple[str, Any]:
+    name = rng.choice(["a", "b"])
+    kind = rng.choice(["job", "hold", "hold", "hold", "priority", "priority", "cancel"])
+    if kind == "job":
+        content = rng.choice([1, 2])
+        return f"job/{name}", job(content, f"shelf_{content}")
+    if kind == "cancel":
+        return f"job_cancelled/{name}", True
+    if kind == "priority":
+        return f"job_priority/{name}", next(numbers)
+    return f"job_hold/{name}", rng.choice(["held", "now", "released"])
+
+
+async def faults(robots: Robots, rng: random.Random) -> None:
+    """Robots freeze, and lose one another."""
+    while True:
+        await anyio.sleep(rng.random() * 2)
+        match rng.randrange(3):
+            case 0:
+                frozen = rng.choice(ROBOTS)
+                robots.frozen_until_s[frozen] = anyio.current_time() + rng.random() * 4
+            case 1:
+                robots.apart = set(rng.sample(ROBOTS, rng.randint(1, 2)))
+            case 2:
+                robots.apart = set()
+
+
+def check(history: History, facts: TeamFacts, name: str, seed: int) -> None:
+    """What has become of one job is what its clients were told."""
+    jobs = facts.jobs
+    assert jobs is not None
+    known = jobs.known.get(name)
+    found = (known.job or known.written_end) if known is not None else None
+    acknowledged = {each.value[-1] for each in history.of(f"job/{name}") if each.is_acknowledged}
+    assert acknowledged <= ({found.content} if found is not None else set()), (seed, name)
+    for each in history.of(f"job/{name}"):
+        is_same = found is not None and each.value[-1] == found.content
+        assert each.cause != "conflict" or not is_same, (seed, each)
+    if known is None or found is None:
+        return
+    if any(each.is_acknowledged for each in history.of(f"job_cancelled/{name}")):
+        assert known.end is not None
+        assert known.end.state is JobState.CANCELLED, seed
+    if known.end is not None:
+        return  # of a job that has ended nothing else is kept
+    commands = {n: e.record.to_value()[0] for n, e in known.commands.items()}
+    for part in ("job_hold", "job_priority"):
+        assert history.may_stand(f"{part}/{name}", commands.get(part)), (seed, name, part)
+
+
+@pytest.mark.parametrize("seed", seeds(100))
+def test_what_was_acknowledged_is_in_force_and_what_was_refused_is_not(seed: int) -> None:
+    rng = random.Random(seed)
+    history, numbers = History(), count(1)
+
+    async def client(robots: Robots) -> None:
+        reached = rng.choice([ROBOTS, ROBOTS, tuple(rng.sample(ROBOTS, 3))])
+        mine = Client(robots, reached)
+        for _ in range(6):
+            await anyio.sleep(rng.random() * 3)
+            name, value = drawn(rng, numbers)
+            done = Operation(name, value, anyio.current_time())
+            history.operations.append(done)
+            try:
+                await mine.command(name, value)
+                done.ended_s = anyio.current_time()
+            except CommandRefusedError as refusal:
+                done.ended_s, done.cause = anyio.current_time(), refusal.cause
+            except TimeoutError:
+                pass  # it may still be carried out
+            mine.stamp = max(mine.stamp - rng.randrange(3), 0)
+
+    async def main() -> None:
+        robots = Robots(rng)
+        async with anyio.create_task_group() as group:
+            group.start_soon(robots.gossip)
+            group.start_soon(faults, robots, rng)
+            async with anyio.create_task_group() as clients:
+                for _ in range(3):
+                    clients.start_soon(client, robots)
+            await anyio.sleep(20)
+            group.cancel_scope.cancel()
+        for name in ("a", "b"):
+            check(history, robots.settle(), name, seed)
+
+    in_virtual_time(main)
