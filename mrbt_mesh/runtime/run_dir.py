@@ -97,12 +97,21 @@ class RunInfo:
 
 
 def state_dir() -> Path:
-    """Where runs are kept by default: $MRBT_STATE_DIR, else the XDG state folder."""
+    """Where runs are kept by default: $MRBT_STATE_DIR, else the XDG state folder.
+
+    Raises InputError for a user who has no home folder, as in some containers.
+    """
     given = os.environ.get(_STATE)
     if given:
         return Path(given)
     base = os.environ.get("XDG_STATE_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "mrbt"
+    try:
+        return (Path(base) if base else Path.home() / ".local" / "state") / "mrbt"
+    except RuntimeError:
+        raise InputError(
+            f"there is no folder for runs: this user (uid {os.getuid()}) has no home folder; "
+            f"set {_STATE}=DIR, or HOME"
+        ) from None
 
 
 def write_atomically(path: Path, text: str) -> None:

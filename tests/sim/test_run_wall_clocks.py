@@ -61,6 +61,7 @@ def test_deadlines_hold_after_the_restart_of_the_whole_team(seed: int) -> None:
     assert run(*steps, seconds=31, seed=seed)[1]["a"][0] == "expired"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(5))
 def test_clocks_that_drift_are_no_problem_until_they_are_a_second_apart(seed: int) -> None:
     steps = [(0.0, SetWallClock("B1", 0, drift_ppm=900))]

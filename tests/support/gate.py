@@ -45,7 +45,8 @@ class Suite:
     is_nice: bool = False
 
 
-COMPUTING = ("-n", "2", "--dist", "worksteal")
+# They get what the others leave of the processors, so their limit of time is a wider one.
+COMPUTING = ("-n", "2", "--dist", "worksteal", "--timeout", "1200")
 SUITES = (
     Suite("tests", "computing", (*COMPUTING, "-m", "not processes and not docker"), is_nice=True),
     Suite(
@@ -94,7 +95,8 @@ def run_suite(suite: Suite) -> Outcome:
                 timeout=LIMIT_S,
                 check=False,
             )
-            status = done.returncode
+            # A suite that selects nothing leaves out nothing: `summary` compares all tests.
+            status = 0 if done.returncode == pytest.ExitCode.NO_TESTS_COLLECTED else done.returncode
         except subprocess.TimeoutExpired:
             status = 124
     outcome = Outcome(status, time.monotonic() - begun_s)

@@ -248,7 +248,7 @@ class BindingFile(BoundFile):
 
     def _located(self, text: str) -> str:
         """A program of the search path as it is; a path, from the file's folder."""
-        path = Path(text).expanduser()
+        path = Path(os.path.expanduser(text))  # a user without a home folder keeps the ~
         return text if path.parts == (text,) else str(Path(self.file).absolute().parent / path)
 
     def place(self, *path: str) -> str:

@@ -47,6 +47,8 @@ class Renewals:
     def __init__(self, run: RunFindings) -> None:
         self._run = run
         self._seen: dict[SimProcess, _Seen] = {}
+        # By the digest of the facts: robots that know the same lack the same.
+        self._late: dict[bytes, bool] = {}
 
     def check(self, process: SimProcess, agent: AgentView) -> None:
         """After a step, whenever there is another plan, and it is that of the facts as they are."""
@@ -60,7 +62,7 @@ class Renewals:
             seen.barriers = list(barriers(seen.mission.tree))
             seen.requested.clear()
             seen.turned.clear()
-        is_late = _has_late_news(agent.facts)
+        is_late = self._has_late_news(agent.facts)
         nodes = plan.evaluation.tree.nodes
         for request in plan.evaluation.requests:
             if nodes[request.node].job:
@@ -77,6 +79,13 @@ class Renewals:
             for barrier in seen.barriers:
                 if barrier.keeps_out(set(filter(agent.facts.condition, barrier.conditions))):
                     seen.turned |= barrier.behind & seen.requested.keys()
+
+    def _has_late_news(self, facts: TeamFacts) -> bool:
+        """Whether others have read values of conditions that this robot has not received yet."""
+        key = facts.map.digest()
+        if key not in self._late:
+            self._late[key] = any(lt(facts.conditions.seen(n), read) for n, read in _notes(facts))
+        return self._late[key]
 
     def _compare(self, agent: AgentView, last: str, now: str, has_turned: bool) -> None:
         if last == now:
@@ -141,8 +150,3 @@ def _changed(facts: TeamFacts) -> set[str]:
     names = {name for name in facts.conditions.names() if facts.conditions.revision(name)}
     names |= {name for name, revision in _notes(facts) if revision}
     return names | {split_owner(name)[0] for name in names}
-
-
-def _has_late_news(facts: TeamFacts) -> bool:
-    """Whether others have read values of conditions that this robot has not received yet."""
-    return any(lt(facts.conditions.seen(name), revision) for name, revision in _notes(facts))

@@ -60,6 +60,7 @@ def test_the_dead_return_and_what_is_lost_is_repaired() -> None:
     assert result.fault_counts["Restore"] >= 1
 
 
+@pytest.mark.slow
 def test_failures_per_hour_are_as_frequent_as_they_say() -> None:
     """Robots without work and without end: deaths in an hour are Poisson distributed.
 
