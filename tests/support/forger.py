@@ -66,10 +66,12 @@ def in_file(edit: Edit, name: str = "") -> Forge:
 
     def forge(run: Run, cast: Cast) -> Run:
         wanted = name or cast.file
-        return {
-            file: replace(each, records=tuple(edit(each, cast))) if wanted in (file, "*") else each
-            for file, each in run.items()
-        }
+
+        def forged(each: Recording) -> Recording:
+            records: Any = tuple(edit(each, cast))  # in place of those of a file
+            return replace(each, records=records)
+
+        return {file: forged(each) if wanted in (file, "*") else each for file, each in run.items()}
 
     return forge
 
