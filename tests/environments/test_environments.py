@@ -38,6 +38,8 @@ EARLY = "3.14"
 # A user that no system has a name for.
 NAMELESS = 54_321
 LATIN_1 = "en_US.ISO-8859-1"
+# These share an environment, which takes longer to make than they do.
+IN_ONE = pytest.mark.xdist_group("at home")
 
 
 def version(python: str) -> str:
@@ -108,8 +110,9 @@ def run(
     environment: Mapping[str, str] = os.environ,
     folder: Path | None = None,
     user: int | None = None,
+    status: int = 0,
 ) -> str:
-    """What a command prints, which must succeed."""
+    """What a command prints, which ends with this status."""
     alone = {} if user is None else {"user": user, "group": user, "extra_groups": []}
     done = subprocess.run(
         command,
@@ -122,7 +125,7 @@ def run(
         **alone,  # type: ignore[call-overload]
     )
     said = str(done.stdout.decode(errors="replace"))
-    assert done.returncode == 0, f"{command}\n{said[-5000:]}"
+    assert done.returncode == status, f"{command}\n{said[-5000:]}"
     return said
 
 
@@ -189,12 +192,14 @@ def is_for_all(python: str) -> bool:
     )
 
 
+@IN_ONE
 def test_locale_c(at_home: Installed, folder: Path) -> None:
     # Without these Python would take UTF-8 all the same.
     plain = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
     check(at_home.tour(empty(folder, "locale-c"), {**plain, "HOME": str(folder)}))
 
 
+@IN_ONE
 def test_locale_latin_1(at_home: Installed, folder: Path) -> None:
     locales = empty(folder, "locales")
     compiled = ["localedef", "-i", "en_US", "-f", "ISO-8859-1", str(locales / LATIN_1)]
@@ -220,13 +225,19 @@ def as_nameless(at_home: Installed) -> None:
         pytest.skip(f"other users may not run {sys.executable}, and there is no /usr/bin/python3")
 
 
+@IN_ONE
 def test_no_home_and_a_user_without_a_name(at_home: Installed, folder: Path) -> None:
     as_nameless(at_home)
     place = empty(folder, "nameless")
     os.chown(place, NAMELESS, NAMELESS)
     check(at_home.tour(place, {}, user=NAMELESS))
+    command = [str(at_home.bin / "mrbt"), "ls"]
+    said = run(command, {"PATH": os.environ["PATH"]}, place, NAMELESS, status=2)
+    assert "set MRBT_STATE_DIR=DIR" in said
+    assert "Traceback" not in said
 
 
+@IN_ONE
 def test_a_project_folder_that_cannot_be_written(at_home: Installed, folder: Path) -> None:
     as_nameless(at_home)
     place = empty(folder, "read-only")

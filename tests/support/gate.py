@@ -59,7 +59,7 @@ SUITES = (
     Suite("processes", "waiting", ("-n", "3", "-m", "not soak", "tests/processes")),
     Suite("browser", "waiting", ("-n", "2", "tests/browser")),
     Suite("docker", "waiting", ("tests/docker",)),
-    Suite("environments", "waiting", ("tests/environments",)),
+    Suite("environments", "waiting", ("-n", "2", "--dist", "loadgroup", "tests/environments")),
     Suite("soak", "soaking", ("-m", "soak", "tests/processes")),
 )
 
