@@ -57,8 +57,10 @@ class Run:
         return [at_s - self.thawed_s for at_s in during]
 
 
-def run(text: str, seed: int, deaf_s: float = 0.0) -> Run:
-    """Pause the robot at work; `deaf_s`: for so long after that nothing reaches it."""
+def run(text: str, seed: int, deaf_s: float = 0.0, kept_s: float = 0.0) -> Run:
+    """Pause the robot at work; `deaf_s`: for so long after that nothing reaches it. `kept_s`: only
+    what was sent in that part of the pause waits for it.
+    """
     dice = random.Random(seed)
     steps: list[tuple[float, str]] = []
     program = RobotProgram()
@@ -76,7 +78,7 @@ def run(text: str, seed: int, deaf_s: float = 0.0) -> Run:
     schedule: list[tuple[int, Fault]] = [(pause_us, Pause("R1")), (thaw_us, Thaw("R1"))]
     if deaf_s:
         links = frozenset((each, "R1") for each in ROBOTS if each != "R1")
-        schedule.insert(1, (pause_us + 1, Block(links)))
+        schedule.insert(1, (pause_us + 1 + round(kept_s * S), Block(links)))
         schedule.append((thaw_us + round(deaf_s * S), Unblock(links)))
     result = simulate(mission, program, seed=seed, schedule=schedule, keep_log=True)
     return Run(result, steps, "R1", thaw_us / S)
@@ -95,6 +97,13 @@ def test_what_a_robot_hears_first_after_a_pause_comes_before_its_next_step(
     assert any('"clock_stood_still"' in line for line in found.result.effect_log)
     if text == EXCLUSIVE:
         assert any('"grants_ran_out"' in line for line in found.result.effect_log)
+
+
+@pytest.mark.parametrize("text", [EXCLUSIVE, PLACE], ids=["exclusive", "place"])
+@pytest.mark.parametrize("seed", seeds(100))
+def test_what_waits_may_show_only_the_begin_of_a_pause(text: str, seed: int) -> None:
+    """As where links are given up after two seconds, and made again after the pause."""
+    assert run(text, seed, deaf_s=0.4, kept_s=2).beside() == [], f"seed {seed}"
 
 
 @pytest.mark.parametrize("seed", seeds(50))

@@ -78,23 +78,31 @@ class ContactWatch:
         """An operator attends."""
         self._operator_us = now_us
 
-    def _last_us(self, now_us: int) -> int | None:
-        """When there was contact last; None: never."""
+    def _last_us(self, now_us: int, *, are_sure: bool = False) -> int | None:
+        """When there was contact last; None: never. `are_sure`: see `_aged_us`."""
         assert self._policy is not None
         match self._policy.of:
             case ContactOf.OPERATOR:
                 return self._operator_us
             case ContactOf.TEAM:
-                return max(self._aged_us(), default=None)
+                return max(self._aged_us(are_sure), default=None)
         wanted = majority(self._context.mission.robot_ids) - 1
-        known_us = sorted(self._aged_us(), reverse=True)
+        known_us = sorted(self._aged_us(are_sure), reverse=True)
         if not wanted:
             return now_us
         return known_us[wanted - 1] if len(known_us) >= wanted else None
 
-    def _aged_us(self) -> list[int]:
-        """When the newest heartbeats were sent that others know, by the clocks of those."""
-        return [self._context.peer_clocks.aged_us(*known) for known in self._known_us.items()]
+    def _aged_us(self, are_sure: bool) -> list[int]:
+        """When the newest heartbeats were sent that others know, by the clocks of those.
+
+        `are_sure`: without those from before a jump of such a clock, of which more may follow.
+        """
+        clocks = self._context.peer_clocks
+        return [
+            clocks.aged_us(robot, sent_us)
+            for robot, sent_us in self._known_us.items()
+            if not are_sure or clocks.is_calm(robot, sent_us)
+        ]
 
     # -- this robot ---------------------------------------------------------------------------
 
@@ -111,7 +119,7 @@ class ContactWatch:
         """Until when the program may go on; None: that has no limit."""
         if self._policy is None or not self._policy.is_promise:
             return None
-        last_us = self._last_us(self._began_us)
+        last_us = self._last_us(self._began_us, are_sure=True)
         return (self._began_us if last_us is None else last_us) + self._policy.after_us
 
     def check(self, now_us: int) -> bool:

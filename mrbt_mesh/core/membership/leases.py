@@ -79,9 +79,14 @@ class LeaseHolder:
         return 0 if newest_us is None else newest_us + self._timing.hold_us
 
     def heard_until_us(self, me: str) -> int:
-        """Until when a majority was heard of late."""
-        heard_us = map(self._clocks.heard_us, sorted(self._facts.grantors - {me}))
-        known_us = [each_us for each_us in heard_us if each_us is not None]
+        """Until when a majority was heard of late. After a jump of its clock a grantor counts once
+        it has confirmed what was sent after that: what waits may show only a part of the jump.
+        """
+        known_us = []
+        for grantor, sent_us in sorted(self._confirmed_us.items()):
+            heard_us = self._clocks.heard_us(grantor)
+            if heard_us is not None and self._clocks.is_calm(grantor, sent_us):
+                known_us.append(heard_us)
         if me in self._facts.grantors:
             known_us.append(NEVER_US)
         newest_us = self._newest_of_majority(known_us)

@@ -67,7 +67,7 @@ class PeerClocks:
         return at_us - sum(jump_us for found_us, jump_us in jumps_us if found_us > at_us)
 
     def is_calm(self, robot: str, since_us: int) -> bool:
-        """Whether the clock of a robot has not jumped since."""
+        """Whether the clock of a robot has not jumped since, or just then."""
         jumps_us = self._jumps_us.get(robot)
         return not jumps_us or jumps_us[-1][0] < since_us
 
