@@ -293,7 +293,7 @@ class TeamClient:
                     now_us = boottime_us() + earlier_median(offsets_us)
                     return now_us + when // timedelta(microseconds=1)
                 await anyio.sleep(ASK_AGAIN_S)
-        raise TimeoutError(NOBODY_HEARD)
+        raise TimeoutError(self.watcher.problem or NOBODY_HEARD)
 
     # -- commanding ---------------------------------------------------------------------------
 

@@ -42,8 +42,11 @@ from mrbt_mesh.runtime.observer_recording import (
     observer_recording,
     to_observers_record,
 )
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.runtime.team_address import TeamAddress, keys_of
+from mrbt_mesh.runtime.team_changes import TeamChanges
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
@@ -86,11 +89,29 @@ class Watcher:
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = 0
+        self._changes = self._changes_of(address)
+        self._told = ""
         self._looked_us = self._taken_us = 0
         self._batch_s, self._next_batch_s = batch_s, 0.0
         self._inbox: Inbox
         self._gate: FloodGate
         self._transport: ZenohTransport
+
+    @staticmethod
+    def _changes_of(address: TeamAddress) -> TeamChanges | None:
+        if address.run_dir is None:
+            return None
+        from mrbt_mesh.runtime.launcher import observer_transport
+
+        def read(run_dir: RunDir) -> TransportConfig:
+            return observer_transport(run_dir, run_dir.info())
+
+        return TeamChanges(address.run_dir, address.transport, read)
+
+    @property
+    def problem(self) -> str:
+        """Why the team may not be found any more; empty if nothing is known."""
+        return self._changes.problem if self._changes is not None else ""
 
     async def open(self) -> None:
         """Open the session; raises TransportError."""
@@ -171,6 +192,25 @@ class Watcher:
         if lag_us > self.timing.heartbeat_us // 2:
             self.observer.membership.allow_for_own_lag(lag_us, self._looked_us)
         self.refresh()
+        await self._follow_team()
+
+    async def _follow_team(self) -> None:
+        """Open the session anew if the robots have been started at other places."""
+        if self._changes is None:
+            return
+        now_us = boottime_us()
+        found = self._changes.look(now_us)
+        if self.problem != self._told:
+            self._told = self.problem
+            if self.problem:
+                self.observer.record.say(now_us, self.problem)
+        if found is None:
+            return
+        self.observer.record.say(now_us, "the robots are at other places now: connecting anew")
+        try:
+            await anyio.to_thread.run_sync(self._transport.reopen, found)
+        except TransportError as error:
+            self.observer.record.say(now_us, str(error))
 
     async def catch_up(self, timeout_s: float) -> None:
         """Wait until the observer holds what the team does, at most `timeout_s`."""

@@ -168,11 +168,13 @@ class ZenohTransport:
         if session is not None:
             close_session(session, timeout_s)
 
-    def reopen(self) -> None:
-        """Replace the session by a new one: the only repair for a split one.
+    def reopen(self, config: TransportConfig | None = None) -> None:
+        """Replace the session by a new one: the only repair for a split one. `config`: of another
+        configuration.
 
         Raises TransportError while the old one still holds its port; then call it again.
         """
+        self._config = config or self._config
         self.close(REOPEN_CLOSE_TIMEOUT_S)
         self.open()
 
