@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.report import CORES, grid, in_processes, run_program, say
-from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.metadata import OBSERVER
 from mrbt_mesh.sim import AgentOptions, Freeze, Kill, Leave, Restart, Schedule, Thaw, simulate
 from mrbt_mesh.sim.world.faults import Block, Fault, Revise, Slow, Suspend, Unblock
@@ -112,7 +113,12 @@ def _of(
         case "revise":
             left = {name: one for name, one in mission.robots.items() if name != robot}
             by = draw.choice(others)
-            away = Revise(by, compile_mission(replace(mission, robots=left)), True)
+            text = compile_mission(replace(mission, robots=left))
+            try:
+                mission_from_compiled(text, "revision")
+            except InputError:
+                return []  # the mission needs the robot: it has a place, or an entry
+            away = Revise(by, text, True)
             return [(at_us, away), (end_us, Revise(by, compile_mission(mission), True))]
         case "leave":
             return [(at_us, Leave(robot))]

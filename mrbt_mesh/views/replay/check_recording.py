@@ -74,6 +74,8 @@ class RecordingCheck(CheckedRecording):
         self._latest: dict[tuple[str, str], RecordedFact] = {}
         self._to_drop: list[tuple[str, str]] = []
         self._made = 0
+        # The statuses of T_G's nodes by the last plan.
+        self._nodes = ""
         self._later_parts = list(recording.parts[1:])
         # The records on actions in the state at the beginning of a recording that begins late.
         self._actions: list[RecordedMessage] = []
@@ -87,6 +89,8 @@ class RecordingCheck(CheckedRecording):
             self._join(record.number)
             try:
                 self._check(record)
+            except LookupError as error:
+                self.add(record, f"it names what there is not: {error!r}")
             except ValueError as error:
                 self.add(record, str(error))
                 if isinstance(error, NothingNewError):
@@ -157,14 +161,13 @@ class RecordingCheck(CheckedRecording):
             self._work.begin(self._actions)
         if state.plan is None:
             return
-        self.plan = self._plans.plan(state.facts, state.alive)
-        self._derived.planned(state.facts, self.plan)
+        self._plan_again()
+        assert self.plan is not None
         digest, self._made = state.facts.map.digest(), state.plan["number"]
         wanted = pack_plan(self.plan, self._made, state.changes, digest, state.alive)
-        statuses = self.plan.evaluation.declared_statuses(state.facts.declared.tree)
         if any(not same(wanted[key], state.plan.get(key)) for key in wanted):
             raise ValueError("the plan at its beginning does not follow from the facts there")
-        if state.statuses is not None and state.statuses["nodes"] != pack_statuses(statuses):
+        if state.statuses is not None and state.statuses["nodes"] != self._nodes:
             raise ValueError("the statuses at its beginning do not follow from the facts there")
 
     # -- records ------------------------------------------------------------------------------
@@ -233,8 +236,8 @@ class RecordingCheck(CheckedRecording):
             raise ValueError("the plan's alive set is not the one recorded before it")
         if self._plans.obsolete(state.facts):
             raise ValueError("the plan was made with facts that should have been dropped")
-        self.plan = self._plans.plan(state.facts, state.alive)
-        self._derived.planned(state.facts, self.plan)
+        self._plan_again()
+        assert self.plan is not None
         digest = state.facts.map.digest()
         wanted = pack_plan(self.plan, self._made, state.changes, digest, state.alive)
         self._made = data["number"]
@@ -243,10 +246,16 @@ class RecordingCheck(CheckedRecording):
             what = ", ".join(differing)
             raise ValueError(f"the plan does not follow from its facts: other {what}")
 
+    def _plan_again(self) -> None:
+        """Make the plan again, of the facts as they are: a revision may follow it."""
+        facts = self.state.facts
+        self.plan = self._plans.plan(facts, self.state.alive)
+        self._derived.planned(facts, self.plan)
+        self._nodes = pack_statuses(self.plan.evaluation.declared_statuses(facts.declared.tree))
+
     def _statuses(self, data: Mapping[str, Any]) -> None:
         self.counts["statuses"] += 1
         if self.plan is None or data["plan"] != self._made:
             raise ValueError("statuses of a plan that was not made just before")
-        statuses = self.plan.evaluation.declared_statuses(self.state.facts.declared.tree)
-        if data["nodes"] != pack_statuses(statuses):
+        if data["nodes"] != self._nodes:
             raise ValueError("the statuses of T_G's nodes do not follow from the facts")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording import channels
-from mrbt_mesh.recording.folder import FOLDER, first_part
+from mrbt_mesh.recording.folder import FOLDER, first_part, number_of_part
 from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
 from mrbt_mesh.recording.writer import SIGN_US
@@ -62,17 +62,21 @@ class TeamCheck:
         called = re.sub(r"\.[0-9]+$", "", path.stem)
         if robot and path.parent.name == FOLDER and called != robot:
             check.add_to(0, f"it is a recording of {robot}")
+        for each in check.recording.parts or (check.recording,):
+            if number_of_part(each.path) != each.metadata.part:
+                check.add_to(0, f"{each.name} is part {each.metadata.part}")
 
     def _doubled(self) -> None:
-        """One life of a robot is recorded once."""
-        known: dict[tuple[str, Incarnation], RecordingCheck] = {}
+        """One process records once: no two files begin at the same time, or have the same life."""
+        known: dict[tuple[str, object], RecordingCheck] = {}
         for check in self.checks:
-            for life in lives(check.recording):
-                first = known.setdefault((check.robot, life), check)
-                is_other = first_part(first.recording.path) != first_part(check.recording.path)
-                if check.robot and is_other:
-                    text = f"{check.robot}'s life {life} is recorded in another file, too"
+            begun = check.recording.metadata.epoch_ns + check.recording.begin_us * 1_000
+            for what in (begun, *lives(check.recording)):
+                first = known.setdefault((check.robot, what), check)
+                if first_part(first.recording.path) != first_part(check.recording.path):
+                    text = f"what is in it was recorded in {first.recording.name}, too"
                     check.add_to(0, text)
+                    break
 
     def _parts(self, recording: Recording) -> None:
         """Parts that were kept when the last one began, and are not here."""
