@@ -87,7 +87,7 @@ def test_every_folder_with_tests_of_its_own_is_in_a_suite() -> None:
     words = {word for suite in gate.SUITES for word in suite.arguments}
     for folder in ("browser", "docker", "environments", "processes"):
         assert f"tests/{folder}" in words
-    assert {suite.name for suite in gate.SUITES if suite.environment} == {"plain definitions"}
+    assert {suite.name for suite in gate.SUITES if suite.environment} == {"plain"}
     assert gate.SIZE == {"MRBT_TESTS": "gate"}
 
 

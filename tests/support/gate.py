@@ -50,7 +50,7 @@ COMPUTING = ("-n", "2", "--dist", "worksteal", "--timeout", "1200")
 SUITES = (
     Suite("tests", "computing", (*COMPUTING, "-m", "not processes and not docker"), is_nice=True),
     Suite(
-        "plain definitions",
+        "plain",
         "computing",
         (*COMPUTING, "-m", "not processes", "tests/core/agent", "tests/core/observer", "tests/sim"),
         {"MRBT_PLAIN": "1"},
@@ -77,11 +77,11 @@ class Outcome:
 
 def run_suite(suite: Suite) -> Outcome:
     """Run one suite to its end, into its file."""
-    name = suite.name.replace(" ", "-")
-    report, log = OUTPUT / f"{name}.xml", OUTPUT / f"{name}.log"
+    report, log = OUTPUT / f"{suite.name}.xml", OUTPUT / f"{suite.name}.log"
     command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *suite.arguments]
     if suite.is_nice:
         command = ["nice", "-n", "15", *command]
+    report.unlink(missing_ok=True)  # of an earlier run
     begun_s = time.monotonic()
     with log.open("w", encoding="utf-8") as file:
         try:
@@ -147,7 +147,7 @@ def run_lanes(suites: Sequence[Suite]) -> dict[str, Outcome]:
 
 def tail(suite: Suite, lines: int) -> str:
     """The last lines that a suite has printed."""
-    log = OUTPUT / f"{suite.name.replace(' ', '-')}.log"
+    log = OUTPUT / f"{suite.name}.log"
     text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
     return "\n".join(text.splitlines()[-lines:])
 
