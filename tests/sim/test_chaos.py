@@ -76,6 +76,7 @@ def test_a_journal_that_is_read_late_may_hold_what_the_team_has_gone_beyond() ->
     check(None, range(1_656, 1_657))
 
 
+@pytest.mark.slow
 def test_every_invariant_is_checked_in_a_few_seeds() -> None:
     checked = check(None, SAMPLE)
     assert checked.keys() == ALL

@@ -165,8 +165,11 @@ def at_work(result: SimulationResult) -> list[Span]:
     return [span if span.end else replace(span, end_s=5.0) for span in found]
 
 
+KILLS = [((5 * SECOND_US, f.Kill("R3")),), ()]
+
+
 @pytest.mark.parametrize("seed", range(1))
-@pytest.mark.parametrize("kills", [(), ((5 * SECOND_US, f.Kill("R3")),)])
+@pytest.mark.parametrize("kills", at_size(quick=KILLS[:1], gate=KILLS))
 def test_a_team_keeps_its_side_constraints_all_the_time(seed: int, kills: Any) -> None:
     mission = carry(CARRY + LIMITS)
     solvers: dict[str, Solver] = {"R2": brute_force, "R4": cp_sat}

@@ -52,12 +52,14 @@ def test_three_damages_three_rounds(seed: int) -> None:
     assert len({e["activation"] for e in screws}) == 3, "each round has work of its own"
 
 
+@pytest.mark.slow
 def test_the_rounds_work_is_that_of_what_broke() -> None:
     ends = [e for e in run().events if e["event"] == "end" and e["local_task"] == "replace_hw"]
     parts = [part for e in ends for part in e["args"]]
     assert [sorted(parts[:2]), parts[2:3], sorted(parts[3:])] == [["2", "4"], ["1"], ["3", "5"]]
 
 
+@pytest.mark.slow
 def test_time_is_up_in_the_middle_of_a_round() -> None:
     result = run(seconds=40)
     assert told(result) == [(4, "success"), (30, None)]
@@ -66,6 +68,7 @@ def test_time_is_up_in_the_middle_of_a_round() -> None:
     assert run(seconds=3).result == "success", "the vehicle is in order"
 
 
+@pytest.mark.slow
 def test_faults_while_the_team_rests_and_while_it_works() -> None:
     """A2 dies at rest, B1 at work; later B1 is back, and A1 is bad at what it did best."""
     result = run(
