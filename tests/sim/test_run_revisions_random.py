@@ -150,7 +150,8 @@ def problems(
     last_s, file = -10.0, story.files[0]
     for at_s, what, version, event in sorted(happened, key=lambda each: each[:2]):
         if what == 2:
-            if may_have(file, jobs[event["id"]]):
+            is_dead = bool(story.deaths_s) and story.deaths_s[0] < at_s < story.deaths_s[1] + 3
+            if may_have(file, jobs[event["id"]]) and not is_dead:
                 submitted_s[event["id"]] = at_s
         elif event is None:
             file, last_s = story.files[version], at_s
