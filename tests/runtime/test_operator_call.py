@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any
+from unittest import mock
 
 import anyio
 import pytest
@@ -22,12 +23,13 @@ from mrbt_mesh.core.agent.operator_desk import (
     NOT_READY,
     CommandStep,
     OperatorDesk,
+    command_version,
     operate_body,
     team_rules,
 )
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.facts.records import JobState
-from mrbt_mesh.core.facts.store import Entry, Version
+from mrbt_mesh.core.facts.records import OPERATORS, Hold, JobState
+from mrbt_mesh.core.facts.store import Entry, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.planning.job_ends import cancelled_ends
@@ -74,14 +76,14 @@ class Robots:
     async def ask(
         self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
     ) -> dict[str, Any] | None:
-        await anyio.sleep(self._rng.random() * 0.02)
-        if self._rng.random() < 0.05:
-            await anyio.sleep(5)
         body = operate_body(step, entry, passes_on)
         if self.frozen_until_s.get(robot, 0) > anyio.current_time():
             # It carries the command out when it wakes, whether or not the client still waits.
             self.late.append((robot, body))
             await anyio.sleep(60)
+        await anyio.sleep(self._rng.random() * 0.02)
+        if self._rng.random() < 0.05:
+            await anyio.sleep(5)
         answer = self.desks[robot].take(body, round(anyio.current_time() * 1e6))
         if isinstance(answer, AwaitedAnswer):
             await anyio.sleep(self._rng.random() * 0.05)
@@ -119,11 +121,11 @@ class Robots:
         """All faults end, and everybody hears everything."""
         self.apart.clear()
         self.frozen_until_s.clear()
-        self.wake()
         for _ in range(3):
             for one in ROBOTS:
                 for other in ROBOTS:
                     self.exchange(one, other)
+            self.wake()
         digests = {each.facts.map.digest() for each in self.contexts.values()}
         assert len(digests) == 1
         return self.contexts["A"].facts
@@ -194,7 +196,7 @@ def test_a_command_that_is_older_than_what_robots_have_is_given_a_newer_stamp() 
         assert (await behind.command("job_hold/a", "released"))["state"] == "open"
         facts = robots.settle()
         assert facts.jobs is not None
-        assert not facts.jobs.is_held("a")
+        assert facts.jobs.hold_of("a") is Hold.RELEASED
 
     in_virtual_time(main)
 
@@ -204,14 +206,17 @@ def test_a_robot_that_wakes_late_does_not_carry_out_an_old_command() -> None:
         robots = Robots(random.Random(1))
         client = Client(robots)
         await client.command("job/a", job(1))
+        robots.settle()
         async with anyio.create_task_group() as group:
             robots.frozen_until_s["A"] = anyio.current_time() + 30
             group.start_soon(client.command, "job_hold/a", "held")
             await anyio.sleep(5)
-            assert (await client.command("job_hold/a", "released"))["state"] == "open"
+            # By now the others hold it for dead.
+            other = Client(robots, ROBOTS[1:])
+            assert (await other.command("job_hold/a", "released"))["state"] == "open"
         facts = robots.settle()
         assert facts.jobs is not None
-        assert not facts.jobs.is_held("a")
+        assert facts.jobs.hold_of("a") is Hold.RELEASED
 
     in_virtual_time(main)
 
@@ -388,3 +393,53 @@ def test_what_was_acknowledged_is_in_force_and_what_was_refused_is_not(seed: int
             check(history, robots.settle(), name, seed)
 
     in_virtual_time(main)
+
+
+def _given_now(original: Any, mine: OperatorDesk, body: Any) -> tuple[CommandStep, Entry, bool]:
+    step, entry, passes_on = original(mine, body)
+    version = command_version(mine._context.facts.max_stamp + 1, mine._context.me)
+    return step, make_entry(entry.author, entry.name, version, entry.record), passes_on
+
+
+def _one_fact_per_job(original: Any, mine: OperatorDesk, entry: Entry, *more: Any) -> None:
+    """A change replaces what was changed before, whichever field that was."""
+    original(mine, entry, *more)
+    for kind in {"job_hold", "job_priority"} - {entry.parts[0]}:
+        if entry.parts[0] in ("job_hold", "job_priority"):
+            mine._context.facts.map.drop(OPERATORS, f"{kind}/{entry.parts[1]}")
+
+
+BROKEN: dict[str, tuple[str, Callable[..., Any], Callable[[int], None]]] = {
+    "late commands are news": (
+        "_read",
+        _given_now,
+        lambda _: test_a_robot_that_wakes_late_does_not_carry_out_an_old_command(),
+    ),
+    "one fact per job": (
+        "_write",
+        _one_fact_per_job,
+        test_what_was_acknowledged_is_in_force_and_what_was_refused_is_not,
+    ),
+    "nothing is reserved": (
+        "_reserve",
+        lambda *_: None,
+        test_of_two_jobs_with_one_id_at_most_one_is_acknowledged,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_deliberate_bugs_are_found(name: str) -> None:
+    attribute, function, test = BROKEN[name]
+    original = getattr(OperatorDesk, attribute)
+
+    def replacement(mine: OperatorDesk, *given: Any) -> Any:
+        return function(original, mine, *given)
+
+    with mock.patch.object(OperatorDesk, attribute, replacement):
+        for seed in range(40):
+            try:
+                test(seed)
+            except AssertionError:
+                return
+    pytest.fail("no seed shows it")

@@ -39,6 +39,7 @@ CAUGHT = {
     "the_dead_count_as_assigned": ("I6", (259,)),
     "ended_jobs_are_forgotten": ("I10", (7, 6)),
     "ended_jobs_go_on": ("I10", (6, 7)),
+    "held_jobs_go_on": ("I10", (0, 1)),
     "wrong_clocks_are_believed": ("I10", (12, 26)),
     "revisions_are_not_waited_for": ("I11", (64, 85)),
     "those_without_contact_have_stopped": ("I12", (544, 690)),

@@ -168,6 +168,26 @@ def test_a_cancelled_job_is_stopped_and_a_held_one_waits() -> None:
     assert min(float(t) for t, _, _, args in done if args[0] == "3") > 30
 
 
+@pytest.mark.parametrize("how", ["hold", "hold_now"])
+@pytest.mark.parametrize("seed", seeds(10))
+def test_no_further_step_of_a_held_job_begins_and_what_runs_goes_on_unless_it_is_to_end(
+    seed: int, how: str
+) -> None:
+    job = (3.0, submit("A1", "one", "deliver", "1", "dock_1"))
+    other = (12.0, submit("A1", "two", "deliver", "2", "dock_2"))
+    hold, release = (4.2, change("B1", "one", how)), (30.0, change("A2", "one", "release"))
+    result, ends = run(job, hold, other, seconds=28, seed=seed)
+    assert ends == {"two": ("succeeded", ends["two"][1])}, "robots work on other jobs"
+    mine = [e for e in result.events if e.get("args") and e["args"][0] == "1"]
+    kinds = [e["event"] for e in mine]
+    assert kinds == ["start", "end" if how == "hold" else "cancel"], seed
+    assert max(float(e["t"]) for e in mine if e["event"] == "start") < 4.2
+    result, ends = run(job, hold, other, release, seconds=60, seed=seed)
+    assert ends["one"][0] == "succeeded"
+    done = [task for _, _, task, args in works(result) if "1" in args or "dock_1" in args]
+    assert sorted(done) == ["look", "put", "take"], "release goes on from there"
+
+
 def test_larger_priorities_go_first_also_when_they_change() -> None:
     waiting = [submit("A1", f"j{n}", "inspect", "dock_1", priority=0) for n in range(6)]
     result, ends = run(

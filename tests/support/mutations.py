@@ -99,9 +99,11 @@ add("schedules_against_the_tree", (schedules, "precedence", always({})))
 # Any free robot goes on with the work that one robot has begun for itself.
 add("per_robot_conditions_are_anybodys", (demands, "eligible", always(None)))
 # Nothing is kept of a job that has ended: late news begins it again.
-add("ended_jobs_are_forgotten", (jobs, "_is_end", always(False)))
+add("ended_jobs_are_forgotten", (jobs, "_is_kept", always(False)))
 # Operators' cancellations and ends of jobs do not keep robots from them.
 add("ended_jobs_go_on", (Jobs, "has_ended", always(False)))
+# Steps of jobs that are held begin.
+add("held_jobs_go_on", (demands, "_held", lambda _, group, __: group))
 # A robot begins things while others act by another revision, or hold one that is not in force.
 add(
     "revisions_are_not_waited_for",

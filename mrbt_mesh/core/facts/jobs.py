@@ -201,10 +201,10 @@ class Jobs:
         known = self.known.get(name)
         return (known is not None and known.has_ended) or self.is_archived(name)
 
-    def is_held(self, name: str) -> bool:
-        """Whether no step of this job may begin."""
+    def hold_of(self, name: str) -> Hold:
+        """Whether operators hold this job; empty: no job is held."""
         known = self.known.get(name)
-        return known is not None and known.hold is not Hold.RELEASED
+        return known.hold if known is not None else Hold.RELEASED
 
     def cancelled(self) -> list[KnownJob]:
         """Those that were cancelled, and of which no robot has written the end yet, by id."""
@@ -329,7 +329,7 @@ class Jobs:
         if self.is_archived(name):
             self.obsolete |= known.keys
         elif known.written_end is not None:
-            self.obsolete |= {key: None for key in known.keys if not key[1].startswith(_KEPT)}
+            self.obsolete |= {key: None for key in known.keys if not _is_kept(key[1])}
         self._place(known)
 
     def remove(self, entry: Entry) -> None:
@@ -415,6 +415,11 @@ class Jobs:
         if known.is_begun:
             self._begun[job.type][known.id] = key
         self._in_tree = None
+
+
+def _is_kept(name: str) -> bool:
+    """Whether an entry of this name is kept when its job has ended."""
+    return name.startswith(_KEPT)
 
 
 def job_of(entry: Entry) -> str:

@@ -6,14 +6,14 @@ Source: paper, section V, T_A: the bounds a_j and b_j.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import TypeAlias
 
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.coalitions import Coalitions, coalition_at_work, is_still_in, majority
-from mrbt_mesh.core.facts.records import CoalitionId, Phase
+from mrbt_mesh.core.facts.records import CoalitionId, Hold, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import GlobalTask, InDoubtPolicy, Need, Recorded, SameRobotAs
@@ -54,13 +54,30 @@ def demands_of(
 
     lower = nu - successes, upper = mu - successes - failures (never below lower). Once successes
     reach nu, no further robot is assigned; where nu is 0, robots may help up to the end. At most mu
-    running claims are pinned, in the canonical order of claims: (since, robot).
+    running claims are pinned, in the canonical order of claims: (since, robot). Of a job that is
+    held only what runs goes on, and that neither if operators want it to end now.
     """
     running = running_claims(facts, capabilities.team)
-    return [
+    groups = [
         request_demands(facts, request, capabilities, running.get(request.activation, {}))
         for request in requests
     ]
+    if facts.jobs is None:
+        return groups
+    nodes, jobs = facts.mission.tree.nodes, facts.jobs
+    holds = (jobs.hold_of(nodes[request.node].job) for request in requests)
+    return [_held(group, hold) for group, hold in zip(groups, holds, strict=True)]
+
+
+def _held(group: Group, hold: Hold) -> Group:
+    if hold is Hold.RELEASED:
+        return group
+    left = []
+    for demand in group:
+        pinned = () if hold is Hold.NOW else demand.pinned
+        count, candidates = len(pinned), {robot: demand.candidates[robot] for robot in pinned}
+        left.append(replace(demand, lower=count, upper=count, pinned=pinned, candidates=candidates))
+    return tuple(left)
 
 
 def running_claims(

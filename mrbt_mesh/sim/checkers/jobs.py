@@ -1,22 +1,36 @@
-"""I10: no acknowledged job is lost, none that has ended is begun again, and none expires early."""
+"""I10: no acknowledged command is lost or replaced by an older one, no step of a job that has ended
+or is held begins, and no job expires early.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import product
 
 from mrbt_mesh.core.agent.effects import Effect, StartAction
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US, TOLERANCE_US
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.records import JOB, JOB_END, Job, JobState
+from mrbt_mesh.core.facts.records import (
+    JOB,
+    JOB_END,
+    OPERATORS,
+    FirstCommand,
+    Hold,
+    Job,
+    JobState,
+    OperatorCommand,
+)
+from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.sim.checkers.findings import RunFindings, is_connected, joined
 from mrbt_mesh.sim.world.journal import Changes
 from mrbt_mesh.sim.world.process import SimProcess
 
 
 class KeptJobs:
-    """A job is acknowledged once a majority of the journals holds it. It counts as lost if all that
-    are there know nothing of it, though a robot is there whose journal has held it ever since.
+    """A command is acknowledged once a majority of the journals holds it. A job counts as lost if
+    all that are there know nothing of it, though a robot is there whose journal has held it ever
+    since; so does a change if a robot has an older one.
 
     The wall clock of one robot may be wrong: it must not make jobs due or expired too early, unless
     it hears no other robot.
@@ -28,6 +42,12 @@ class KeptJobs:
         # By job: the robots whose journals hold it, or its end.
         self._holders: dict[str, set[str]] = {}
         self._acknowledged: set[str] = set()
+        # By entry and version of a command: the robots whose journals hold it; and those versions
+        # that are acknowledged, the newest by entry.
+        self._keepers: dict[tuple[str, Version], set[str]] = {}
+        self._in_force: dict[str, Version] = {}
+        # What robots have begun: (robot, activation).
+        self._begun: set[tuple[str, str]] = set()
         self._ended: dict[SimProcess, set[str]] = {}
         # By job: its deadline and the time before which it must not begin, by submission.
         self._times: dict[str, list[Job]] = {}
@@ -36,15 +56,27 @@ class KeptJobs:
     def synced(self, process: SimProcess, changes: Changes) -> None:
         """A process has put this on its disk."""
         for entry in changes.values():
-            if entry is not None and isinstance(entry.record, Job):
-                self._times.setdefault(entry.parts[1], []).append(entry.record)
+            command = entry.record if entry is not None else None
+            if entry is not None and isinstance(command, OperatorCommand):
+                self._kept(process, entry, command)
             if entry is not None and entry.parts[0] in (JOB, JOB_END):
                 holders = self._holders.setdefault(entry.parts[1], set())
                 holders.add(process.robot)
                 if len(holders) >= self._majority:
                     self._acknowledged.add(entry.parts[1])
 
+    def _kept(self, process: SimProcess, entry: Entry, command: OperatorCommand) -> None:
+        if isinstance(command.value, Job):
+            self._times.setdefault(entry.parts[1], []).append(command.value)
+        keepers = self._keepers.setdefault((entry.name, entry.version), set())
+        keepers.add(process.robot)
+        if len(keepers) >= self._majority and not isinstance(command, FirstCommand):
+            before = self._in_force.get(entry.name, entry.version)
+            self._in_force[entry.name] = max(before, entry.version)
+
     def lost_journal(self, robot: str) -> None:
+        for keepers in self._keepers.values():
+            keepers.discard(robot)
         for holders in self._holders.values():
             holders.discard(robot)
 
@@ -61,6 +93,11 @@ class KeptJobs:
                 if job and jobs.has_ended(job):
                     text = f"{agent.robot} starts {effect.activation}, a job that has ended"
                     self._run.violation("I10", text)
+                begun = (agent.robot, effect.activation)
+                if begun not in self._begun and jobs.hold_of(job) is not Hold.RELEASED:
+                    text = f"{agent.robot} starts {effect.activation}, of a job that is held"
+                    self._run.violation("I10", text)
+                self._begun.add(begun)
         before = self._ended.setdefault(process, set())
         due = self._due.setdefault(process, set())
         for known in jobs:
@@ -102,6 +139,12 @@ class KeptJobs:
         if len(agents) < len(world.living()) or not is_connected(agents, world.network.blocked):
             return
         present = {agent.robot for agent in agents}
+        for agent, (name, version) in product(agents, sorted(self._in_force.items())):
+            run.checks["I10"] += 1
+            entry = agent.facts.map.get(OPERATORS, name)
+            is_older = entry is not None and entry.version < version
+            if is_older and self._keepers[name, version] & present:
+                run.violation("I10", f"{agent.robot} has an older {name} than was acknowledged")
         for name in sorted(self._acknowledged):
             run.checks["I10"] += 1
             for agent in agents:

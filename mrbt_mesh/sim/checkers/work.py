@@ -8,11 +8,13 @@ from dataclasses import replace
 
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
     ARGUMENTS,
     Arguments,
     Claim,
+    Hold,
     Phase,
     TeamOrder,
 )
@@ -37,6 +39,9 @@ def not_taken_off(run: RunFindings, agent: AgentView, claim: Claim) -> None:
     facts, plan, task = agent.facts, agent.plan, agent.facts.task_of(claim.activation)
     if task is None:
         return  # another revision of the mission does not have it
+    job = parse_activation(claim.activation).job
+    if facts.jobs is not None and facts.jobs.hold_of(job) is Hold.NOW:
+        return  # operators want it to end
     if task.by_coalition or any(each.preemptive for each in facts.declared.all_tasks()):
         return  # the members of a coalition stop together
     if plan is None or plan.command is not TeamOrder.RESUME or agent.is_joining or agent.is_leaving:

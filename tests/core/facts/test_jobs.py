@@ -100,7 +100,7 @@ def test_what_is_begun_stays_in_the_tree() -> None:
     facts.map.merge([job(f"u{n}", stamp=n + 2, priority=9) for n in range(3)])
     assert in_tree(facts) == ["u0", "a"]
     facts.map.merge([hold("a")])
-    assert in_tree(facts) == ["u0", "a"], "to hold a job stops nothing that goes on"
+    assert in_tree(facts) == ["u0", "a"], "what runs of a job that is held goes on"
 
 
 def test_the_first_submission_of_an_id_counts_and_success_before_a_failure() -> None:
