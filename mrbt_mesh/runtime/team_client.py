@@ -48,6 +48,7 @@ from mrbt_mesh.errors import InputError, lone, nearest
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run, is_running
 from mrbt_mesh.runtime.operator_call import (
+    CALL_TIMEOUT_S,
     REST_S,
     Acknowledged,
     CommandRefusedError,
@@ -373,6 +374,7 @@ class TeamClient:
             needs,
             is_checked,
             rest_s,
+            CALL_TIMEOUT_S,
         )
         return await call.carry_out(observer.facts.max_stamp + 1)
 

@@ -61,12 +61,34 @@ def test_a_job_that_too_few_journals_hold_is_not_acknowledged(team: Team) -> Non
             await client.submit("inspect", "shelf_1", job_id="few")
 
     with (
-        mock.patch("mrbt_mesh.runtime.team_client.KEEP_TIMEOUT_S", 0.5),
-        pytest.raises(
-            TimeoutError, match=r"few is in the journals of . robots .*: submit it again"
-        ),
+        mock.patch("mrbt_mesh.runtime.team_client.CALL_TIMEOUT_S", 2),
+        pytest.raises(TimeoutError, match=r"few: it is in the journals of . robots .* again"),
     ):
         anyio.run(hand_in)
+
+
+def test_commands_reach_a_team_whose_first_robot_is_frozen_and_ids_are_of_one_job(
+    team: Team,
+) -> None:
+    team.up(DELIVERIES, speed=20)
+    team.wait_until(lambda: len(team.robots()) == 6, "all are there")
+    later = ("--not-before", "+3600", "--id", "one")
+    assert team.mrbt("submit", "inspect", "shelf_2", *later).strip() == "one"
+    assert team.mrbt("submit", "inspect", "shelf_2", *later).strip() == "one"
+    for other in (("shelf_3", *later), ("shelf_2", *later, "--priority", "9")):
+        refused = team.command("submit", "inspect", *other)
+        assert refused.returncode == 2
+        assert "another job of this id, one: inspect(shelf_2)" in refused.stderr
+    team.signal("C1", signal.SIGSTOP)
+    paused = team.mrbt("pause")
+    assert "pause is the team's command" in paused
+    assert team.mrbt("job", "hold", "one").strip() == "one: held"
+    assert team.mrbt("job", "release", "one").strip() == "one: open"
+    team.signal("C1", signal.SIGCONT)
+    team.wait_until(lambda: len(team.robots()) == 6, "it is back")
+    assert team.mrbt("job", "priority", "one", "7").strip() == "one: open"
+    (row,) = json.loads(team.mrbt("jobs", "--json"))
+    assert (row["state"], row["priority"]) == ("waiting", 7)
 
 
 def test_a_team_that_is_killed_as_a_whole_goes_on_with_its_jobs(team: Team) -> None:
