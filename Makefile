@@ -13,7 +13,7 @@ APT_INSTALL := apt-get update -qq && apt-get -o DPkg::Lock::Timeout=600 install 
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
 	bench-membership bench-submissions bench-history bench-jobs bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -57,6 +57,7 @@ help:
 	@echo "make verify-recordings 200 runs of chaos, all drills, 200 forgeries: no false alarm, all named"
 	@echo "make walk            through how many files an event goes, and how often from one to another"
 	@echo "make paper           the paper's example, run again: docs/data/paper.md and its pictures"
+	@echo "make test-soak       a team of real processes for ten minutes: no errors, and nothing grows"
 	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
 	@echo "make lock            write both lock files again from pyproject.toml"
 	@echo "make check-lock      whether both lock files are what pyproject.toml asks for"
@@ -284,6 +285,9 @@ paper: $(READY)
 
 MINUTES := 30
 JOBS := 2
+test-soak: $(READY)
+	MRBT_TESTS=gate $(BIN)/pytest -n 2 tests/processes/test_soak.py tests/sim/test_run_soak.py
+
 soak: $(READY)
 	$(BIN)/mrbt sim chaos --generated --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
 
