@@ -9,10 +9,11 @@ import pytest
 
 from mrbt_mesh import TaskContext
 from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.observer.job_rows import JobRows
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Operate, Revise
+from mrbt_mesh.sim.world.faults import Operate, Revise, Unblock, partition
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 
@@ -186,6 +187,24 @@ def test_no_further_step_of_a_held_job_begins_and_what_runs_goes_on_unless_it_is
     assert ends["one"][0] == "succeeded"
     done = [task for _, _, task, args in works(result) if "1" in args or "dock_1" in args]
     assert sorted(done) == ["look", "put", "take"], "release goes on from there"
+
+
+@pytest.mark.parametrize("seed", seeds(5))
+def test_a_cancellation_stays_visible_beside_what_a_robot_that_was_cut_off_has_done(
+    seed: int,
+) -> None:
+    apart = partition({"B1"}, {"A1", "A2"})
+    result, ends = run(
+        (3.0, submit("A1", "one", "inspect", "dock_1", not_before_us=AT_US + 14 * S)),
+        (6.0, apart),
+        (8.0, Operate("A1", "job_cancelled/one", True, "me", ("A2",))),
+        (20.0, Unblock(apart.links)),
+        seed=seed,
+    )
+    assert ends == {"one": ("cancelled", ("B1",))}
+    assert len(works(result)) == 1
+    (row,) = JobRows().update(result.observer.facts, None, ())
+    assert (row.state, row.why) == ("cancelled", "done all the same by B1, which was cut off")
 
 
 def test_larger_priorities_go_first_also_when_they_change() -> None:

@@ -172,7 +172,8 @@ def job(
 
     async def act(client: TeamClient) -> int:
         state = await client.change(name, "hold_now" if now else change, number)
-        click.echo(json.dumps(state) if as_json else f"{name}: {state['state']}")
+        why = f"; {state['reason']}" if state.get("reason") else ""
+        click.echo(json.dumps(state) if as_json else f"{name}: {state['state']}{why}")
         return SUCCESS
 
     _with_client(team, act)

@@ -135,5 +135,6 @@ def _state(known: KnownJob) -> dict[str, Any]:
         arguments = list(job.arguments)
         state |= {"type": job.type, "arguments": arguments, "priority": known.priority}
     if end is not None:
-        state |= {"state": str(end.state), "reason": end.reason, "robots": list(end.robots)}
+        reason = known.overruled_text or end.reason
+        state |= {"state": str(end.state), "reason": reason, "robots": list(end.robots)}
     return state

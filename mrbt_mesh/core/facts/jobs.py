@@ -153,6 +153,12 @@ class KnownJob:
         return end.robots if end is not None and is_done else ()
 
     @property
+    def overruled_text(self) -> str:
+        """What became of a job that was cancelled, in words; empty: it was not done."""
+        robots = ", ".join(self.done_all_the_same)
+        return f"done all the same by {robots}, which was cut off" if robots else ""
+
+    @property
     def priority(self) -> int:
         """Its priority now."""
         job, changed = self.job, self._commanded(records.JOB_PRIORITY)
@@ -184,6 +190,8 @@ class Jobs:
         self._unended: dict[str, None] = {}
         # Those that were cancelled, and of which no robot has written the end yet.
         self._cancelled: dict[str, None] = {}
+        # Those that were cancelled, and done all the same.
+        self._overruled: dict[str, None] = {}
         # (author, number) -> the archive; and all hashes of ids, sorted.
         self._archives: dict[tuple[str, str], JobArchive] = {}
         self._archived = array("Q")
@@ -209,6 +217,10 @@ class Jobs:
     def cancelled(self) -> list[KnownJob]:
         """Those that were cancelled, and of which no robot has written the end yet, by id."""
         return [self.known[name] for name in sorted(self._cancelled)]
+
+    def overruled(self) -> list[KnownJob]:
+        """Those that were cancelled, and done all the same, by id."""
+        return [self.known[name] for name in sorted(self._overruled)]
 
     def count_archived(self) -> int:
         """How many jobs are known by their hashes alone."""
@@ -395,6 +407,9 @@ class Jobs:
         self._ended.pop(known.id, None)
         self._unended.pop(known.id, None)
         self._cancelled.pop(known.id, None)
+        self._overruled.pop(known.id, None)
+        if known.done_all_the_same:
+            self._overruled[known.id] = None
         end = known.written_end
         if known.is_cancelled and job is not None and end is None:
             self._cancelled[known.id] = None

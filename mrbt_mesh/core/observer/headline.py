@@ -115,11 +115,18 @@ def _revision(observer: Observer) -> Iterator[Statement]:
         yield Statement(Level.WARN, f"revision {in_force} is in force, waiting for {awaited}")
 
 
+# Jobs that were cancelled and done all the same; others are in the list of jobs.
+MAX_OVERRULED = 3
+
+
 def _open_jobs(observer: Observer) -> Iterator[Statement]:
     jobs = observer.facts.jobs
     count = jobs.count_open() if jobs is not None else 0
     if count:
         yield Statement(Level.INFO, f"{count} job{'' if count == 1 else 's'} open")
+    overruled = jobs.overruled() if jobs is not None else []
+    for known in overruled[:MAX_OVERRULED]:
+        yield Statement(Level.WARN, f"job {known.id}: cancelled; {known.overruled_text}")
 
 
 def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:

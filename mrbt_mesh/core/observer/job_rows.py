@@ -94,9 +94,9 @@ class JobRows:
 
 
 def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
-    end, late = known.end, known.done_all_the_same
+    end = known.end
     assert end is not None
-    why = f"done all the same by {', '.join(late)}, which was cut off" if late else end.reason
+    why = known.overruled_text or end.reason
     return JobRow(
         known.id,
         end.type,

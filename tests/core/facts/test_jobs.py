@@ -132,6 +132,8 @@ def test_a_cancellation_stays_visible_when_the_job_is_done_all_the_same() -> Non
     facts.prune()
     assert known.end.state is JobState.CANCELLED
     assert known.done_all_the_same == ("B",)
+    assert [each.id for each in facts.jobs.overruled()] == ["a"]
+    assert known.overruled_text == "done all the same by B, which was cut off"
     assert {each.name for each in facts.map} == {"claim", "job_end/a", "job_cancelled/a"}
 
 
