@@ -101,7 +101,7 @@ checks:
 	@nice -n 10 $(MAKE) --no-print-directory lint docs
 
 smoke: $(READY)
-	$(BIN)/pytest -n 3 -m smoke tests/processes
+	$(BIN)/pytest -n 3 -m "smoke and not slow" tests/processes
 
 # tests/structure/test_wall.py runs some of them.
 test-mesh: $(READY)
