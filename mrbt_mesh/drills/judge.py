@@ -18,7 +18,7 @@ from mrbt_mesh.drills.inject import InjectedFaults
 from mrbt_mesh.drills.journals import Done
 from mrbt_mesh.drills.links import LinkLine, silent_at_the_end, slow_returns
 from mrbt_mesh.drills.model import DoneModel, ExpectModel, NeverModel, Robots
-from mrbt_mesh.drills.physical import Span, most_at_once, moving, spans
+from mrbt_mesh.drills.physical import YIELDS_WITHIN_S, Span, most_at_once, moving, spans
 from mrbt_mesh.drills.triggers import Snapshot, chosen
 
 LIVING = (State.ALIVE, State.SUSPECT)
@@ -183,15 +183,20 @@ class _Judge:
     def yields(self, robot: str) -> DrillResult:
         """When it wakes, a robot must cancel the work in which it was frozen."""
         frozen = [
-            span
+            (span, span.end == "cancel" and span.end_s <= freeze.to_s + YIELDS_WITHIN_S)
             for freeze in self.injected.freezes
             for span in self.spans
             if span.pid == freeze.pid
             and span.robot == robot
             and span.start_s < freeze.from_s < span.end_s
         ]
-        text = ", ".join(f"{s.ground}: {s.end or 'no end'}" for s in frozen) or "it did nothing"
-        holds = bool(frozen) and all(span.end == "cancel" for span in frozen)
+        ends = {True: "cancel", False: "went on"}
+        text = ", ".join(
+            f"{span.ground}: {ends[gave_up] if span.end == 'cancel' else span.end or 'no end'}"
+            for span, gave_up in frozen
+        )
+        text = text or "it did nothing"
+        holds = bool(frozen) and all(gave_up for _, gave_up in frozen)
         return DrillResult(f"{robot} yields when it wakes", holds, text)
 
     # -- faults and what followed -------------------------------------------------------------

@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 INFINITY = float("inf")
+# What a thawed robot gives up it may do for so long: the rest of its present step.
+YIELDS_WITHIN_S = 1.0
 _EXECUTION = ("robot", "pid", "incarnation", "activation", "local_task")
 
 
@@ -126,7 +128,7 @@ class FreezeSpan:
 def moving(span: Span, freezes: Iterable[FreezeSpan]) -> list[Span]:
     """The parts of an execution in which its process was not frozen.
 
-    What a thawed robot cancelled without doing more counts up to the freeze alone.
+    What a thawed robot gave up at once counts up to the freeze alone.
     """
     parts = [span]
     for freeze in freezes:
@@ -136,6 +138,7 @@ def moving(span: Span, freezes: Iterable[FreezeSpan]) -> list[Span]:
         if not last.start_s < freeze.from_s < last.end_s:
             continue
         parts[-1] = replace(last, end_s=freeze.from_s)
-        if freeze.to_s < last.end_s and span.end != "cancel":
+        gave_up = span.end == "cancel" and last.end_s <= freeze.to_s + YIELDS_WITHIN_S
+        if freeze.to_s < last.end_s and not gave_up:
             parts.append(replace(last, start_s=freeze.to_s))
     return parts

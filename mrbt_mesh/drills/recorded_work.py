@@ -17,10 +17,6 @@ from mrbt_mesh.recording.folder import first_parts, robot_files
 from mrbt_mesh.recording.messages import unpack_fact
 from mrbt_mesh.recording.reader import Recording, RecordingError, read_recordings
 
-# A task that was cancelled may do the rest of its present step.
-YIELDS_WITHIN_S = 0.5
-LATE = "stopped late"
-
 
 def read_work(run_dir: Path) -> tuple[list[dict[str, Any]], set[str]]:
     """The starts and ends as lines of events.jsonl have them, by time; and the robots that have
@@ -40,7 +36,7 @@ def read_work(run_dir: Path) -> tuple[list[dict[str, Any]], set[str]]:
 
 def _work(recording: Recording) -> Iterator[dict[str, Any]]:
     epoch_s, robot = recording.metadata.epoch_ns / 1e9, recording.metadata.robot
-    pid, cancelled_s = 0, 0.0
+    pid = 0
     for record in recording.records.of(FACTS, ACTIONS):
         data = record.data
         if record.topic == FACTS:
@@ -62,12 +58,8 @@ def _work(recording: Recording) -> Iterator[dict[str, Any]]:
             "outcome": None,
         }
         if event == "started":
-            cancelled_s = 0.0
             yield row | {"event": "start"} | ({"place": ""} if "travel_to" in data else {})
-        elif event == "cancelled":
-            cancelled_s = at_s
         elif event == "finished":
             yield row | {"event": "end", "outcome": "success" if data["success"] else "failure"}
         elif event == "stopped":
-            is_late = at_s - cancelled_s > YIELDS_WITHIN_S
-            yield row | ({"event": "end", "outcome": LATE} if is_late else {"event": "cancel"})
+            yield row | {"event": "cancel"}

@@ -205,6 +205,20 @@ def link(unix_s: float, robot: str, peer: str, *, back: bool) -> LinkLine:
     return LinkLine(unix_s, robot, peer, "link_heard" if back else "link_silent")
 
 
+def test_a_thawed_robot_that_goes_on_before_it_gives_up_works_all_that_time() -> None:
+    """Its program did not take the cancellation for three seconds."""
+    for stops_s, most in ((7.2, 1), (10.0, 2)):
+        events = [
+            event(1.0, "A1", "start", "replace_hw", "2"),
+            event(5.0, "B1", "start", "replace_hw", "2"),
+            event(stops_s, "A1", "cancel", "replace_hw", "2"),
+            event(11.0, "B1", "success", "replace_hw", "2"),
+        ]
+        injected = InjectedFaults(freezes=[FreezeSpan(PIDS["A1"], 2.0, 7.0)])
+        evidence = Evidence("success", injected, events=sorted(events, key=lambda each: each["t"]))
+        assert one(evidence, never=NEVER).found == f"at most {most}"
+
+
 NEVER = [{"local_task": "replace_hw(2)"}]
 
 
