@@ -98,7 +98,7 @@ class Desk:
             end = JobEnd(JobState.SUCCEEDED, "bring", ("1",), "me", "", ("R1",), number)
             self.write("R1", f"{records.JOB_END}/job-{number}", end)
             assert self.facts.jobs is not None
-            if (archive := self.facts.jobs.to_archive()) is not None:
+            if (archive := self.facts.jobs.to_archive(0)) is not None:
                 self.write("R1", f"{records.JOB_ARCHIVE}/{archive[0]}", archive[1])
             self.facts.prune()
 

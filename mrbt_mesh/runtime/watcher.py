@@ -26,6 +26,7 @@ from mrbt_mesh.core.agent.inputs import (
 from mrbt_mesh.core.agent.operator_desk import CommandStep, operate_body
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
+from mrbt_mesh.core.facts.values import printable
 from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard, RefusedError
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.timing import SECOND_US
@@ -339,11 +340,11 @@ class Watcher:
             except RefusedError:
                 raise
             except (WireError, ValueError, TypeError) as error:
-                doubtful = f"{robot} answered something strange: {error}"
+                doubtful = printable(f"{robot} answered something strange: {error}")
                 continue
             if is_authentic:
-                return bool(good), text
-            doubtful = str(text)
+                return bool(good), printable(str(text))
+            doubtful = printable(str(text))
         return False, doubtful
 
     def make_command(self, name: str, value: Any, operator: str, version: Version) -> Entry:

@@ -72,7 +72,7 @@ class Agent:
             config.robot, config.nonce, config.takeover, config.timing, context.membership.reports
         )
         self._tree = tree = RobotTree({type_name(name) for name in config.capabilities})
-        self._planner = Planner(context, tree)
+        self._planner = planner = Planner(context, tree)
         self._leased: LeasedStart | None = None
         self._begin_watch: BeginWatch | None = None
         self._health = health = Health(context)
@@ -83,6 +83,7 @@ class Agent:
         self._contact: ContactWatch | None = None
         self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
+        context.replica.shown_by_tick = planner.shown_by_tick
         self.view = AgentView(context, self._planner, tree)
         # The one for which the parts below were composed, and whether it or one before it names
         # this robot.
@@ -423,6 +424,7 @@ class Agent:
         changes = facts.changes + membership.member_changes + membership.suspicion_changes
         changes += membership.around.broadcast_generation + self._duplicates.changes
         changes += self._context.peer_clocks.changes
+        changes += self._context.replica.unproved.changes
         return changes + membership.report_changes if self._reads_reports else changes
 
     def _note_what_is_done(self, now_us: int) -> None:
@@ -439,6 +441,7 @@ class Agent:
             self._begin_watch.next_us if self._begin_watch is not None else None,
             self._joining_until_us,
             self._plans_at_us,
+            context.replica.unproved.next_us(context.membership.heard_count),
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
             joining.alone_until_us if joining is not None else None,

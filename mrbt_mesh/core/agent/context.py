@@ -17,7 +17,7 @@ from mrbt_mesh.core.agent.work import Work
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import Description
 from mrbt_mesh.core.facts.records import Claim, NoClaim
-from mrbt_mesh.core.facts.store import Fact, Incarnation
+from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.membership import Membership
@@ -174,6 +174,18 @@ class Context:
         """Answer an operator: whether a word was obeyed and a text, or what became of a command."""
         data = encode(self.replica.header, MessageKind.ANSWER, [good, found])
         self._effects.append(Reply(query, (data,)))
+
+    def keep(self, entries: Sequence[Entry]) -> None:
+        """Have facts of others kept in the journal."""
+        kinds = {entry.parts[0] for entry in entries}
+        commands = [entry.name for entry in entries if entry.author == records.OPERATORS]
+        if commands or kinds & records.JOB_KINDS:  # their operators wait until they are on disk
+            number = self.durability.take_number()
+            self.emit(Persist(tuple(entries), True, number))
+            for name in commands:
+                self.commands_on_disk.note(name, number)
+        elif entries:
+            self.emit(Persist(tuple(entries), at_once=False))
 
     def answer_kept(self) -> None:
         """Answer the queries for commands that the journal holds by now."""

@@ -9,7 +9,7 @@ from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.effects import AskRouter, Persist, Reply
+from mrbt_mesh.core.agent.effects import AskRouter, Reply
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
     FromOutside,
@@ -194,11 +194,11 @@ class Inbound:
             context.replica.anti_entropy.mark_unanswered(peer, now_us)
             return
         try:
-            received = context.replica.receive_state(data, now_us)
+            received = context.replica.receive_state(peer, data, now_us)
         except WireError as error:
             self._refuse(peer, error)
             return
-        self._take_in(peer, received)
+        self.take_in(peer, received)
         if received.view:
             members = context.facts.members.items()
             lives = {robot: each.incarnation for robot, each in members}
@@ -209,23 +209,16 @@ class Inbound:
             if context.joining is not None:
                 context.joining.mark_answered(peer)
 
-    def _take_in(self, source: str, received: Received) -> None:
+    def take_in(self, source: str, received: Received) -> None:
+        """Have kept what was news, and count what was refused."""
         context = self._context
-        kinds = {entry.parts[0] for entry in received.changed}
-        commands = [e.name for e in received.changed if e.author == records.OPERATORS]
-        if commands or kinds & records.JOB_KINDS:  # their operators wait until they are on disk
-            number = context.durability.take_number()
-            context.emit(Persist(tuple(received.changed), True, number))
-            for name in commands:
-                context.commands_on_disk.note(name, number)
-        elif received.changed:
-            context.emit(Persist(tuple(received.changed), at_once=False))
+        context.keep(received.changed)
         if received.refused:
             context.refuse(source, received.reason)
 
     def _read_facts(self, source: str, data: bytes, now_us: int) -> None:
         received = self._context.replica.receive(source, data, now_us)
-        self._take_in(source, received)
+        self.take_in(source, received)
         for entry in received.changed:
             if entry.name == records.MEMBER and entry.author == source:
                 report = joined_report(entry.version.incarnation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
@@ -17,11 +17,20 @@ from mrbt_mesh.core.bt.robot_tree import AssignmentValues, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
-from mrbt_mesh.core.facts.records import LATCH, Attempt, ChildResult, MissionResult
-from mrbt_mesh.core.facts.store import Fact, Incarnation
+from mrbt_mesh.core.facts.derived import says
+from mrbt_mesh.core.facts.records import (
+    LATCH,
+    Attempt,
+    ChildResult,
+    ConditionValue,
+    MissionResult,
+    Outcome,
+)
+from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.deadlines import Deadlines
+from mrbt_mesh.core.planning.derived_facts import DerivedFacts
 from mrbt_mesh.core.planning.job_ends import cancelled_ends, job_ends
 from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.plan import Plan
@@ -68,6 +77,8 @@ class Planner:
         self._number = 0
         # The facts and the alive set of the newest plan.
         self._planned: tuple[int, int] | None = None
+        # The same, and the unproved facts, when it was looked last which of these are shown.
+        self._examined: tuple[int, int, int] | None = None
         # The outcomes and the alive set when T_A last planned.
         self._finished: tuple[int, int] | None = None
 
@@ -124,24 +135,33 @@ class Planner:
         context, facts = self._context, self._context.facts
         dropped: list[tuple[str, str]] = []
         while True:
-            dropped += facts.prune()
+            dropped += self._prune()
             # Which guards of several conditions have turned is written before anything is planned.
             while turned := facts.turned_guards():
                 noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
+                before = facts.changes
                 context.write(noted, now_us)
-                dropped += facts.prune()
+                dropped += self._prune()
+                if facts.changes == before:
+                    break  # left out: see `Replica.write`
             is_new = self._tick_assignment(apart)
             if self.awaited is not None:
                 break
             assert self.plan is not None
+            if self._take_shown(self.plan, now_us):
+                continue
             if not self.decides:
                 break
             latches = self._latches(self.plan, context.alive()) if is_new else []
-            latches += self.deadlines.expired(self.plan, facts, now_us, self._is_agreed)
+            latches += self.deadlines.expired(
+                self.plan, facts, now_us, self._is_agreed, context.replica.unproved.names
+            )
             latches += self._end(self.plan)
-            if not latches:
+            before = facts.changes
+            if latches:
+                context.write(latches, now_us)
+            if facts.changes == before:
                 break
-            context.write(latches, now_us)
         if dropped:
             context.commands_on_disk.forget(dropped)
             context.emit(Forget(tuple(dropped)))
@@ -150,6 +170,45 @@ class Planner:
                 context.log("error", "solver_failed", reason=reason, instead="the default solver")
         self._failures.clear()
         return self.plan if self.awaited is None else None
+
+    def _prune(self) -> list[tuple[str, str]]:
+        """Drop what nothing reads any more. A robot that is alone keeps it: for others it is what
+        shows them how they come to the same end.
+        """
+        context = self._context
+        is_alone = not context.membership.heard_count and len(context.mission.robots) > 1
+        return [] if is_alone else context.facts.prune()
+
+    def _take_shown(self, plan: Plan, now_us: int) -> bool:
+        """Take in what follows from these facts by the word of other robots too."""
+        context, unproved = self._context, self._context.replica.unproved
+        peers = context.membership.heard_count
+        state = (*self._state(), unproved.changes)
+        is_late = (unproved.next_us(peers) or now_us + 1) <= now_us
+        if not unproved or (state == self._examined and not is_late):
+            return False
+        self._examined = state
+        derived = DerivedFacts(context.facts, plan.evaluation, context.alive())
+        changed = context.replica.take_shown(derived.show, context.membership, now_us)
+        if changed:
+            context.keep(changed)
+        return bool(changed)
+
+    def shown_by_tick(self, batch: Sequence[Entry]) -> Collection[str]:
+        """The facts in a batch that follow from the tick in which its author's action returned."""
+        facts, outcomes = self._context.facts, [e for e in batch if isinstance(e.record, Outcome)]
+        if self.plan is None or len(outcomes) != 1:
+            return ()
+        outcome, activation = outcomes[0], outcomes[0].parts[1]
+        assert isinstance(outcome.record, Outcome)
+        if facts.task_of(activation) is None:
+            return ()
+        status = facts.status_after(
+            outcome.name, outcome.author, outcome.record.success, outcome.version
+        )
+        values = {e.parts[1]: e.record.value for e in batch if isinstance(e.record, ConditionValue)}
+        found = dict(self.tick_outcome(activation, status, values))
+        return {e.name for e in batch if e.name in found and says(found[e.name], e.record)}
 
     def _is_agreed(self) -> bool:
         """Whether all robots in good standing report this plan."""
@@ -266,9 +325,10 @@ class Planner:
     def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[Fact]:
         facts, evaluation = self._context.facts, plan.evaluation
         latched = self._of_tree(evaluation)
-        if facts.jobs is not None and self._context.me == min(alive):
-            latched += job_ends(facts, evaluation) + cancelled_ends(facts)
-            archive = facts.jobs.to_archive()
+        if facts.jobs is not None:
+            if self._context.me == min(alive):
+                latched += job_ends(facts, evaluation) + cancelled_ends(facts)
+            archive = facts.jobs.to_archive(sum(robot < self._context.me for robot in alive))
             if archive is not None:
                 latched.append((f"{records.JOB_ARCHIVE}/{archive[0]}", archive[1]))
         for request in evaluation.requests:

@@ -228,9 +228,9 @@ class Jobs:
 
     def is_archived(self, name: str) -> bool:
         """Whether it has ended long ago."""
-        if not self._archived:
-            return False
-        wanted = hash_of(name)
+        return bool(self._archived) and self._has_hash(hash_of(name))
+
+    def _has_hash(self, wanted: int) -> bool:
         place = bisect_left(self._archived, wanted)
         return place < len(self._archived) and self._archived[place] == wanted
 
@@ -245,9 +245,12 @@ class Jobs:
 
     # -- those that have ended long ago -------------------------------------------------------
 
-    def to_archive(self) -> tuple[int, JobArchive] | None:
-        """The next archive, with its number, if there are enough ends for one."""
-        if len(self._ended) <= KEPT_ENDS + MAX_ARCHIVED:
+    def to_archive(self, turn: int) -> tuple[int, JobArchive] | None:
+        """The next archive, with its number, if there are enough ends for one.
+
+        `turn`: how many robots should have written it before this one.
+        """
+        if len(self._ended) <= KEPT_ENDS + (1 + turn) * MAX_ARCHIVED:
             return None
         ends = ((name, self.known[name].written_end) for name in self._ended)
         oldest = sorted((end.stamp, name, end.content) for name, end in ends if end is not None)
@@ -256,6 +259,18 @@ class Jobs:
         numbers = [int(name) for _, name in self._archives]
         archive = JobArchive(array("Q", hashes), array("Q", [rows[each] for each in hashes]))
         return max(numbers, default=0) + 1, archive
+
+    def knows_archive(self, number: int, archive: JobArchive) -> bool:
+        """Whether all jobs in an archive are known to have ended, with these contents, and it has
+        one of the next numbers.
+        """
+        numbers = [int(name) for _, name in self._archives]
+        if not archive.hashes or number > max(numbers, default=0) + KEPT_ARCHIVES:
+            return False
+        ends = ((name, self.known[name].written_end) for name in self._ended)
+        ended = {(hash_of(name), end.content) for name, end in ends if end is not None}
+        rows = zip(archive.hashes, archive.contents, strict=True)
+        return all(row in ended or self._has_hash(row[0]) for row in rows)
 
     def add_archive(self, entry: Entry, archive: JobArchive) -> None:
         """Take in an archive: of these jobs nothing else is kept."""
@@ -421,8 +436,9 @@ class Jobs:
         is_open = job is not None and not self.has_ended(known.id)
         if is_open:
             self._unended[known.id] = None
-        waits = known.hold is not Hold.RELEASED or not known.is_due
-        if job is None or not is_open or (waits and not known.is_begun) or not self.fits(job):
+        # One that is not due is not in the tree even if a robot works on it.
+        waits = not known.is_due or (known.hold is not Hold.RELEASED and not known.is_begun)
+        if job is None or not is_open or waits or not self.fits(job):
             return
         key = JobKey(-known.priority, known.arrival, known.id)
         insort(self._open[job.type], key)

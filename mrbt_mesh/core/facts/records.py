@@ -16,6 +16,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeVa
 from mrbt_mesh.core.facts.values import (
     read_boolean,
     read_data,
+    read_document,
     read_fields,
     read_integer,
     read_reasons,
@@ -383,9 +384,10 @@ class Outcome(Record):
     def parse(cls, value: Any) -> Outcome:
         has_reason = isinstance(value, list) and len(value) == 3
         success, data, *reason = read_fields(value, 3 if has_reason else 2)
-        if reason and (read_boolean(success) or not read_text(reason[0], MAX_REASON)):
+        text = read_text(reason[0], MAX_REASON) if reason else ""
+        if reason and (read_boolean(success) or not text):
             raise ValueError(f"the reason of a failure expected, found {shown(reason[0])}")
-        return cls(read_boolean(success), read_data(data), *reason)
+        return cls(read_boolean(success), read_data(data), text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -606,7 +608,7 @@ class ProposedMission(Record):
     (`planning.objections`).
     """
 
-    text: Annotated[str, Plain(partial(read_text, limit=MAX_MISSION))]
+    text: Annotated[str, Plain(partial(read_document, limit=MAX_MISSION))]
     is_forced: bool
     repeats_exclusive: bool
 
@@ -826,5 +828,7 @@ def split_name(name: str) -> tuple[str, ...]:
 
 def parse_record(name: str, value: Any) -> tuple[tuple[str, ...], Record]:
     """The parts of an entry's name, and its record; raises ValueError if one is malformed."""
-    parts = split_name(_read_name(name))
+    if _read_name(name) != name:
+        raise ValueError(f"a printable name expected, found {shown(name)}")
+    parts = split_name(name)
     return parts, _KINDS[parts[0]][0](value)

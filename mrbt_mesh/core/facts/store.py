@@ -197,6 +197,10 @@ class FactMap:
         else:
             self._digests.pop(author, None)
 
+    def authors(self) -> Iterable[str]:
+        """Those of all entries, in no order that replicas have in common."""
+        return self._by_author.keys()
+
     def author_digests(self) -> dict[str, bytes]:
         """A 16-byte digest of each author's entries, sorted by author: a version summary."""
         return {a: self._digests[a].to_bytes(16, "big") for a in sorted(self._digests)}

@@ -17,6 +17,19 @@ def shown(value: Any) -> str:
 
 
 def read_text(value: Any, limit: int = MAX_TEXT) -> str:
+    """One line that is safe to show."""
+    return printable(read_document(value, limit))
+
+
+def printable(text: str) -> str:
+    """The text with `?` for each sign that a terminal might obey, or not show."""
+    if text.isprintable():
+        return text
+    return "".join(sign if sign.isprintable() else "?" for sign in text)
+
+
+def read_document(value: Any, limit: int) -> str:
+    """A text as it is, with all its lines."""
     if not isinstance(value, str) or len(value) > limit:
         raise ValueError(f"text of at most {limit} characters expected, found {shown(value)}")
     return value

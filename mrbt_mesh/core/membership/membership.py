@@ -183,6 +183,10 @@ class Membership:
         self._token_lost.discard(robot)
         probe_after_us = limit_us // PROBE_SHARE
         peer = Peer(report.incarnation, report, now_us, arrivals, limit_us, probe_after_us)
+        if before is None or not before.state.is_member:
+            peer.returned_us = now_us
+        else:
+            peer.returned_us = before.returned_us
         self.peers[robot] = peer
         self._note_change(robot, peer)
         return peer
@@ -310,6 +314,8 @@ class Membership:
 
     def _set(self, robot: str, peer: Peer, state: State) -> None:
         if peer.state is not state:
+            if peer.state is State.DEAD:
+                peer.returned_us = self.around.now_us
             peer.state = state
             if state.is_suspected:
                 self._suspected[robot] = peer
@@ -341,6 +347,16 @@ class Membership:
     def present_count(self) -> int:
         """How many others there are, joined or not, neither dead nor left."""
         return sum(peer.state.is_member for peer in self.peers.values())
+
+    def has_returned(self, robot: str, now_us: int) -> bool:
+        """Whether a robot was not heard until a short while ago: what it saw alone is news."""
+        peer = self.peers.get(robot)
+        return peer is not None and now_us < peer.returned_us + self.timing.max_detection_us
+
+    @property
+    def heard_count(self) -> int:
+        """How many others are healthy and have joined."""
+        return sum(p.state.is_healthy and p.report.has_joined for p in self.peers.values())
 
     def all_report_plan(self, digest: bytes) -> bool:
         """Whether every healthy robot reports this plan digest.

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from mrbt_mesh.core.facts.derived import WITNESSED_KINDS, follows_from_others, is_known
 from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.keys import NOT_AUTHENTIC, Authorship, Keys
+from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.unproved import Unproved
 from mrbt_mesh.core.membership.wire import (
     DIGEST_BYTES,
     Header,
@@ -54,6 +57,8 @@ class Replica:
 
     `anti_entropy`: which peers to ask for what may have been missed. `next_version`: that of the
     batch that is written next. `left_out`: own facts that could not be written, and why.
+    `unproved`: received facts that wait until something shows them. `shown_by_tick`, of a batch
+    with an outcome: the names of its facts that follow from the tick in which the action returned.
     """
 
     def __init__(
@@ -74,6 +79,8 @@ class Replica:
         self._authorship = Authorship(keys.was_signed, header.run) if keys is not None else None
         self.next_version = Version(self.incarnation, 1)
         self.left_out: list[str] = []
+        self.unproved = Unproved(timing.detection_us if len(facts.declared.robots) > 1 else 0)
+        self.shown_by_tick: Callable[[Sequence[Entry]], Collection[str]] = lambda _: ()
 
     @property
     def me(self) -> str:
@@ -130,7 +137,25 @@ class Replica:
 
     def restore(self, entries: Iterable[Entry]) -> list[Entry]:
         """Take in what a journal kept; returns what was news."""
-        return self._merge(entries, 0, 0, is_own_record=True).changed
+        return self._merge(entries, 0, 0, "", is_own_record=True).changed
+
+    def take_shown(
+        self, is_shown: Callable[[Entry], bool], membership: Membership, now_us: int
+    ) -> list[Entry]:
+        """Take in the facts that were unproved and are shown now; returns what was news.
+
+        Among them is what a robot saw while it was not heard.
+        """
+
+        def counts(entry: Entry) -> bool:
+            has_seen = entry.parts[0] in WITNESSED_KINDS
+            return (has_seen and membership.has_returned(entry.author, now_us)) or is_shown(entry)
+
+        taken = self.unproved.take(counts, membership.heard_count, now_us)
+        changed = self.facts.map.merge(taken)
+        if changed:
+            self.anti_entropy.changed_us = now_us
+        return changed
 
     def receive(self, source: str, data: bytes, now_us: int) -> Received:
         """Take in a published batch, which may only hold entries of its source, or commands.
@@ -138,51 +163,70 @@ class Replica:
         Raises WireError.
         """
         entries, malformed = self._read_batch(source, data, self.header)
-        return self._merge(entries, malformed, now_us)
+        return self._merge(entries, malformed, now_us, source)
 
-    def receive_state(self, data: bytes, now_us: int) -> Received:
-        """Take in a page of a peer's answer to a pull: entries of any author. Raises WireError."""
+    def receive_state(self, source: str, data: bytes, now_us: int) -> Received:
+        """Take in a page of a peer's answer to a pull: entries of any author. Raises WireError.
+
+        `source`: the peer that is proved to have sent it.
+        """
         _, body = decode(data, self.header, MessageKind.STATE)
         if not isinstance(body, list) or len(body) != 3 or not isinstance(body[0], bool):
             raise WireError("state is malformed")
         entries, malformed = parse_entries(body[1])
         view = parse_reports(body[2])
-        received = self._merge(entries, malformed, now_us)
+        received = self._merge(entries, malformed, now_us, source)
         received.has_more = body[0]
         received.view = view
         return received
 
     def _merge(
-        self, entries: Iterable[Entry], malformed: int, now_us: int, is_own_record: bool = False
+        self,
+        entries: Iterable[Entry],
+        malformed: int,
+        now_us: int,
+        source: str,
+        is_own_record: bool = False,
     ) -> Received:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
         entries = list(entries)
         # What else there is may have a place only in a revision of the mission that comes with it.
         missions = [entry for entry in entries if entry.parts[0] in MISSION_KINDS]
         if missions:
-            self._merge_some(missions, received, is_own_record)
+            self._merge_some(missions, received, source, is_own_record)
             entries = [entry for entry in entries if entry.parts[0] not in MISSION_KINDS]
-        self._merge_some(entries, received, is_own_record)
+        self._merge_some(entries, received, source, is_own_record)
         if received.changed:
             self.anti_entropy.changed_us = now_us
         return received
 
     def _merge_some(
-        self, entries: Iterable[Entry], received: Received, is_own_record: bool
+        self, entries: Sequence[Entry], received: Received, source: str, is_own_record: bool
     ) -> None:
-        fitting = []
+        fitting, shown = [], None
         for entry in entries:
             reason = refusal_reason(entry, self.facts.declared, self.facts.run)
             if reason is None and not is_own_record and not self._is_authentic(entry):
                 reason = NOT_AUTHENTIC
             if reason is None and not is_own_record and self.facts.is_too_far_ahead(entry):
                 reason = TOO_FAR_AHEAD
+            if reason is None and not is_own_record and self._needs_proof(entry):
+                if shown is None:
+                    shown = self.shown_by_tick(entries)
+                if entry.name not in shown and not self.unproved.add(entry, source):
+                    continue
             if reason is None:
                 fitting.append(entry)
             else:
                 received.refused += 1
                 received.reason = reason
         received.changed += self.facts.map.merge(fitting)
+
+    def _needs_proof(self, entry: Entry) -> bool:
+        if entry.author == self.me or not follows_from_others(entry):
+            return False
+        mine = self.facts.map.get(entry.author, entry.name)
+        return (mine is None or mine.hash != entry.hash) and not is_known(self.facts, entry)
 
     def _is_authentic(self, entry: Entry) -> bool:
         if self._authorship is None:

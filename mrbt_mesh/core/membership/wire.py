@@ -254,7 +254,7 @@ def unpacked(data: bytes, longest: int) -> Any:
 def _incarnation(counter: Any, nonce: Any) -> Incarnation:
     if type(counter) is not int or not 0 <= counter < 1 << 53:
         raise WireError("incarnation counter is malformed")
-    if not isinstance(nonce, str) or len(nonce) > MAX_NONCE:
+    if not isinstance(nonce, str) or len(nonce) > MAX_NONCE or not nonce.isprintable():
         raise WireError("incarnation nonce is malformed")
     return Incarnation(counter, nonce)
 

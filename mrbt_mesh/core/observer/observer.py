@@ -29,6 +29,7 @@ from mrbt_mesh.core.membership.wire import (
 )
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.planning.derived_facts import DerivedFacts
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -97,7 +98,7 @@ class Observer:
     def state(self, source: str, data: bytes, now_us: int) -> None:
         """A robot's answer to `replica.pull()`."""
         try:
-            received = self.replica.receive_state(data, now_us)
+            received = self.replica.receive_state(source, data, now_us)
             self._facts_changed(received.changed, now_us)
             if not received.has_more:
                 self.replica.anti_entropy.mark_answered(source, now_us)
@@ -158,7 +159,7 @@ class Observer:
             self.record.missed(now_us)  # every living robot is heard within that time
         facts, membership = self.facts, self.membership
         state = (facts.changes, membership.member_changes, membership.report_changes)
-        if state == self._updated and self._has_caught_up:
+        if state == self._updated and self._has_caught_up and not self.replica.unproved:
             return  # nothing has changed that follows below
         facts.prune()
         self._updated = (facts.changes, membership.member_changes, membership.report_changes)
@@ -167,6 +168,9 @@ class Observer:
             self._planned = changes
             alive = self.membership.members()
             self.plan = self._make_plan(self.facts, alive)
+        if self._take_shown(now_us):
+            self.update(now_us)
+            return
         if self.plan is not None:
             settled = self._is_settled(self.plan)
             if self._recorded[0] is not self.plan or self._recorded[1] is not settled:
@@ -177,6 +181,17 @@ class Observer:
             self._ended(result, now_us)
         elif self._has_work:
             self.record.round_runs(now_us)
+
+    def _take_shown(self, now_us: int) -> bool:
+        """Take in what follows from the facts by the word of robots; whether there was any."""
+        plan = self.plan
+        if not self.replica.unproved or plan is None:
+            return False
+        alive = self.membership.members()
+        derived = DerivedFacts(self.facts, plan.evaluation, alive)
+        changed = self.replica.take_shown(derived.show, self.membership, now_us)
+        self._facts_changed(changed, now_us)
+        return bool(changed)
 
     @property
     def _stands_by(self) -> bool:

@@ -2,18 +2,19 @@
 of what dead robots had.
 
 Every robot measures from when it first saw the thing run, and starts again if it saw it stop. The
-first robot that sees the deadline pass writes the fact, once, for all.
+first robot that sees the deadline pass writes the fact, and it holds once a second one has seen it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import TypeAlias
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import LATCH
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.planning.job_ends import job_ends
 from mrbt_mesh.core.planning.plan import Plan
 
 # A fact, and whether it follows from the alive set: then the others have to agree.
@@ -35,24 +36,32 @@ class Deadlines:
         self._held: set[Due] = set()
 
     def expired(
-        self, plan: Plan, facts: TeamFacts, now_us: int, is_agreed: Callable[[], bool]
+        self,
+        plan: Plan,
+        facts: TeamFacts,
+        now_us: int,
+        is_agreed: Callable[[], bool],
+        claimed: Collection[str] = (),
     ) -> list[Fact]:
         """Follow a plan; returns the facts to write for deadlines that have passed.
 
-        `is_agreed`: whether all robots in good standing report this plan.
+        `is_agreed`: whether all robots in good standing report this plan. `claimed`: names of facts
+        that others have written for deadlines, which so have agreed.
         """
         pending = plan.pending_failures or plan.pending_losses
-        if not (plan.evaluation.timeouts or plan.waiting or pending or self._due_us):
+        ended = plan.evaluation.job_ends
+        if not (plan.evaluation.timeouts or plan.waiting or pending or ended or self._due_us):
             return []
         before, self._due_us = self._due_us, {}
         for due, limit_us in self._running(plan, facts).items():
             self._due_us[due] = before.get(due, now_us + limit_us)
         passed = {due for due, at_us in self._due_us.items() if at_us <= now_us}
-        agreed_on = {due for due in passed if due[1]}
+        agreed_on = {due for due in passed if due[1] and due[0] not in claimed}
         self._held = set() if not agreed_on or is_agreed() else agreed_on
         losses = dict(loss.fact for loss in plan.pending_losses)
+        others = losses | dict(job_ends(facts, plan.evaluation))
         names = sorted({name for name, _ in passed - self._held})
-        return [(name, losses.get(name, LATCH)) for name in names]
+        return [(name, others.get(name, LATCH)) for name in names]
 
     def _running(self, plan: Plan, facts: TeamFacts) -> dict[Due, int]:
         """What runs now, and for how long at most, in microseconds."""
@@ -70,6 +79,8 @@ class Deadlines:
             running[failure.fact_name, True] = limit_us
         for loss in plan.pending_losses:
             running[loss.fact[0], True] = self._failure_latch_us
+        for job in plan.evaluation.job_ends:  # the robot whose turn it is has not written it
+            running[f"{records.JOB_END}/{job.job}", False] = self._failure_latch_us
         for bidding in plan.biddings:
             if bidding.is_open:
                 within_us = bidding.within_us

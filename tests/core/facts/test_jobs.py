@@ -174,14 +174,14 @@ def test_long_ended_jobs_are_archived_and_never_begin_again() -> None:
     assert facts.jobs is not None
     for number in range(count):
         facts.map.merge([entry("A", f"job_end/j{number}", end(stamp=number))])
-    archive = facts.jobs.to_archive()
+    archive = facts.jobs.to_archive(0)
     assert archive is not None
     number, record = archive
     assert [*record.hashes] == sorted(hash_of(f"j{n}") for n in range(MAX_ARCHIVED))
     facts.map.merge([entry("B", f"job_archive/{number}", record)])
     facts.prune()
     assert len(facts.map) == KEPT_ENDS + 2
-    assert facts.jobs.to_archive() is None
+    assert facts.jobs.to_archive(0) is None
     facts.map.merge([job("j0"), job("j900")])
     assert in_tree(facts) == []
     facts.prune()

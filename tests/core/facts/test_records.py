@@ -40,3 +40,30 @@ def test_outcomes_without_reasons_are_what_they_always_were() -> None:
 def test_what_is_no_outcome_is_refused(value: Any) -> None:
     with pytest.raises(ValueError, match="expected"):
         parse_record(NAME, value)
+
+
+ESCAPE = "\x1b]0;title\x07\x9b2J\u202e\nnext"
+SAFE = "?]0;title??2J??next"
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("member", [ESCAPE, {}, {}, False, ESCAPE, ESCAPE, 1, True, {ESCAPE: ["look"]}]),
+        ("job_end/j", ["failed", "look", [ESCAPE], ESCAPE, ESCAPE, ["A", ESCAPE], 1, 0]),
+        ("job/j", [["look", [ESCAPE], 0, 0, 0, 0], ESCAPE, "", ""]),
+        ("problem/loop", ESCAPE),
+        ("mission_held", [1, ESCAPE, ESCAPE, 0]),
+        ("condition/where", [ESCAPE, 1, 1]),
+        (NAME, [False, None, ESCAPE]),
+    ],
+)
+def test_no_text_of_a_record_reaches_a_terminal_as_a_command(name: str, value: Any) -> None:
+    record = parse_record(name, value)[1]
+    assert ESCAPE not in repr(record).encode().decode("unicode_escape")
+    assert SAFE in repr(record)
+
+
+def test_a_name_that_cannot_be_shown_is_refused() -> None:
+    with pytest.raises(ValueError, match="printable"):
+        parse_record("job_end/\x1b[2J", ["failed", "look", [], "me", "", [], 1])

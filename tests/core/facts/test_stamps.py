@@ -107,7 +107,7 @@ def test_honest_robots_that_correct_a_lie_are_not_refused_by_those_that_missed_i
     late, known_at = team.replicas["B"], team.replicas["A"]
     for _ in range(2):  # what is refused at first is asked for again
         for page in known_at.answer_pull(late.write_pull()):
-            late.receive_state(page, 0)
+            late.receive_state("A", page, 0)
     assert late.facts.map.digest() == known_at.facts.map.digest()
     assert late.facts.conditions.revision("c1") == known_at.facts.conditions.revision("c1")
 

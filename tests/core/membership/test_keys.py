@@ -74,7 +74,7 @@ def test_facts_are_passed_on_and_believed() -> None:
     a, b, c = replica("A"), replica("B"), replica("C")
     data, _ = a.write(said(), 0)
     assert len(b.receive("A", data, 0).changed) == 2
-    found = c.receive_state(answer(b, c), 0)
+    found = c.receive_state("B", answer(b, c), 0)
     assert (len(found.changed), found.refused) == (2, 0)
     assert c.facts.map.digest() == b.facts.map.digest() == a.facts.map.digest()
 
@@ -83,10 +83,10 @@ def test_what_stands_of_an_old_batch_is_believed_when_the_rest_is_gone() -> None
     a, b, c = replica("A"), replica("B"), replica("C")
     for values in (said(1), [("problem/clock", RobotProblem("2"))]):
         b.receive("A", a.write(values, 0)[0], 0)
-    c.receive_state(answer(b, c), 0)
+    c.receive_state("B", answer(b, c), 0)
     assert facts(c) == facts(a)
     d = replica("B")
-    d.receive_state(answer(c, d), 0)
+    d.receive_state("C", answer(c, d), 0)
     assert facts(d) == facts(a)
 
 
@@ -132,7 +132,7 @@ def empty_proof(groups: list[Any]) -> None:
 def test_whoever_passes_facts_on_cannot_change_them(change: Any) -> None:
     a, b, c = replica("A"), replica("B"), replica("C")
     b.receive("A", a.write([("problem/clock", RobotProblem("1"))], 0)[0], 0)
-    found = c.receive_state(answer(b, c, change), 0)
+    found = c.receive_state("B", answer(b, c, change), 0)
     assert (found.changed, found.refused, found.reason) == ([], 1, NOT_AUTHENTIC)
     assert facts(c) == {}
 
@@ -189,7 +189,7 @@ def test_a_journal_is_believed_and_passed_on() -> None:
     _, entries = a.write(said(), 0)
     again, c = replica("A"), replica("C")
     again.restore(entries)
-    assert len(c.receive_state(answer(again, c), 0).changed) == 2
+    assert len(c.receive_state("B", answer(again, c), 0).changed) == 2
 
 
 def test_a_batch_is_checked_once_however_many_entries_it_has() -> None:
@@ -301,7 +301,7 @@ def test_no_changed_byte_of_a_page_changes_a_fact(data: st.DataObject) -> None:
     for _ in range(data.draw(st.integers(1, 4))):
         page[data.draw(st.integers(0, len(page) - 1))] ^= data.draw(st.integers(1, 255))
     try:
-        changed: list[Entry] = c.receive_state(bytes(page), 0).changed
+        changed: list[Entry] = c.receive_state("B", bytes(page), 0).changed
     except ValueError:
         return
     for entry in changed:

@@ -22,7 +22,7 @@ def test_a_new_incarnation_is_above_its_own_the_facts_and_what_was_heard() -> No
     assert mine.next_incarnation(7) == Incarnation(8, "n")
     mine.write([("claim", NO_CLAIM)], 0)
     later = replica("A", "other")
-    later.receive_state(mine.answer_pull(later.write_pull())[0], 0)
+    later.receive_state("A", mine.answer_pull(later.write_pull())[0], 0)
     assert later.next_incarnation(3) == Incarnation(9, "other")
 
 
@@ -49,13 +49,13 @@ def test_an_answer_holds_what_the_asker_lacks_whoever_wrote_it() -> None:
     asked, asking, dead = replica("A"), replica("B"), replica("C")
     asked.write([("claim", NO_CLAIM)], 0)
     asked.receive("C", dead.write([("problem/clock", RobotProblem("1"))], 0)[0], 0)
-    received = asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0)
+    received = asking.receive_state("A", asked.answer_pull(asking.write_pull())[0], 0)
     assert [(e.author, e.name) for e in received.changed] == [
         ("A", "claim"),
         ("C", "problem/clock"),
     ]
     assert asking.facts.map.digest() == asked.facts.map.digest()
-    assert asking.receive_state(asked.answer_pull(asking.write_pull())[0], 0).changed == []
+    assert asking.receive_state("A", asked.answer_pull(asking.write_pull())[0], 0).changed == []
 
 
 def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
@@ -73,7 +73,7 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
     assert max(map(len, pages)) < MAX_MESSAGE_BYTES // 2
     seen: dict[Version, int] = {}
     for number, page in enumerate(pages):
-        received = asking.receive_state(page, 0)
+        received = asking.receive_state("A", page, 0)
         assert received.refused == 0
         assert received.has_more is (number < len(pages) - 1)
         for version in {entry.version for entry in received.changed}:
