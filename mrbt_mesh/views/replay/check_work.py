@@ -34,6 +34,10 @@ class WorkCheck:
         self._planned: RecordedMessage | None = None
         self._is_out = False
         self._is_stopping = False
+        # The present step, and what the robot held before it: a robot that was fenced drops its
+        # claim in the step in which it has another alive set.
+        self._step_us = -1
+        self._held: Place | None = None
 
     def begin(self, actions: Sequence[RecordedMessage]) -> None:
         """The recording begins late, with this state of the robot's action."""
@@ -50,6 +54,8 @@ class WorkCheck:
 
         A plan of the same instant as the change need not be followed: the next one was due.
         """
+        if record.at_us != self._step_us:
+            self._step_us, self._held = record.at_us, self._claimed_place()
         is_own = record.data.get("author") == self._me and record.data.get("name") == CLAIM
         changes = record.topic in (channels.FACTS, channels.DROPPED, channels.ALIVE)
         if self._planned is not None and changes and not is_own:
@@ -94,18 +100,23 @@ class WorkCheck:
         if line.global_task != claim.global_task:
             raise ValueError(f"{claim.activation} is one of {line.global_task}")
 
+    def _claimed_place(self) -> Place | None:
+        """What the robot holds in its present life."""
+        state = self._check.state
+        held = state.facts.claims.get(self._me)
+        claim = held.claim if held is not None else None
+        is_mine = held is not None and held.incarnation == state.alive.get(self._me)
+        return (claim.activation, claim.local_task) if claim is not None and is_mine else None
+
     def _follows(self, planned: RecordedMessage) -> None:
         """The robot must claim the task of its plan, unless it has ended it or is out."""
         check, line = self._check, self._line
         check.counts["lines"] += 1
-        facts, mine = check.state.facts, check.state.alive.get(self._me)
-        held = facts.claims.get(self._me)
-        claim = held.claim if held is not None and held.incarnation == mine else None
         wanted = (line.activation, line.local_task) if line is not None else None
-        found = (claim.activation, claim.local_task) if claim is not None else None
+        found = self._claimed_place()
         has_ended = wanted is not None and self._outcome(self._me, wanted) is not None
         may_differ = self._is_out or self._is_stopping or has_ended
-        if wanted != found and not may_differ:
+        if wanted not in (found, self._held) and not may_differ:
             text = f"{self._me} holds {_text(found)}, and its plan has {_text(wanted)}"
             check.add(planned, text)
 

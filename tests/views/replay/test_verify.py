@@ -99,6 +99,18 @@ def test_a_robot_that_catches_up_has_given_up_what_its_plan_still_says(tmp_path:
     proved(recordings)
 
 
+def test_a_robot_that_is_alone_and_joins_again_in_the_step_in_which_it_is_fenced(
+    tmp_path: Path,
+) -> None:
+    faults = (
+        (1_700_000, Leave("R2")),
+        (6_100_000, Freeze("R1")),
+        (11_000_000, Thaw("R1")),
+    )
+    record_example(tmp_path, "explore", 25, faults)
+    proved(read_all(tmp_path))
+
+
 def test_ways_are_proved_and_are_no_work(tmp_path: Path) -> None:
     mission = depot("Parallel: {success: all, children: [scan_at(a), lift_at(b), lift_at(a)]}")
     simulate(mission, worker(), seed=1, schedule=[(7_000_000, Kill("R2"))], record=tmp_path)
