@@ -44,6 +44,7 @@ from mrbt_mesh.core.agent.inputs import (
     Input,
     LeaveRequested,
     PlanMade,
+    ProblemFound,
     RecordingReported,
     RecordingSigned,
     ScheduleFound,
@@ -53,7 +54,7 @@ from mrbt_mesh.core.agent.inputs import (
 )
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.agent.wall_clock import READ_AGAIN_US
-from mrbt_mesh.core.facts.records import NOT_RECORDED
+from mrbt_mesh.core.facts.records import ADDRESS, NOT_RECORDED
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.blackboard import Value
@@ -61,6 +62,7 @@ from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.scheduling.problem import Schedule
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
+from mrbt_mesh.runtime.address_watch import AddressWatch
 from mrbt_mesh.runtime.blocked_loop import loop_watchdog
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.fencing import FencingSelector, boottime_us, fenced
@@ -77,7 +79,7 @@ from mrbt_mesh.runtime.recording import robot_recording
 from mrbt_mesh.runtime.robot_loop import RobotLoop
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
-from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+from mrbt_mesh.runtime.session_config import TransportConfig, TransportError, require_threads
 from mrbt_mesh.runtime.threads import note_threads
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
@@ -478,9 +480,18 @@ class Driver:
         """Log which links fall silent and come back; reopen a session that is split."""
         lease_us = self._setup.transport.lease_ms * 1_000
         watch = LinkWatch(max(lease_us, SILENT_BEATS * self._config.timing.heartbeat_us))
+        addresses, problem, looks = AddressWatch(self._setup.transport), "", 0
         while True:
             await anyio.sleep(lease_us / LOOKS_PER_LEASE / MICRO)
             now_us = boottime_us()
+            before, problem = problem, addresses.look()
+            if problem != before:
+                level, text = ("error", problem) if problem else ("info", "the address is back")
+                self.log(level, "address_changed", reason=text)
+                self.submit(ProblemFound(ADDRESS, problem))
+            looks += 1
+            if looks % LOOKS_PER_LEASE == 0 and not self._agent.view.peers:
+                await self._require_threads()
             self._transport.follow_router()
             await anyio.to_thread.run_sync(self._transport.follow_tokens, abandon_on_cancel=True)
             linked = self._transport.linked()
@@ -499,6 +510,13 @@ class Driver:
                 self.log("warning", "session_split", peer=split)
                 await self._reopen()
                 watch.reopened(boottime_us())
+
+    async def _require_threads(self) -> None:
+        """Stop if the session could not start the threads of its first link: it would be deaf."""
+        try:
+            await anyio.to_thread.run_sync(require_threads, abandon_on_cancel=True)
+        except TransportError as error:
+            self._carry_out(Stop(2, str(error)))
 
     async def _reopen(self) -> None:
         """Open a new session; the old one may hold its port for some time."""

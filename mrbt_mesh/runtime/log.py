@@ -6,6 +6,7 @@ every robot. They are hidden while it is imported, and there for everybody else 
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ from typing import Any
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, LimitedLog
 from mrbt_mesh.runtime.run_dir import RunDir
 
+# Events with a `reason` that are printed as well.
+SHOWN = ("no_other_robot_heard", "address_changed")
 _hidden = "rich" not in sys.modules
 if _hidden:
     sys.modules["rich"] = None  # type: ignore[assignment]
@@ -28,7 +31,16 @@ def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KE
     """JSON lines to the run directory's `<robot>.log`, or readable lines to the terminal.
 
     Lines that cannot be written are dropped, and counted in the file once it can be written again.
+    That a robot does not hear others is printed as well: who starts it looks there first.
     """
+
+    def show(_: object, __: str, event: Any) -> Any:
+        if event["event"] in SHOWN:
+            with contextlib.suppress(OSError, ValueError):
+                sys.stdout.write(f"{robot}: {event['reason']}\n")
+                sys.stdout.flush()
+        return event
+
     stamp = structlog.processors.TimeStamper(fmt="iso", utc=True)
     file: Any = sys.stderr
     if run_dir is not None:
@@ -38,13 +50,15 @@ def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KE
             fields = {"event": "log_lines_lost", "robot": robot, "count": count, "reason": reason}
             return str(renderer(None, "", stamp(None, "", {**fields, "level": "error"})))
 
+        shown = [show]
         file = LimitedLog(RunDir(run_dir).log_path(robot), keep_bytes, lost)
     else:
+        shown = []
         renderer = structlog.dev.ConsoleRenderer(
             colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
         )
     structlog.configure(
-        processors=[structlog.processors.add_log_level, stamp, renderer],
+        processors=[*shown, structlog.processors.add_log_level, stamp, renderer],
         logger_factory=structlog.WriteLoggerFactory(file),
         cache_logger_on_first_use=True,
     )

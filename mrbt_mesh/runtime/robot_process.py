@@ -33,6 +33,7 @@ from mrbt_mesh.runtime.program import RobotProgram, functions_of
 from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.session_config import require_threads
 from mrbt_mesh.runtime.solver_loader import chosen_engine, solver_for
 from mrbt_mesh.runtime.team_address import keys_of, on_network
 from mrbt_mesh.version import __version__
@@ -85,6 +86,7 @@ def robot_setup(
     `guest_log`: where it logs if it is a guest in another program.
     """
     kind, capabilities = robot_of(mission, robot, options.type)
+    require_threads()
     logger = guest_log or robot_logger(robot)
     require_program(program, reference, mission, {robot: capabilities})
     functions_of(program).check_computer()

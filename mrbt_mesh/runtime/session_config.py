@@ -34,6 +34,8 @@ LEASE_MS = 2_000
 FULL_LEASE_ROBOTS = 6
 # A client tries one router for so long before it tries the next.
 ROUTER_OPEN_MS = 500
+# 22 of Zenoh with links, and what both sides need beside them for calls that block.
+SESSION_THREADS = 32
 RETRY = {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 1}
 
 
@@ -128,14 +130,19 @@ class TransportConfig:
             )
 
 
+def own_addresses() -> dict[str, list[str]]:
+    """The machine's interfaces, each with its addresses."""
+    return {
+        name: [row.address.partition("%")[0] for row in rows if row.family in _INTERNET]
+        for name, rows in psutil.net_if_addrs().items()
+    }
+
+
 def check_interface(name: str) -> None:
     """Check that interfaces for discovery are there: names, or addresses. Raises TransportError."""
     if name == AUTO:
         return
-    interfaces = {
-        each: [row.address.partition("%")[0] for row in rows if row.family in _INTERNET]
-        for each, rows in psutil.net_if_addrs().items()
-    }
+    interfaces = own_addresses()
     for each in (part.strip() for part in name.split(",")):
         if each not in interfaces and not any(each in found for found in interfaces.values()):
             listed = ", ".join(sorted(interfaces))
@@ -145,6 +152,30 @@ def check_interface(name: str) -> None:
             )
         if each in interfaces and not interfaces[each]:
             raise TransportError(f"--multicast {each}: this interface has no address")
+
+
+def require_threads() -> None:
+    """Check that this process may start the threads of a session, most of which come with a link.
+
+    Zenoh does not report that it cannot: its session goes on and hears nobody. Raises
+    TransportError.
+    """
+    over, threads = threading.Event(), list[threading.Thread]()
+    try:
+        for _ in range(SESSION_THREADS):
+            thread = threading.Thread(target=over.wait, daemon=True)
+            thread.start()
+            threads.append(thread)
+    except RuntimeError as error:
+        raise TransportError(
+            f"this process can start only {len(threads)} of {SESSION_THREADS} threads that a Zenoh "
+            "session needs: raise the limit of processes (ulimit -u, pids.max of its cgroup or "
+            "container)"
+        ) from error
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join()
 
 
 def session_id(unix_ns: int) -> str:

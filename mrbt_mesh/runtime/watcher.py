@@ -44,7 +44,7 @@ from mrbt_mesh.runtime.observer_recording import (
     to_observers_record,
 )
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+from mrbt_mesh.runtime.session_config import TransportConfig, TransportError, require_threads
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.runtime.team_address import TeamAddress, keys_of
 from mrbt_mesh.runtime.team_changes import TeamChanges
@@ -116,6 +116,7 @@ class Watcher:
 
     async def open(self) -> None:
         """Open the session; raises TransportError."""
+        require_threads()
         self._inbox = Inbox(asyncio.get_running_loop(), self._wake, are_beats_quiet=True)
         keys = self._guard.keys if self._guard is not None else None
         transport = self.address.transport

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import socket
+import threading
 from types import SimpleNamespace
 from unittest import mock
 
 import psutil
 import pytest
 
-from mrbt_mesh.runtime.session_config import TransportConfig, TransportError
+from mrbt_mesh.runtime.session_config import TransportConfig, TransportError, require_threads
 
 V4, V6, LINK = socket.AF_INET, socket.AF_INET6, psutil.AF_LINK
 INTERFACES = {
@@ -60,3 +61,22 @@ def test_where_a_robot_hears_others() -> None:
     ends = TransportConfig("t", "A", ("tcp/10.0.0.7:1",), ("tcp/10.0.0.8:1",))
     assert ends.where() == "listening on tcp/10.0.0.7:1; dialling tcp/10.0.0.8:1"
     assert TransportConfig("t", "A", routers=("tcp/a:1",)).where() == "router tcp/a:1"
+
+
+def test_a_session_needs_threads_and_says_so_before_it_is_opened() -> None:
+    require_threads()
+    started: list[threading.Thread] = []
+
+    def start(thread: threading.Thread) -> None:
+        if len(started) == 8:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+        original(thread)
+
+    original = threading.Thread.start
+    with (
+        mock.patch.object(threading.Thread, "start", start),
+        pytest.raises(TransportError, match=r"only 8 of 32 threads .* \(ulimit -u, pids\.max"),
+    ):
+        require_threads()
+    assert not any(thread.is_alive() for thread in started)

@@ -360,7 +360,12 @@ def nobody(watcher: Watcher) -> str:
     team = watcher.address
     text = f"no robot of team {team.transport.team}, run {team.run}, answers"
     refused = watcher.observer.refused
-    return "; ".join([text, *(f"{robot}: {refused[robot]}" for robot in sorted(refused))])
+    reasons = [f"{robot}: {refused[robot]}" for robot in sorted(refused)]
+    if not reasons:
+        reasons.append(f"nobody was heard on {team.transport.where()}")
+        if team.run_dir is None and not team.transport.routers:
+            reasons.append("MRBT_CONNECT=tcp/IP:PORT asks a robot where it listens")
+    return "; ".join([text, *reasons])
 
 
 # -- one more robot ---------------------------------------------------------------------------

@@ -37,5 +37,5 @@ class Alone:
             )
             if refused:
                 text = f"no other robot was heard yet; refused: {refused}"
-            context.log("warning", "no_other_robot_heard", listens=listens)
+            context.log("warning", "no_other_robot_heard", reason=text)
             self._health.problem_found(ProblemFound(NETWORK, text), now_us)

@@ -44,8 +44,8 @@ MAX_HASH = (1 << 53) - 1
 MAX_MISSION = 250_000
 # The subjects of problems with the robot itself; all others are parts of its program.
 JOURNAL, CLOCK, NETWORK, PROCESS = "journal", "clock", "network", "process"
-RECORDING = "recording"
-OF_ROBOT = (JOURNAL, CLOCK, NETWORK, PROCESS, RECORDING)
+ADDRESS, RECORDING = "address", "recording"
+OF_ROBOT = (JOURNAL, CLOCK, NETWORK, ADDRESS, PROCESS, RECORDING)
 # Problems with a recording: it has ended, for a reason that follows; it was not asked for.
 NOT_RECORDED, NOT_ASKED = "does not record", "does not record, as it was started so"
 

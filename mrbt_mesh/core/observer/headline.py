@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import (
+    ADDRESS,
     NETWORK,
     NOT_ASKED,
     PROCESS,
@@ -26,6 +27,8 @@ from mrbt_mesh.core.planning.plan import Shortage, shortened
 
 # Blocked requests, and remedies of each, that are named; the status has all.
 MOST_BLOCKED, MOST_REMEDIES = 3, 2
+# What a robot reports of how it hears others.
+_UNHEARD = (NETWORK, ADDRESS)
 # A robot has mostly heard others this soon after its start.
 STARTS_WITHIN_US = 5 * SECOND_US
 
@@ -239,7 +242,7 @@ def _alone(observer: Observer) -> Iterator[Statement]:
             text = f"{robot} waits: it has heard no other robot (--alone begins at once)"
             yield Statement(Level.WARN, text)
     for (robot, subject), episode in observer.record.problems.items():
-        if subject == NETWORK and episode.to_us is None and robot in _present(observer):
+        if subject in _UNHEARD and episode.to_us is None and robot in _present(observer):
             yield Statement(Level.WARN, f"{robot}: {problem_text(subject, episode.problem)}")
 
 
@@ -254,7 +257,7 @@ def _faulty(observer: Observer) -> Iterator[Statement]:
     for (robot, subject), episode in record.problems.items():
         if episode.to_us is not None or (robot not in members and subject != PROCESS):
             continue
-        if subject == NETWORK:
+        if subject in _UNHEARD:
             continue
         if subject == RECORDING:
             unrecorded.setdefault(episode.problem, []).append(robot)
