@@ -32,6 +32,7 @@ from mrbt_mesh.runtime.capacity import (
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
+from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
@@ -70,9 +71,26 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
             f"{found.path} is a run {how} keys, and can only be continued so: --insecure"
         )
     options = replace(info.options, team=before.team, run=before.run)
-    found.save(replace(info, options=options))
+    found.save(replace(info, options=options, robots=_in_good_standing(found, info)))
     remember(found)
     return found
+
+
+def _in_good_standing(run_dir: RunDir, info: RunInfo) -> tuple[str, ...]:
+    """The robots whose keys were not revoked; names the others. Raises InputError if none is."""
+    if info.options.insecure:
+        return info.robots
+    from mrbt_mesh.runtime.key_folder import KeyFolder
+
+    members = KeyFolder(run_dir.keys_path).manifest().members
+    revoked = [r for r in info.robots if r in members and members[r].is_revoked]
+    if not revoked:
+        return info.robots
+    names = ", ".join(revoked)
+    if len(revoked) == len(info.robots):
+        raise InputError(f"the keys of {names} were revoked: give them new ones (mrbt keys add)")
+    note(f"not started, since the key was revoked: {names}")
+    return tuple(robot for robot in info.robots if robot not in revoked)
 
 
 def run_team(
@@ -111,7 +129,7 @@ async def _detached(team: Team) -> int:
         for problem in problems:
             errors.print(labelled("error", "bold red", problem), soft_wrap=True)
         return BAD_INPUT if refused else FAILURE
-    with (run_dir.path / "summary_writer.out").open("ab") as output:
+    with open((run_dir.path / "summary_writer.out"), "ab", opener=private_opener) as output:
         subprocess.Popen(
             [sys.executable, "-m", "mrbt_mesh.cli.finished", str(run_dir.path)],
             stdin=subprocess.DEVNULL,

@@ -8,6 +8,7 @@ A long recording goes on in ROBOT.part2.mcap and so on; its first parts may be g
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from glob import escape
@@ -30,18 +31,22 @@ def observer_file(run_dir: Path) -> Path:
     return run_dir / f"{OBSERVERS}{SUFFIX}"
 
 
+def _for_owner(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
+
+
 def open_new(path: Path) -> BinaryIO:
     """Open the file to be written; where there is one already, one with a number beside it.
 
     Its folder is made. Raises OSError.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     number = 1
     while True:
         name = path.name if number == 1 else f"{path.stem}.{number}{path.suffix}"
         try:
             if not parts_of(path.with_name(name)):
-                return path.with_name(name).open("xb", buffering=BUFFER_BYTES)
+                return open(path.with_name(name), "xb", BUFFER_BYTES, opener=_for_owner)
         except FileExistsError:
             pass
         number += 1

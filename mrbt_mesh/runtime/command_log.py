@@ -20,6 +20,7 @@ from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys, was_signed
+from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir, RunDirError
 
 HASH_BYTES = 16
@@ -48,7 +49,7 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
     data = {"unix_s": unix_s or time.time(), "by": by, "command": command}
     try:
         keys, run = _operator(run_dir), run_dir.info().run
-        with path.open("a+b") as file:
+        with open(path, "a+b", opener=private_opener) as file:
             # Commands are given by several processes.
             fcntl.flock(file, fcntl.LOCK_EX)
             file.seek(0)

@@ -135,6 +135,10 @@ class Journal:
         size = self.path.stat().st_size if self.path.exists() else 0
         written = _frames(self._beside("-wal"))
         try:
+            if not os.path.lexists(self.path):
+                # For its owner alone; SQLite gives the files beside it the same mode.
+                with contextlib.suppress(OSError):  # SQLite says why
+                    os.close(os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
             self._database = database = sqlite3.connect(
                 self.path,
                 isolation_level=None,

@@ -35,6 +35,7 @@ from mrbt_mesh.runtime.member_keys import (
     public_member,
     signing_key,
 )
+from mrbt_mesh.runtime.private_files import check_folder
 from mrbt_mesh.runtime.run_dir import write_atomically
 from mrbt_mesh.runtime.session_config import Certificates
 
@@ -63,6 +64,7 @@ class KeyFolder:
     def create(cls, path: Path, members: Mapping[str, Role]) -> KeyFolder:
         """Make the keys of a new team."""
         found = cls(path)
+        check_folder(path, "the folder of keys")
         if found.manifest_path.exists():
             raise KeysError(f"{path} holds a team's keys already: see `mrbt keys show {path}`")
         try:
@@ -126,6 +128,7 @@ class KeyFolder:
         return made
 
     def _save(self, manifest: Manifest, changed: Mapping[str, PublicKeys]) -> Manifest:
+        check_folder(self.path, "the folder of keys")
         secret = _read_secret(self.path / TEAM_FILE, "private")
         members = {**manifest.members, **changed}
         new = Manifest(manifest.version + 1, manifest.authority, members)
@@ -154,6 +157,7 @@ class KeyFolder:
 
     def keys_of(self, name: str) -> MemberKeys:
         """What a member needs to take part."""
+        check_folder(self.path, "the folder of keys")
         path = self.path / f"{name}{KEY_SUFFIX}"
         authority = _read_secret(path, "authority", PUBLIC_BYTES)
         secret = _read_secret(path, "private")

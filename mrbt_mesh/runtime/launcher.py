@@ -25,6 +25,7 @@ from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
+from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
@@ -223,7 +224,7 @@ async def start_robot(
 
     `environment` are variables that it gets besides those of this process.
     """
-    with run_dir.output_path(robot).open("ab") as output:
+    with open(run_dir.output_path(robot), "ab", opener=private_opener) as output:
         return await anyio.open_process(
             command,
             stdin=subprocess.DEVNULL,

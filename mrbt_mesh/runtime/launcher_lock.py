@@ -32,7 +32,7 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
     """
     path = run_dir.launcher_lock_path
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     except OSError as error:
         raise RunDirError(f"cannot write the run directory: {error}") from error
     try:

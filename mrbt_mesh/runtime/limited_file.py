@@ -25,12 +25,12 @@ def append(path: Path, line: bytes, limit_bytes: int) -> None:
 
     Raises OSError if the line is not in the file, or not as a whole.
     """
-    descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     try:
         size = os.fstat(descriptor).st_size
         if size + len(line) > limit_bytes and size and _set_aside(path, descriptor):
             os.close(descriptor)
-            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
             size = 0
         if size and os.pread(descriptor, 1, size - 1) != LINE_END:
             line = LINE_END + line  # the disk was full in the middle of the line before
@@ -140,7 +140,7 @@ def _limit_output(path: Path, more_bytes: int, limit_bytes: int) -> None:
     if found.st_size + more_bytes <= limit_bytes or found.st_ino != path.stat().st_ino:
         return
     path.replace(path.with_name(f"{path.name}.1"))
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     for standard in (1, 2):
         os.dup2(descriptor, standard)
     os.close(descriptor)

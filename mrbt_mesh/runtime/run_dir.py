@@ -42,7 +42,9 @@ from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compil
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.recording.folder import FOLDER as RECORDINGS
 from mrbt_mesh.recording.messages import pack_death, unpack_death
+from mrbt_mesh.runtime.private_files import check_folder, private_opener
 from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
@@ -118,7 +120,8 @@ def write_atomically(path: Path, text: str) -> None:
     """Write a file that is never seen half written. Raises OSError."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_text(text)
+        with open(temporary, "w", encoding="utf-8", opener=private_opener) as file:
+            file.write(text)
         temporary.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -184,9 +187,13 @@ class RunDir:
             )
         if path.exists() and not path.is_dir():
             raise RunDirError(f"--run-dir {path}: is a file; name a folder")
+        check_folder(path, "the run directory")
+        check_folder(path / KEYS_FOLDER, "the folder of keys")
+        check_folder(path / RECORDINGS, "the folder of recordings")
         try:
-            path.mkdir(parents=True, exist_ok=True)
-            (path / MISSION_FILE).write_text(compiled_mission)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.mkdir(exist_ok=True, mode=0o700)
+            write_atomically(path / MISSION_FILE, compiled_mission)
             run_dir = cls(path)
             run_dir.save(info)
         except OSError as error:
@@ -198,6 +205,7 @@ class RunDir:
         """The run directory of a run that has begun; raises RunDirError if it holds none."""
         if not (path / RUN_FILE).is_file():
             raise RunDirError(f"{path} holds no run (no {RUN_FILE})")
+        check_folder(path, "the run directory")
         return cls(path)
 
     def save(self, info: RunInfo) -> None:

@@ -234,7 +234,7 @@ LIES: Mapping[str, Lie] = {
     "an exclusive job is due": fact("job_due/late_dose", LATCH),
     "jobs have ended long ago": archive(1, "later", "after_look", "after_dose"),
     "jobs have ended long ago, by the greatest number": archive(10**15 - 1, "look", "later"),
-    "archives of no jobs push out others": many(*(archive(10**14 + n) for n in range(300))),
+    "archives of no jobs push out others": many(*(archive(10**14 + n) for n in range(40))),
     "a revision is in force": fact("mission_adopted/1", AdoptedMission("0" * 64)),
     "revisions have the greatest number": fact("mission_held", HeldMission(HUGE, "", "", HUGE)),
     "a revision without a text was refused": fact("mission_held", HeldMission(1, "x", "no", 0)),

@@ -295,6 +295,7 @@ class Agent:
         """
         context = self._context
         self._detect_failures(now_us)
+        context.replica.follow_keys(context.alive())
         if context.joining is None:
             # In the facts, or buried by others.
             known = context.facts.members.get(context.me)

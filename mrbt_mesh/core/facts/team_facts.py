@@ -106,6 +106,7 @@ class TeamFacts:
         # Robots that an earlier mission named, and the one in force does not: they have left.
         self.removed_robots: frozenset[str] = frozenset()
         self._begin(mission)
+        self._revoked: frozenset[str] = frozenset()
         self.map.subscribe(self._index)
 
     def _begin(self, mission: Mission) -> None:
@@ -141,6 +142,19 @@ class TeamFacts:
         """A revision is in force: read all facts by it."""
         self.removed_robots = (self.removed_robots | self.declared.robot_ids) - mission.robot_ids
         self._begin(mission)
+        self.changes += 1
+        self.outcome_changes += 1
+        for entry in self.map:
+            self._believe(None, entry)
+        self._has_reach_changed = True
+
+    def set_revoked(self, authors: frozenset[str]) -> None:
+        """Facts of these authors, whose keys were revoked, say nothing from now on."""
+        if authors == self._revoked:
+            return
+        self._revoked = authors
+        self.revisions = Revisions()
+        self._begin(self.declared)
         self.changes += 1
         self.outcome_changes += 1
         for entry in self.map:
@@ -470,6 +484,8 @@ class TeamFacts:
         if self.declared.revision is not None and new.parts[0] not in records.MISSION_KINDS:
             record = believed(new, self.declared, self.run)
             self._see_stamp(new)
+        if new.author in self._revoked:
+            record = None
         if record is None:
             if old is not None and was_believed:
                 self._forget(old)

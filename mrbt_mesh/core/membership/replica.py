@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.derived import WITNESSED_KINDS, follows_from_others, is_known
-from mrbt_mesh.core.facts.records import MISSION_KINDS
+from mrbt_mesh.core.facts.records import MISSION_KINDS, OPERATORS
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
@@ -132,6 +132,16 @@ class Replica:
         self.facts.map.merge([entry])
         self.anti_entropy.changed_us = now_us
         return encode(self.header, MessageKind.FACT, pack_entries([entry]))
+
+    def follow_keys(self, alive: Collection[str]) -> None:
+        """Facts of robots without a key in good standing say nothing, once these are not alive.
+
+        They stay in the map, so robots that learn of that at different times still have the same.
+        """
+        keys = self._keys
+        if keys is not None:
+            authors = (a for a in self.facts.map.authors() if a not in alive and a != OPERATORS)
+            self.facts.set_revoked(frozenset(a for a in authors if keys.role_of(a) is None))
 
     # -- taking in ----------------------------------------------------------------------------
 

@@ -158,6 +158,7 @@ class Observer:
         if heard_us is not None and now_us - heard_us > self.membership.timing.detection_us:
             self.record.missed(now_us)  # every living robot is heard within that time
         facts, membership = self.facts, self.membership
+        self.replica.follow_keys(membership.members())
         state = (facts.changes, membership.member_changes, membership.report_changes)
         if state == self._updated and self._has_caught_up and not self.replica.unproved:
             return  # nothing has changed that follows below

@@ -1,0 +1,39 @@
+"""Folders whose content is obeyed: they are one's own, and nobody else can write there.
+
+Whoever can write in a run directory or a folder of keys can tell robots anything, and can plant
+links to files that are then overwritten. So both are checked as ssh checks its own files.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from mrbt_mesh.errors import InputError
+
+WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+
+
+def check_folder(path: Path, what: str) -> None:
+    """Raise InputError if a folder that exists is a link, another user's, or writable by others."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return
+    if stat.S_ISLNK(found.st_mode):
+        raise InputError(f"{what} {path} is a link: name the folder itself")
+    if found.st_uid not in (0, os.geteuid()):
+        raise InputError(
+            f"{what} {path} belongs to another user (uid {found.st_uid}), who could make robots do "
+            "anything: use a folder of your own"
+        )
+    if found.st_mode & WRITABLE_BY_OTHERS:
+        raise InputError(
+            f"{what} {path} can be written by other users: `chmod go-w {path}`, or use another one"
+        )
+
+
+def private_opener(path: str, flags: int) -> int:
+    """For `open(..., opener=)`: what it makes is for its owner alone, and no link is followed."""
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
