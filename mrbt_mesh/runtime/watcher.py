@@ -344,7 +344,7 @@ class Watcher:
                 doubtful = printable(f"{robot} answered something strange: {error}")
                 continue
             if is_authentic:
-                return bool(good), printable(str(text))
+                return bool(good), _safe(text)
             doubtful = printable(str(text))
         return False, doubtful
 
@@ -361,6 +361,17 @@ class Watcher:
             return self._guard.open(answer, MessageKind.ANSWER, robot)[1], True
         except ForgedError:
             return answer, False
+
+
+def _safe(answer: Any) -> Any:
+    """Plain data of a robot's answer, with texts that are safe to show."""
+    if isinstance(answer, str):
+        return printable(answer)
+    if isinstance(answer, list):
+        return [_safe(each) for each in answer]
+    if isinstance(answer, dict):
+        return {_safe(name): _safe(each) for name, each in answer.items()}
+    return answer
 
 
 @asynccontextmanager
