@@ -23,7 +23,7 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
-from mrbt_mesh.core.agent.operator_desk import CommandStep, operate_body
+from mrbt_mesh.core.agent.operator_desk import INVALID, CommandStep, operate_body
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.values import printable
@@ -300,17 +300,21 @@ class Watcher:
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
         """Send a word to one robot: (whether it was obeyed, what it answered)."""
         good, answer = await self._ask(robot, command, argument)
-        return good, str(answer)
+        return good is True, str(answer)
 
     async def operate(
         self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
     ) -> dict[str, Any] | None:
         """Ask one robot for a step of a command (`operate_body`); None: it gives no answer."""
         good, answer = await self._ask(robot, OPERATE, operate_body(step, entry, passes_on))
+        if good is False:
+            return {"refused": str(answer), "cause": INVALID}
         return answer if good and isinstance(answer, dict) else None
 
-    async def _ask(self, robot: str, command: str, argument: Any) -> tuple[bool, Any]:
-        """One robot's answer. Others may answer as well: what the robot has signed counts first."""
+    async def _ask(self, robot: str, command: str, argument: Any) -> tuple[bool | None, Any]:
+        """Whether a robot obeys (None: it does not answer), and what it says. Others may answer as
+        well: what the robot has signed counts first.
+        """
         header = self.observer.replica.header
         data = encode(header, MessageKind.COMMAND, command_body(command, argument))
         try:
@@ -320,9 +324,9 @@ class Watcher:
             try:
                 return await self._ask_once(robot, data)
             except RefusedError as error:
-                return False, str(error)
+                return None, str(error)
 
-    async def _ask_once(self, robot: str, command: bytes) -> tuple[bool, Any]:
+    async def _ask_once(self, robot: str, command: bytes) -> tuple[bool | None, Any]:
         """Send a command once; raises RefusedError if the robot takes none of this life."""
         sealed = command if self._guard is None else self._guard.seal_command(command, robot)
         loop, answers = asyncio.get_running_loop(), asyncio.Queue[bytes | None]()
@@ -332,21 +336,21 @@ class Watcher:
                 loop.call_soon_threadsafe(answers.put_nowait, event.data)
 
         self._transport.ask(robot, MessageKind.COMMAND, sealed, COMMAND_TIMEOUT_S, deliver)
-        doubtful = f"{robot} does not answer"
+        good, doubtful = None, f"{robot} does not answer"
         while (answer := await answers.get()) is not None:
             try:
                 inner, is_authentic = self._opened_answer(answer, robot)
                 _, body = decode(inner, self.observer.replica.header, MessageKind.ANSWER)
-                good, text = body
+                is_obeyed, found = body
             except RefusedError:
                 raise
             except (WireError, ValueError, TypeError) as error:
                 doubtful = printable(f"{robot} answered something strange: {error}")
                 continue
             if is_authentic:
-                return bool(good), _safe(text)
-            doubtful = printable(str(text))
-        return False, doubtful
+                return bool(is_obeyed), _safe(found)
+            good, doubtful = False, printable(str(found))
+        return good, doubtful
 
     def make_command(self, name: str, value: Any, operator: str, version: Version) -> Entry:
         """A command of this operator, signed in a team with keys. Raises ValueError."""

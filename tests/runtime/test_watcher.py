@@ -11,6 +11,7 @@ import anyio
 import pytest
 
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
+from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import Role
@@ -76,7 +77,17 @@ class Desk:
     def guard(self, robot: str) -> Guard:
         return Guard(self.keys.keys_of(robot), "run", 1)
 
-    def answer(self, good: bool, text: str) -> bytes:
+    def operate(self, *answers: bytes) -> dict[str, Any] | None:
+        async def ask() -> dict[str, Any] | None:
+            await self.watcher.open()
+            self.wire.answers = answers
+            version = command_version(1, "c")
+            pause = self.watcher.make_command("paused", "pause", "me", version)
+            return await self.watcher.operate("R1", CommandStep.WRITE, pause, True)
+
+        return anyio.run(ask)
+
+    def answer(self, good: bool, text: Any) -> bytes:
         return encode(self.watcher.observer.replica.header, ANSWER, [good, text])
 
     def command(self, *answers: bytes) -> tuple[bool, str]:
@@ -112,6 +123,23 @@ def test_an_answer_that_nobody_has_signed_is_told_and_does_not_count(desk: Desk)
     good, text = desk.command(b"noise")
     assert not good
     assert text.startswith("R1 answered something strange")
+
+
+def test_what_became_of_a_command_is_plain_data_that_a_terminal_can_show(desk: Desk) -> None:
+    robot = desk.guard("R1")
+
+    def signed(good: bool, found: Any) -> bytes:
+        return robot.seal(desk.answer(good, found), ("operator",))
+
+    found = {"taken": True, "stamp": 4, "state": {"reason": "\x1b]0;", "robots": ["R1"]}}
+    shown = found | {"state": {"reason": "?]0;", "robots": ["R1"]}}
+    assert desk.operate(signed(True, found)) == shown
+    assert desk.operate(signed(True, "yes")) is None
+    assert desk.operate() is None
+    assert desk.operate(signed(False, "R1 refuses this")) == {
+        "refused": "R1 refuses this",
+        "cause": "invalid",
+    }
 
 
 def test_a_member_that_is_new_or_has_another_key_is_heard(desk: Desk) -> None:

@@ -301,12 +301,13 @@ def _operate(
     robot: str | None = None,
 ) -> NoReturn:
     """Give a command, print what became of it, and end the process."""
+    from mrbt_mesh.runtime.operator_call import CommandRefusedError
     from mrbt_mesh.runtime.team_client import TeamClient
 
     async def act(watcher: Watcher) -> str:
         try:
             return await give(TeamClient(watcher))
-        except TimeoutError as error:
+        except (CommandRefusedError, TimeoutError) as error:
             fail(str(error), FAILURE)
 
     _act(team, as_json, act, robot)
