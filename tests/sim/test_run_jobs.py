@@ -16,6 +16,7 @@ from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import Operate, Revise, Unblock, partition
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
+from tests.support.mutations import MUTATIONS
 
 S = 1_000_000
 AT_US = LAUNCH_UNIX_US
@@ -187,6 +188,16 @@ def test_no_further_step_of_a_held_job_begins_and_what_runs_goes_on_unless_it_is
     assert ends["one"][0] == "succeeded"
     done = [task for _, _, task, args in works(result) if "1" in args or "dock_1" in args]
     assert sorted(done) == ["look", "put", "take"], "release goes on from there"
+
+
+def test_that_a_step_of_a_held_job_begins_is_found() -> None:
+    job = (3.0, submit("A1", "one", "deliver", "1", "dock_1"))
+    hold = (4.2, change("B1", "one", "hold"))
+    with (
+        MUTATIONS["held_jobs_go_on"](),
+        pytest.raises(AssertionError, match="of a job that is held"),
+    ):
+        run(job, hold, seconds=28)
 
 
 @pytest.mark.parametrize("seed", seeds(5))
