@@ -34,6 +34,7 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.step_gate import StepGate
 from mrbt_mesh.sim.world.network import Network, NetworkKnobs
 from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.setup import AgentOptions, Setup
@@ -196,6 +197,7 @@ class _HeldActions(ActionRunner):
     def __init__(self, process: SimProcess) -> None:
         self.action: int | None = None
         self.backgrounds = 0
+        self.gate = StepGate(lambda: None, lambda: True)
         self._process = process
 
     def start_background(self) -> None:

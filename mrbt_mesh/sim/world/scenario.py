@@ -161,7 +161,7 @@ def _typed(hint: Any, value: Any, where: str) -> Any:
             return tuple(value)
     elif hint is float and type(value) in (int, float):
         return float(value)
-    elif type(value) is hint:
+    elif hint is Any or type(value) is hint:
         return value
     raise ScenarioError(f"{where}: {value!r} is not what is expected here ({hint})")
 
