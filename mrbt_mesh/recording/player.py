@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
+from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
@@ -40,9 +41,15 @@ class Player:
         recording: Recording,
         make_observer: Callable[[], Observer] | None = None,
         engine: Engine = FASTEST,
+        known_until_us: int | None = None,
     ) -> None:
-        """`make_observer` makes the observer that gets the recording; by default a new one."""
+        """`make_observer` makes the observer that gets the recording; by default a new one.
+
+        `known_until_us`: it has got another recording of the run until then, and gets the rest of
+        this one. None: it knows nothing yet.
+        """
         self.recording = recording
+        self._known_until_us = known_until_us
         self._engine = engine
         self._make_observer = make_observer or self._new_observer
         if recording.damage:
@@ -64,7 +71,10 @@ class Player:
 
     def _rewind(self) -> None:
         self.observer = self._make_observer()
-        self.state = RecordedState(self.observer.facts, self.recording.metadata.part)
+        # What the owner of a second recording knew was not the same at each moment.
+        known = self.observer if self._known_until_us is None else self._new_observer()
+        self.state = RecordedState(known.facts, self.recording.metadata.part)
+        self._is_known = self._known_until_us is not None
         self._plan = self._engine.plan_making(default_solver)
         # Since when robots have been missed: the best known time of their deaths.
         self._missed_us: dict[str, int] = {}
@@ -143,10 +153,21 @@ class Player:
             self.observer.record.say(self.now_us, text)
 
     def _play(self, record: RecordedMessage) -> None:
-        at_us, data, seen = record.at_us, record.data, self.observer.record
+        is_later = record.at_us > (self._known_until_us or 0)
+        if self._is_known and is_later and not self.state.is_skipping:
+            self._take_over(record.at_us)
         entry = self.state.apply(record)
+        if not self._is_known:
+            self._show(record, entry)
+        elif record.topic == channels.FAULTS:
+            self._missing(record.data, record.at_us)
+
+    def _show(self, record: RecordedMessage, entry: Entry | None) -> None:
+        """Give the observer a record, and its fact, if any."""
+        at_us, data, seen = record.at_us, record.data, self.observer.record
         if entry is not None:
-            seen.fact(entry, at_us)
+            if self._is_new(entry):
+                seen.fact(entry, at_us)
         elif record.topic == channels.ROBOTS:
             self._robot(data["robot"], data, at_us)
         elif record.topic == channels.ROBOT_TREES:
@@ -164,18 +185,37 @@ class Player:
         elif record.topic == channels.DEATHS:
             seen.death_recorded(*unpack_death(data, at_us))
 
+    def _is_new(self, entry: Entry) -> bool:
+        """Whether the observer of a second recording lacks a fact of it, which it now has."""
+        facts = self.observer.facts
+        return facts is self.state.facts or bool(facts.map.merge([entry]))
+
+    def _take_over(self, at_us: int) -> None:
+        """Give the observer what the owner knows at the end of what was known before."""
+        self._is_known = False
+        for entry in list(self.state.facts.map):
+            if self._is_new(entry):
+                self.observer.record.fact(entry, at_us)
+        for robot, data in self.state.robots.items():
+            self._robot(robot, data, at_us)
+        self._myself(at_us)
+
     def _fault(self, data: Mapping[str, Any], at_us: int) -> None:
+        self._missing(data, at_us)
+        if data["event"] == "dead":
+            incarnation = read_incarnation(data["incarnation"])
+            self.observer.record.declared_dead(data["robot"], incarnation, at_us)
+
+    def _missing(self, data: Mapping[str, Any], at_us: int) -> None:
         robot, event = data["robot"], data["event"]
         if event in ("suspect", "token_lost"):
             self._missed_us.setdefault(robot, at_us)
         elif event in ("alive", "token_shown"):
             self._missed_us.pop(robot, None)
-        elif event == "dead":
-            self.observer.record.declared_dead(robot, read_incarnation(data["incarnation"]), at_us)
 
     def _planned(self, data: Mapping[str, Any], at_us: int) -> None:
         observer = self.observer
-        plan = self._plan(observer.facts, self.state.alive)
+        plan = self._plan(self.state.facts, self.state.alive)
         if plan.digest.hex() != data["digest"]:
             raise ValueError("its plan does not follow from its facts")
         self._myself(at_us)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterator
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.recording.folder import first_parts, observer_files, parts_of, robot_files
+from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.player import Player
-from mrbt_mesh.recording.reader import RecordingError, open_recording
+from mrbt_mesh.recording.reader import Recording, RecordingError, open_recording
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 
-# What was written so much later than another one is the one that goes on.
-STILL_WRITTEN_S = 10.0
+# Recordings that begin so much later than another one count as begun with it.
+BEGINS_WITHIN_US = 1_000_000
+# If others hold what happened so much later, an observer has ended.
+STILL_WRITTEN_US = 10_000_000
 
 
 def tell_past(
@@ -24,60 +26,98 @@ def tell_past(
     """Tell an observer that hears nothing yet what was recorded of its run, which began then.
 
     `living`: the robots whose processes run now; what they and who launched them record is whole
-    until now, also where nothing has happened for a while. What no recording holds, from the
-    start of the run until now, is noted as not watched.
+    until now, also where nothing has happened for a while. Where one recording ends, as that of a
+    robot that died, another one goes on. What no recording holds, from the start of the run until
+    now, is noted as not watched.
     """
-    epoch_us = round(time.time() * 1e6) - boottime_us()
-    record, until_us, problem = observer.record, None, ""
-    for path in _by_worth(run_dir):
+    record = observer.record
+    found, problem = _recordings(observer, run_dir, living)
+    until_us: int | None = None
+    while record.result is None and (best := _next(found, until_us)) is not None:
+        found.remove(best)
         try:
-            until_us = _tell(observer, path, epoch_us, living)
+            until_us = _tell(observer, best, until_us)
         except RecordingError as error:
             problem = problem or str(error)
-        if until_us is not None:
-            break
     if until_us is None and problem:
         record.say(boottime_us(), f"what happened before is not known: {problem}")
     if record.started_us is None:
-        record.started_us = round(started_unix_s * 1e6) - epoch_us
+        record.started_us = round(started_unix_s * 1e6) - _epoch_us()
     if record.result is None:
         observer.watch_from(boottime_us(), record.started_us if until_us is None else until_us)
 
 
-def _tell(observer: Observer, path: Path, epoch_us: int, living: Collection[str]) -> int | None:
-    """The time of the recording's end; None if it is empty, or of another run.
+@dataclass(frozen=True)
+class _Told:
+    """One recording of the run. `until_us`: so far it is whole."""
 
-    `epoch_us`: the Unix time at which this machine's clock was 0. Raises RecordingError.
-    """
-    recording = open_recording(path)
-    said = recording.metadata
-    is_of_run = (said.run, said.team_digest) == (observer.facts.run, observer.mission.team_digest)
-    if not is_of_run or not recording.records:
+    recording: Recording
+    end_us: int
+    until_us: int
+
+    @property
+    def is_observers(self) -> bool:
+        """An observer has heard all robots, and knows when processes ended."""
+        return not self.recording.metadata.robot
+
+
+def _epoch_us() -> int:
+    """The Unix time at which this machine's clock was 0."""
+    return round(time.time() * 1e6) - boottime_us()
+
+
+def _recordings(
+    observer: Observer, run_dir: Path, living: Collection[str]
+) -> tuple[list[_Told], str]:
+    """The recordings of the run, and why one cannot be read."""
+    found, problem, wanted = [], "", (observer.facts.run, observer.mission.team_digest)
+    for path in first_parts([*observer_files(run_dir), *robot_files(run_dir)]):
+        try:
+            recording = open_recording(path)
+        except RecordingError as error:
+            problem = problem or str(error)
+            continue
+        said = recording.metadata
+        if (said.run, said.team_digest) != wanted or not recording.records:
+            continue
+        # It may be of another machine, or of before this one was started again.
+        records = recording.records.shifted(said.epoch_ns // 1_000 - _epoch_us())
+        end_us = max(records.times_us)
+        found.append(_Told(replace(recording, records=records), end_us, end_us))
+    return [_until_now(told, found, living) for told in found], problem
+
+
+def _until_now(told: _Told, found: Sequence[_Told], living: Collection[str]) -> _Told:
+    """A recording that is still written is whole until now; one of an earlier process ends."""
+    robot = told.recording.metadata.robot
+    if robot:
+        is_written = robot in living
+        ends = [each.end_us for each in found if each.recording.metadata.robot == robot]
+    else:
+        is_written = bool(living)
+        ends = [each.end_us - STILL_WRITTEN_US for each in found]
+    if told.recording.cut_off_at is None or not is_written or told.end_us < max(ends):
+        return told
+    return replace(told, until_us=boottime_us())
+
+
+def _next(found: Sequence[_Told], until_us: int | None) -> _Told | None:
+    """The recording that goes on where those before have ended; None: none does."""
+    later = [each for each in found if until_us is None or each.end_us > until_us]
+    if not later:
         return None
-    # It may be of another machine, or of before this one was started again.
-    shift_us = said.epoch_ns // 1_000 - epoch_us
-    recording = replace(recording, records=recording.records.shifted(shift_us))
-    now_us = boottime_us()
-    player = Player(recording, lambda: observer, chosen_engine())
+    first_us = min(each.recording.begin_us for each in later)
+    begin_us = max(first_us, until_us or first_us) + BEGINS_WITHIN_US
+    begun = [each for each in later if each.recording.begin_us <= begin_us]
+    return max(begun, key=lambda each: (each.is_observers, each.end_us, each.recording.path))
+
+
+def _tell(observer: Observer, told: _Told, known_until_us: int | None) -> int:
+    """Returns until when all is known then. Raises RecordingError."""
+    begin_us = told.recording.begin_us
+    if known_until_us is not None and begin_us > known_until_us + BEGINS_WITHIN_US:
+        observer.watch_from(begin_us, known_until_us)
+        observer.record.is_catching_up = False
+    player = Player(told.recording, lambda: observer, chosen_engine(), known_until_us)
     player.seek(player.end_us)
-    is_whole = recording.cut_off_at is not None and (said.robot in living or not said.robot)
-    return now_us if is_whole and living else player.end_us
-
-
-def _by_worth(run_dir: Path) -> Iterator[Path]:
-    """The recordings of a folder, the fullest first.
-
-    An observer has heard all robots; of robots, the one that was there longest comes first.
-    """
-    watched, robots = (
-        {path: [each.stat() for each in parts_of(path)] for path in first_parts(files)}
-        for files in (observer_files(run_dir), robot_files(run_dir))
-    )
-    found = {**watched, **robots}
-    times = {path: max(each.st_mtime for each in found[path]) for path in found}
-    newest = max(times.values(), default=0.0)
-    fresh = [path for path in times if times[path] > newest - STILL_WRITTEN_S]
-    for some in (watched, robots):
-        sizes = {path: sum(each.st_size for each in some[path]) for path in some if path in fresh}
-        yield from sorted(sizes, key=lambda path: -sizes[path])
-    yield from sorted((p for p in times if p not in fresh), key=lambda p: -times[p])
+    return told.until_us

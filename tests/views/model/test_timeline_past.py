@@ -11,13 +11,14 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.past import tell_past
-from mrbt_mesh.sim import Kill
+from mrbt_mesh.sim import Kill, Restart
 from mrbt_mesh.views.model.team_view import TeamView
 from tests.support.recorded import record_example
 
@@ -135,3 +136,78 @@ def test_what_is_no_recording_is_said_and_not_told(folder: Path, tmp_path: Path)
     ((_, text),) = observer.record.timeline
     assert "is no recording of mrbt" in text
     assert len(observer.record.unwatched) == 1
+
+
+BACK_US, DIED_US = 14_500_000, 17_000_000
+
+
+@pytest.fixture(scope="module")
+def restarted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A1 dies and comes back; then B1 dies. No observer recorded."""
+    made = tmp_path_factory.mktemp("restarted")
+    faults = [(KILLED_US, Kill("A1")), (BACK_US, Restart("A1")), (DIED_US, Kill("B1"))]
+    record_example(made, "vehicle_repair", 7, faults)
+    return made
+
+
+def deaths(observer: Observer) -> list[tuple[str, int]]:
+    """Who died when, in tenths of a second of the run."""
+    started_us = observer.record.started_us
+    assert started_us is not None
+    return [(each.robot, (each.at_us - started_us) // 100_000) for each in observer.record.major]
+
+
+def only(folder: Path, target: Path, *names: str) -> None:
+    (target / "recordings").mkdir()
+    for name in names:
+        source = folder / "recordings" / name
+        shutil.copy(source, target / "recordings" / name)
+
+
+def test_where_one_recording_ends_another_one_goes_on(restarted: Path, tmp_path: Path) -> None:
+    """B1 records until its death, A1's second process from its own on: together all of it."""
+    only(restarted, tmp_path, "B1.mcap", "A1.2.mcap")
+    observer = late(tmp_path, robot_file(tmp_path, "B1"))
+    whole = late(restarted, observer_file(restarted))
+    assert [robot for robot, _ in deaths(observer)] == ["A1", "B1"]
+    for (_, seen), (_, known) in zip(deaths(observer), deaths(whole), strict=True):
+        assert abs(seen - known) <= 5
+    assert observer.record.result is whole.record.result is Status.SUCCESS
+    assert observer.record.unwatched == []
+    begun = {task: row.state for task, row in observer.record.task_log.tasks.items()}
+    assert begun == {task: row.state for task, row in whole.record.task_log.tasks.items()}
+    done, known_done = (
+        sorted(text for _, text in each.record.timeline if text.endswith(" done"))
+        for each in (observer, whole)
+    )
+    assert done == known_done, "nothing is told twice"
+    times_us = [at_us for at_us, _ in observer.record.timeline]
+    assert times_us == sorted(times_us)
+
+
+def test_what_no_recording_holds_in_the_middle_is_noted(restarted: Path, tmp_path: Path) -> None:
+    only(restarted, tmp_path, "A1.mcap", "A1.2.mcap")
+    observer = late(tmp_path, robot_file(tmp_path, "A1"))
+    ((from_us, to_us),) = observer.record.unwatched
+    started_us = observer.record.started_us
+    assert from_us is not None
+    assert started_us is not None
+    assert from_us - started_us == pytest.approx(KILLED_US, abs=1_500_000)
+    assert to_us - started_us == pytest.approx(BACK_US, abs=500_000)
+    assert [robot for robot, _ in deaths(observer)] == ["A1", "B1"]
+    assert observer.record.result is Status.SUCCESS
+
+
+def test_the_recording_of_an_earlier_process_is_not_whole_until_now(
+    restarted: Path, tmp_path: Path
+) -> None:
+    only(restarted, tmp_path, "A1.mcap")
+    still_written(
+        restarted / "recordings" / "A1.2.mcap", tmp_path / "recordings" / "A1.2.mcap", 0.5
+    )
+    observer = late(tmp_path, robot_file(tmp_path, "A1"), ["A1"])
+    gap, last = observer.record.unwatched
+    assert gap[0] is not None
+    assert gap[1] - gap[0] == pytest.approx(BACK_US - KILLED_US, abs=1_500_000)
+    assert last[0] is not None
+    assert last[1] - last[0] < 60_000_000, "A1 records now"
