@@ -73,7 +73,8 @@ def run(text: str, seed: int, deaf_s: float = 0.0, kept_s: float = 0.0) -> Run:
             steps.append((task.unix_time_s(), task.robot))
 
     mission = mission_from_yaml(text, "dose.yaml", Path())
-    pause_us, length_us = dice.randint(3 * S, 6 * S), dice.randint(6 * S, 12 * S)
+    # The replacement has begun by then, and is not done yet.
+    pause_us, length_us = dice.randint(3 * S, 6 * S), dice.randint(6 * S, 11 * S)
     thaw_us = pause_us + length_us
     schedule: list[tuple[int, Fault]] = [(pause_us, Pause("R1")), (thaw_us, Thaw("R1"))]
     if deaf_s:
