@@ -14,14 +14,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.key_folder import KeyFolder
-from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys, was_signed
 from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir, RunDirError
+
+if TYPE_CHECKING:
+    from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 
 HASH_BYTES = 16
 
@@ -48,7 +49,8 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
     path = run_dir.path / COMMANDS_FILE
     data = {"unix_s": unix_s or time.time(), "by": by, "command": command}
     try:
-        keys, run = _operator(run_dir), run_dir.info().run
+        keys = _operator(run_dir)
+        run = run_dir.info().run if keys is not None else ""
         with open(path, "a+b", opener=private_opener) as file:
             # Commands are given by several processes.
             fcntl.flock(file, fcntl.LOCK_EX)
@@ -91,6 +93,9 @@ def _operator(run_dir: RunDir) -> MemberKeys | None:
     """
     if not run_dir.keys_path.is_dir():
         return None
+    # Only here: a signal to a robot is not to wait for what signs.
+    from mrbt_mesh.runtime.key_folder import KeyFolder
+
     folder = KeyFolder(run_dir.keys_path)
     try:
         keys = folder.keys_of(folder.reader())
@@ -110,6 +115,8 @@ def _line(data: dict[str, Any], before: bytes, keys: MemberKeys | None, run: str
 def _noted(
     number: int, line: bytes, before: bytes, run: str, manifest: Manifest | None
 ) -> NotedCommand:
+    from mrbt_mesh.runtime.member_keys import was_signed
+
     try:
         data = json.loads(line)
         known = NotedCommand(number, float(data["unix_s"]), str(data["by"]), str(data["command"]))

@@ -102,7 +102,7 @@ def test_i9_nothing_is_published_before_the_journal_has_it_to_write(team: Team) 
     data, entries = note(process, stamp=10)
     publish = Publish(MessageKind.FACT, data)
     team.checkers.i9.handled(process, TICK, [publish, Persist(entries, at_once=True)])
-    assert "A1 publishes command" in team.checkers.violations[0]
+    assert "A1 publishes problem/clock" in team.checkers.violations[0]
 
 
 def test_i9_a_finished_local_task_that_is_begun_again(team: Team) -> None:
