@@ -37,6 +37,7 @@ from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
+from mrbt_mesh.core.membership.joining import Joining
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.leases import LeaseGrantor
 from mrbt_mesh.core.membership.membership import Membership
@@ -116,6 +117,13 @@ add("those_without_contact_have_stopped", (ContactWatch, "_stops_us", always(0))
 add("partners_may_be_late", (BeginWatch, "_have_all_begun", always(True)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
 add("the_dead_are_waited_for", (make_plan, "pending_failures", always({})))
+
+
+@mutation(Joining, "is_done")
+def alone_begins_at_once(original: Any, joining: Joining, *given: Any) -> bool:
+    """A robot that has heard nobody waits no longer than one that misses some."""
+    joining.alone_until_us = joining.gathers_until_us
+    return bool(original(joining, *given))
 
 
 @mutation(WallClock, "compare")

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.engine import DEFINITIONS, Engine
+from tests.support.mutations import MUTATIONS
 from tests.support.script import Script
 
 SCRIPTS = sorted((Path(__file__).parent / "scripts").glob("*.txt"))
@@ -42,6 +43,15 @@ def test_the_conversation_goes_as_written(path: Path) -> None:
 def test_the_conversation_is_the_same_by_the_definitions(path: Path) -> None:
     written = path.read_text()
     assert replayed(written, DEFINITIONS).splitlines() == written.splitlines()
+
+
+def test_a_robot_that_begins_alone_at_once_is_noticed() -> None:
+    """It would do what others do that it does not hear."""
+    written = (SCRIPTS[0].parent / "alone.txt").read_text()
+    with MUTATIONS["alone_begins_at_once"]():
+        found = replayed(written)
+    assert " 1000 A starts weld" in found
+    assert " 1000 A starts weld" not in written
 
 
 def test_there_are_scripts() -> None:
