@@ -19,7 +19,7 @@ from mrbt_mesh.runtime.journal import Journal, reason_of
 from tests.support.disks import fill, small_disk
 
 MISSION, RUN = "d" * 64, "run1"
-VALUES: dict[str, Any] = {"claim": None, "command": ["pause", 1]}
+VALUES: dict[str, Any] = {"claim": None, "problem/clock": "it is wrong"}
 
 
 class Diary:
@@ -74,13 +74,13 @@ def test_the_proof_of_a_batch_is_kept_as_long_as_an_entry_of_it_stands(
     first.open()
     proofs = [BatchProof(bytes(32), bytes(64)), BatchProof(b"x" * 32, b"y" * 64)]
     version = Version(Incarnation(1, "n"), 1)
-    for name in ("claim", "command"):
+    for name in ("claim", "problem/clock"):
         put(first, parse_entry("A1", name, version, VALUES[name], proofs[0]))
     put(first, entry("B1"))
     first.close()
     again = journal(path)
     assert [each.proof for each in again.open()] == [proofs[0], proofs[0], None]
-    for name in ("claim", "command"):
+    for name in ("claim", "problem/clock"):
         version = Version(Incarnation(1, "n"), 2)
         put(again, parse_entry("A1", name, version, VALUES[name], proofs[1]))
     put(again, entry("B1"))
@@ -155,7 +155,7 @@ def test_a_bit_that_has_changed_loads_the_same_facts_or_is_noticed(
     proof = BatchProof(b"h" * 32, b"s" * 64)
     version = Version(Incarnation(1, "n"), 1)
     put(first, outcome(1), outcome(2, {"speed": 1.5}), entry("B1", 7))
-    put(first, parse_entry("A1", "command", version, VALUES["command"], proof))
+    put(first, parse_entry("A1", "problem/clock", version, VALUES["problem/clock"], proof))
     put(first, outcome(3))
     wal = path.with_name("A1.journal-wal")
     if not is_crashed:

@@ -12,6 +12,7 @@ follows from; then it only sends the heartbeats that are due.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from mrbt_mesh.core.agent import inputs
@@ -50,6 +51,7 @@ from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 
 # Any other input is always followed up.
 _MAY_CHANGE_NOTHING = (
@@ -72,7 +74,7 @@ class Agent:
             config.robot, config.nonce, config.takeover, config.timing, context.membership.reports
         )
         self._tree = tree = RobotTree({type_name(name) for name in config.capabilities})
-        self._planner = planner = Planner(context, tree)
+        self._planner = Planner(context, tree)
         self._leased: LeasedStart | None = None
         self._begin_watch: BeginWatch | None = None
         self._health = health = Health(context)
@@ -83,7 +85,7 @@ class Agent:
         self._contact: ContactWatch | None = None
         self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
-        context.replica.shown_by_tick = planner.shown_by_tick
+        context.replica.shown_by_tick = partial(shown_by_tick, context.facts)
         self.view = AgentView(context, self._planner, tree)
         # The one for which the parts below were composed, and whether it or one before it names
         # this robot.
@@ -115,7 +117,7 @@ class Agent:
         leased = self._leased
         starts = StartPolicies(PlainStart(), CoalitionStart(context), leased)
         self._executor = executor = Executor(context, self._tree, starts, self._reviser)
-        self._reports = reports = Reports(context, planner, executor, schedule, health)
+        self._reports = reports = Reports(context, executor, schedule, health)
         if self._begin_watch is None and any(task.simultaneous for task in mission.all_tasks()):
             self._begin_watch = BeginWatch(context)
         begin_watch = self._begin_watch

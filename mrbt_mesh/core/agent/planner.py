@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
@@ -12,27 +12,17 @@ from mrbt_mesh.core.agent.effects import Forget, MakePlan
 from mrbt_mesh.core.agent.inputs import PlanMade
 from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import default_solver
-from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.robot_tree import AssignmentValues, RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.coalitions import newly_broken
-from mrbt_mesh.core.facts.derived import says
-from mrbt_mesh.core.facts.records import (
-    LATCH,
-    Attempt,
-    ChildResult,
-    ConditionValue,
-    MissionResult,
-    Outcome,
-)
-from mrbt_mesh.core.facts.store import Entry, Fact, Incarnation
-from mrbt_mesh.core.mission.blackboard import Value
-from mrbt_mesh.core.mission.mission import MissionEnd
+from mrbt_mesh.core.facts.records import LATCH
+from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
 from mrbt_mesh.core.planning.job_ends import cancelled_ends, job_ends
 from mrbt_mesh.core.planning.make_plan import PlanFunction
+from mrbt_mesh.core.planning.outcome_tick import facts_of_tree, mission_result
 from mrbt_mesh.core.planning.plan import Plan
 
 # Called with each plan that this robot takes up, and the alive set that it was made for.
@@ -194,22 +184,6 @@ class Planner:
             context.keep(changed)
         return bool(changed)
 
-    def shown_by_tick(self, batch: Sequence[Entry]) -> Collection[str]:
-        """The facts in a batch that follow from the tick in which its author's action returned."""
-        facts, outcomes = self._context.facts, [e for e in batch if isinstance(e.record, Outcome)]
-        if self.plan is None or len(outcomes) != 1:
-            return ()
-        outcome, activation = outcomes[0], outcomes[0].parts[1]
-        assert isinstance(outcome.record, Outcome)
-        if facts.task_of(activation) is None:
-            return ()
-        status = facts.status_after(
-            outcome.name, outcome.author, outcome.record.success, outcome.version
-        )
-        values = {e.parts[1]: e.record.value for e in batch if isinstance(e.record, ConditionValue)}
-        found = dict(self.tick_outcome(activation, status, values))
-        return {e.name for e in batch if e.name in found and says(found[e.name], e.record)}
-
     def _is_agreed(self) -> bool:
         """Whether all robots in good standing report this plan."""
         return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
@@ -267,28 +241,6 @@ class Planner:
 
     # -- the facts that follow ----------------------------------------------------------------
 
-    def tick_outcome(
-        self, activation: str, status: Status, values: Mapping[str, Value | None]
-    ) -> list[Fact]:
-        """The facts that follow from the tick in which an action returns that has set conditions or
-        other entries to these values.
-
-        `status`: that of its activation from then on. Nodes with memory keep the results of that
-        tick, and if T_G ends in it, so does the mission, unless it never does.
-        """
-        context = self._context
-        after = {name: bool(value) for name, value in values.items()}
-        if context.mission.has_own_conditions or context.mission.has_blackboard:
-            after = context.facts.conditions.after(values)
-        evaluator = context.facts.mission.evaluator
-        evaluation = evaluator.evaluate_outcome(context.facts, activation, status, after)
-        latched = self._of_tree(evaluation)
-        if evaluation.job_ends:
-            latched += job_ends(context.facts, evaluation)
-        if context.mission.ends is MissionEnd.ONCE:
-            latched += _result(evaluation.status, len(context.mission.robots))
-        return latched
-
     def _end(self, plan: Plan) -> list[Fact]:
         """The mission has ended once all robots report that T_G has.
 
@@ -304,27 +256,11 @@ class Planner:
         ):
             return []
         robots = context.mission.robots
-        return _result(plan.result, sum(robot in robots for robot in context.alive()))
-
-    def _of_tree(self, evaluation: Evaluation) -> list[Fact]:
-        """The latched results of one tick of T_G."""
-        latched: list[Fact] = [
-            (f"{records.ATTEMPT}/{scope}", Attempt(number)) for scope, number in evaluation.attempts
-        ]
-        latched += [
-            (f"{records.CHILD_RESULT}/{scope}/{position}", ChildResult(success))
-            for scope, position, success in evaluation.child_results
-        ]
-        latched += [
-            (f"{records.LATCHED_FAILURE}/{activation}", LATCH)
-            for activation in evaluation.failures
-            if not self._context.facts.has_latched_failure(activation)
-        ]
-        return latched
+        return mission_result(plan.result, sum(robot in robots for robot in context.alive()))
 
     def _latches(self, plan: Plan, alive: Mapping[str, Incarnation]) -> list[Fact]:
         facts, evaluation = self._context.facts, plan.evaluation
-        latched = self._of_tree(evaluation)
+        latched = facts_of_tree(facts, evaluation)
         if facts.jobs is not None:
             if self._context.me == min(alive):
                 latched += job_ends(facts, evaluation) + cancelled_ends(facts)
@@ -337,10 +273,3 @@ class Planner:
                 broken = newly_broken(facts, task, activation, alive, self._context.me)
                 latched += [(f"{records.BROKEN}/{activation}/{token}", LATCH) for token in broken]
         return latched
-
-
-def _result(status: Status, agreed: int) -> list[Fact]:
-    """The mission's result, if T_G has ended so; `agreed`: how many robots go by that."""
-    if status not in (Status.SUCCESS, Status.FAILURE) or not agreed:
-        return []
-    return [(records.RESULT, MissionResult(status is Status.SUCCESS, agreed))]

@@ -10,7 +10,6 @@ from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.executor import Executor
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import ActionFinished, CapabilityChanged
-from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import ConditionValue, Outcome
@@ -19,6 +18,7 @@ from mrbt_mesh.core.membership.timing import HeartbeatSchedule
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.names import split_owner
+from mrbt_mesh.core.planning.outcome_tick import facts_of_tick
 
 
 class Reports:
@@ -27,13 +27,11 @@ class Reports:
     def __init__(
         self,
         context: Context,
-        planner: Planner,
         executor: Executor,
         schedule: HeartbeatSchedule,
         health: Health,
     ) -> None:
         self._context = context
-        self._planner = planner
         self._executor = executor
         self._schedule = schedule
         self._health = health
@@ -71,7 +69,7 @@ class Reports:
             version = context.replica.next_version
             status = context.facts.status_after(name, context.me, event.success, version)
             values = {condition: record.value for condition, record in conditions.items()}
-            facts += self._planner.tick_outcome(action.activation, status, values)
+            facts += facts_of_tick(context.facts, context.me, action.activation, status, values)
             facts += _condition_facts(conditions)
         if work.claim is None and claimed is not None:
             facts.append(context.claim())

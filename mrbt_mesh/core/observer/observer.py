@@ -7,6 +7,7 @@ since it sends no heartbeats.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.bt.tree import Status
@@ -30,6 +31,7 @@ from mrbt_mesh.core.membership.wire import (
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
+from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 from mrbt_mesh.core.planning.plan import Plan
 
 
@@ -54,6 +56,7 @@ class Observer:
         self.facts = TeamFacts(mission, run)
         header = Header(mission.team_digest[:16], mission.name, run, "")
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
+        self.replica.shown_by_tick = partial(shown_by_tick, self.facts)
         self.membership = Membership("", timing, reports=SignedReports(keys, run))
         self.record = RunRecord(mission, limit)
         self.plan: Plan | None = None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, JobEnded
 from mrbt_mesh.core.facts import records
@@ -12,9 +14,18 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.failure_reasons import one_line
 
 
-def job_ends(facts: TeamFacts, evaluation: Evaluation) -> list[Fact]:
-    """The facts of the jobs whose trees have succeeded or failed in this evaluation."""
-    return [(f"{records.JOB_END}/{ended.job}", _end(facts, ended)) for ended in evaluation.job_ends]
+def job_ends(
+    facts: TeamFacts, evaluation: Evaluation, returned: tuple[str, str] = ("", "")
+) -> list[Fact]:
+    """The facts of the jobs whose trees have succeeded or failed in this evaluation.
+
+    `returned`: a job, and a robot whose outcome in it is not among the facts yet.
+    """
+    job, robot = returned
+    return [
+        (f"{records.JOB_END}/{ended.job}", _end(facts, ended, robot if ended.job == job else ""))
+        for ended in evaluation.job_ends
+    ]
 
 
 def cancelled_ends(facts: TeamFacts) -> list[Fact]:
@@ -26,11 +37,12 @@ def cancelled_ends(facts: TeamFacts) -> list[Fact]:
     ]
 
 
-def _end(facts: TeamFacts, ended: JobEnded) -> JobEnd:
+def _end(facts: TeamFacts, ended: JobEnded, robot: str) -> JobEnd:
     assert facts.jobs is not None
     state = JobState.SUCCEEDED if ended.success else JobState.FAILED
     reason = "" if ended.success else _reason(facts, ended)
-    return job_end(facts, facts.jobs.known[ended.job], state, reason)
+    end = job_end(facts, facts.jobs.known[ended.job], state, reason)
+    return replace(end, robots=tuple(sorted({*end.robots, robot} - {""})))
 
 
 def job_end(facts: TeamFacts, known: KnownJob, state: JobState, reason: str = "") -> JobEnd:

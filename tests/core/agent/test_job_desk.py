@@ -210,7 +210,7 @@ def test_a_wrong_command_is_refused_with_the_reason_and_writes_nothing(
 
 BODY = operate_body(CommandStep.WRITE, command("job_hold/a", "held", 2))
 WRONG = [(0, "paint"), (1, "job_hold"), (1, 7), (2, -1), (2, "2"), (3, "x" * 33), (4, ["held"])]
-WRONG += [(4, ["x", "op", "", ""]), (4, ["held", "o\n", "", ""]), (4, ["held", "op", 1, ""])]
+WRONG += [(4, ["x", "op", "", ""]), (4, ["held", ["o"], "", ""]), (4, ["held", "op", 1, ""])]
 
 
 @pytest.mark.parametrize(("place", "value"), WRONG)

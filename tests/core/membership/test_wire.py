@@ -300,7 +300,7 @@ def test_outcome_data_may_not_be_nested_too_deeply_to_be_shown_or_sent_on() -> N
         ("paused", ["start over", "anna", "", ""]),
         ("paused", ["abort", "anna", "", ""]),
         ("job_hold/j1", [True, "anna", "", ""]),
-        ("job_hold/j1", ["held", "two\nlines", "", ""]),
+        ("job_hold/j1", ["held", ["two", "names"], "", ""]),
         (f"outcome/{SCOPE}/drill", [1, None]),
         (f"outcome/{SCOPE}/drill", [True]),
         ("condition/c", [True, 0, 0]),
