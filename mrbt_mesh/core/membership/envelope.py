@@ -256,12 +256,12 @@ class Guard:
             proof = {name: tag for name, tag in tags if tag is not None}
         return bytes(msgpack.packb([SEALED, *head[:-1], proof]))
 
-    def seal_command(self, data: bytes, to: str) -> bytes:
-        """A command to one robot, in the life from which there was news last.
+    def seal_command(self, data: bytes, to: str, to_life: int | None = None) -> bytes:
+        """A command to one robot, in this life; None: the one from which there was news last.
 
         The process that follows does not obey it again.
         """
-        head = self._head(to, self._memory.latest_life(to), data)
+        head = self._head(to, self._memory.latest_life(to) if to_life is None else to_life, data)
         tag = self.keys.tag(to, head.content)
         return bytes(msgpack.packb([SEALED, *head[:-1], {to: tag} if tag is not None else {}]))
 

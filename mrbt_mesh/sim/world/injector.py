@@ -21,6 +21,7 @@ from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, ope
 from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import MISSION, PAUSED, TeamOrder
 from mrbt_mesh.core.facts.revisions import read_mission
+from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.wire import MessageKind, encode
 from mrbt_mesh.core.mission.compiled import compile_mission
@@ -78,6 +79,7 @@ class Injector:
         self._has_result = has_result
         self._forger = Forger(setup.seed, setup.header)
         self._commands = 0
+        self._guards: dict[str, Guard] = {}
         # What robots have published, if it may be replayed: (time in us, message).
         self._published: dict[str, list[tuple[int, MessageReceived]]] | None = None
         if any(isinstance(fault, faults.Replay) for _, fault in setup.schedule):
@@ -188,15 +190,17 @@ class Injector:
             return
         self._commands += 1
         version = command_version(process.agent.view.facts.max_stamp + 1, str(self._commands))
-        entry = make_command(
-            fault.name, fault.value, fault.operator, version, self._setup.header.run, None
-        )
+        run, keys = self._setup.header.run, self._setup.agents.keys.get(fault.operator)
+        entry = make_command(fault.name, fault.value, fault.operator, version, run, keys)
         for robot in (fault.robot, *fault.also):
             other = self._robots.processes.get(robot)
             if other is not None and not other.is_over:
                 step = operate_body(CommandStep.WRITE, entry, robot == fault.robot)
                 body = command_body(OPERATE, step)
                 data = encode(self._setup.header, MessageKind.COMMAND, body)
+                if keys is not None:
+                    guard = self._guards.setdefault(fault.operator, Guard(keys, run, life=1))
+                    data = guard.seal_command(data, robot, self._robots.lives[robot])
                 other.deliver(QueryReceived(0, MessageKind.COMMAND, data))
 
     def _input(self, fault: faults.RobotFault) -> Input:

@@ -25,7 +25,8 @@ class TeamSurroundings(Surroundings, Protocol):
 
 
 class Robots:
-    """The robots' processes, one life after the other; `processes`: robot -> its latest one.
+    """The robots' processes, one life after the other; `processes`: robot -> its latest one;
+    `lives`: the number of that.
 
     `to_launch`: how many of the first ones are still to come.
     """
@@ -37,6 +38,7 @@ class Robots:
         self._setup = setup
         self._world = world
         self._bus = world.bus
+        self.lives: dict[str, int] = {}
         self._lives = 0
         # Robots that were killed before they had a process.
         self._never: set[str] = set()
@@ -87,6 +89,7 @@ class Robots:
     def launch(self, robot: str, keeps_journal: bool, life: ResumedLife | None = None) -> None:
         """Start a process of this robot, with what its journal kept or without."""
         self._lives += 1
+        self.lives[robot] = self._lives
         if robot not in self._journals or not keeps_journal:
             self._journals[robot] = SimJournal()
             self._world.inspection.lost_journal(robot)

@@ -84,8 +84,8 @@ class AgentOptions:
     `engine`: what they compute with; the definitions, where the environment asks for them.
     `solvers` are those of robots that have another one than `solver`. With `plan_delay_us` plans
     are made outside of the agents, and take so long. Without `exit_when_done` robots stay when
-    the mission is over. `keys`: those of each robot and, as "", of the observer; none: the run has
-    no keys. `record_limit_bytes`: of each recording, which has parts then.
+    the mission is over. `keys`: those of each robot, of operators by name, and of the observer as
+    ""; none: the run has no keys. `record_limit_bytes`: of each recording, which has parts then.
     """
 
     timing: Timing = field(default_factory=Timing)

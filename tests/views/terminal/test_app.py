@@ -117,7 +117,7 @@ class GivenCommands(Control):
     def offers(self) -> dict[str, Any]:
         """As with processes of this machine, or without."""
         robot = {name: text for name, (_, text) in ROBOT_FAULTS.items()} if self._robot else {}
-        return {"robot": robot, "team": {name: text for name, (_, text) in TEAM_COMMANDS.items()}}
+        return {"robot": robot, "team": TEAM_COMMANDS}
 
     async def carry_out(self, command: Any) -> str:
         """Note it."""
