@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
-	bench-membership bench-submissions bench-history bench-jobs bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
+	bench-membership bench-submissions bench-history bench-jobs bench-order bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -48,6 +48,7 @@ help:
 	@echo "make bench-submissions 1,000 jobs, and a robot that is killed every five seconds"
 	@echo "make bench-history   an hour of jobs, faults and two servers, judged from what robots did"
 	@echo "make bench-jobs      200,000 jobs in a virtual week, and plans with 10,000 open jobs"
+	@echo "make bench-order     200 streams of jobs where robots travel, judged, and 200 small missions against brute force"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
 	@echo "make bench-estimate  how many runs mrbt sim estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
@@ -250,6 +251,9 @@ bench-history: $(READY)
 bench-jobs: $(READY)
 	$(BIN)/python -m benchmarks.open_jobs
 	$(BIN)/python -m benchmarks.job_week
+
+bench-order: $(READY)
+	$(BIN)/python -m benchmarks.task_order
 
 bench-failover: $(READY)
 	$(BIN)/python -m benchmarks.failover

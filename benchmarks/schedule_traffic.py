@@ -76,7 +76,7 @@ def measure_team(robots: int) -> dict[str, Any]:
     checks_ms = []
     for _ in range(CHECKS):
         begun_ns = time.perf_counter_ns()
-        assert plan.ahead.fitting(proposal) is not None
+        assert plan.ahead.mended(proposal).schedule
         checks_ms.append((time.perf_counter_ns() - begun_ns) / 1e6)
     after_us = [at_us for at_us, each in seen.values() if at_us > DEATH_US and _is_new(each, dead)]
     sizes = [len(each.packed) for _, each in seen.values()]

@@ -38,7 +38,7 @@ from mrbt_mesh.core.mission.mission import (
     MICRO,
 )
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
-from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_PLACES
+from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_OVERTAKING, MAX_PLACES
 from mrbt_mesh.formats.file_model import (
     FileModel,
     GroundText,
@@ -459,7 +459,8 @@ class TravelModel(FileModel):
     seconds from one place to another, both ways unless the other is given; they go before
     coordinates. `start`: where the robots are at first, all or each; `way_back`: whether they
     return there. `objective`: whether the end of the mission or the mean end of its tasks is to be
-    early. `horizon`: how many tasks a schedule looks ahead, at most.
+    early. `horizon`: how many tasks a schedule looks ahead, at most. `overtaking`: how often later
+    jobs of its priority, or later attempts of loops, may go before a task.
     """
 
     places: (
@@ -494,6 +495,7 @@ class TravelModel(FileModel):
     objective: Literal["makespan", "mean_completion"] = "makespan"
     way_back: Literal["none", "start"] = "none"
     horizon: Annotated[int, Field(ge=1, le=MAX_HORIZON)] = 100
+    overtaking: Annotated[int, Field(ge=0, le=MAX_OVERTAKING)] = 5
 
 
 class MissionModel(FileModel):

@@ -96,6 +96,7 @@ class TravelBuilder:
             Objective(travel.objective),
             travel.way_back == "start",
             travel.horizon,
+            travel.overtaking,
         )
         for key, problem in travel_problems(found, robots.values(), jobs):
             self._report.add(("travel", key), problem)

@@ -374,6 +374,10 @@ def latch_text(kind: str, parts: list[str], value: object) -> str:
             return f"attempt {number}"
         case "schedule", [*steps]:
             return f"a schedule of {len(steps)} tasks"
+        case "overtaken", [begun, _, counts]:
+            return f"{begun} begins before {len(counts)} tasks"
+        case "team_time", int():
+            return "what time it is"
         case "travel_times", [places, _]:
             return f"travel times between {len(places)} places"
     scope = parse_activation(parts[0])

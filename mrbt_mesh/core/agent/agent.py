@@ -125,7 +125,7 @@ class Agent:
             begin_watch.use(executor, reports)
         if self._scheduler is None and mission.travel is not None:
             self._scheduler = Scheduler(context)
-        scheduler = self._scheduler
+        scheduler = executor.scheduler = self._scheduler
         self._lifecycle = Lifecycle(context, planner, leased, duplicates, schedule)
         self._heartbeats = Heartbeats(context, schedule, self._tree, leased)
         withdrawal = self._withdrawal
@@ -350,6 +350,11 @@ class Agent:
             self._bidder.ask(plan)
         if self._scheduler is not None:
             self._scheduler.follow(plan, now_us)
+            if not self._planner.is_current:
+                # It has proposed a better one: nothing begins by the plan before.
+                plan = self._planner.update(now_us, apart)
+                if plan is None:
+                    return
         self._executor.perform(plan, now_us)
         if self._contact is not None:
             self._contact.perform_return()

@@ -15,6 +15,7 @@ from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.reviser import Reviser
+from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Arguments, Claim, Phase
@@ -81,6 +82,7 @@ class Executor:
 
     `contact`: what else a start waits for, in missions that say what robots do without contact.
     `on_start` is called with each action that begins, and the time.
+    `scheduler`: of a mission with places.
     `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
     """
 
@@ -95,6 +97,7 @@ class Executor:
         self.shows_outcome = False
         self.contact: ContactWatch | None = None
         self.on_start: Callable[[StartAction, int], None] = lambda *_: None
+        self.scheduler: Scheduler | None = None
 
     def perform(self, plan: Plan, now_us: int) -> None:
         """Follow the plan: cancel, claim, get ready and start."""
@@ -196,6 +199,8 @@ class Executor:
             values = tuple(value for _, value in start.values)
             name = f"{records.ARGUMENTS}/{start.activation}"
             begun.append((name, Arguments(values, claim.since)))
+        if self.scheduler is not None:
+            begun += self.scheduler.begins(plan, claim, bool(travel_to))
         context.write([*writes, *begun, *clearance.facts, context.claim()], now_us)
         context.emit(start)
         self.on_start(start, now_us)

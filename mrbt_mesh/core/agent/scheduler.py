@@ -13,20 +13,29 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import SearchSchedule
 from mrbt_mesh.core.agent.inputs import ScheduleFound, TravelTimesMade
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, Proposal, ProposedStep, TravelTimes
+from mrbt_mesh.core.facts.records import (
+    MAX_OVERTAKEN,
+    NO_TRAVEL_TIMES,
+    Claim,
+    Overtaken,
+    Proposal,
+    TeamTime,
+    TravelTimes,
+)
+from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import Lookahead
-from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher
-from mrbt_mesh.core.scheduling.problem import Course, SchedulingProblem
+from mrbt_mesh.core.scheduling.problem import SchedulingProblem
 from mrbt_mesh.core.scheduling.search import search, search_steps
 
-# A proposal must cost less than the schedule in force by at least one part in this many.
-MARGIN = 100
 # To evaluate an order takes time in proportion to tasks times robots. On a usual machine a third of
-# a second is enough for the first number of these, a few milliseconds for the second one.
-MOST_WORK, LITTLE_WORK = 1_200_000, 4_000
+# a second is enough for the first number of these, some 8 ms for the second one. By the third one,
+# a problem is so small that this is worth while.
+MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
 # Few tasks have few orders: more evaluations per pair of tasks find nothing new.
 MIN_EVALUATIONS, EVALUATIONS_PER_PAIR = 50, 25
+# While there are deadlines ahead, what time it is is written again after so long.
+TIME_US = 5_000_000
 
 
 def evaluations_of(problem: SchedulingProblem) -> int:
@@ -39,19 +48,6 @@ def _work_of(problem: SchedulingProblem) -> int:
     return len(problem.tasks) * len(problem.free_ms)
 
 
-def course_of_assignment(ahead: Lookahead, plan: Plan) -> Course | None:
-    """What comes of the plan's assignment, if that has the robots for all tasks ahead at once."""
-    given: dict[tuple[str, str], list[str]] = {}
-    for each in plan.assignments.values():
-        given.setdefault((each.activation, each.local_task), []).append(each.robot)
-    steps = []
-    for activation, group in ((each.request.activation, each.group) for each in ahead.opens):
-        robots = (given.get((activation, demand.local_task), ()) for demand in group)
-        steps.append(ProposedStep(activation, tuple(map(tuple, robots))))
-    fitting = ahead.fitting(Proposal(tuple(steps)))
-    return None if fitting is None else fitting[1]
-
-
 class Scheduler:
     """Searches, and proposes what it has found."""
 
@@ -61,8 +57,15 @@ class Scheduler:
         self._is_searching = False
         # What it has searched a schedule for last, None before.
         self._searched: Lookahead | None = None
-        # Whether the exact assignment was foretold to be as good as what was found.
-        self._is_assignment_as_good = False
+        # Whether what was found was hardly better than what rules alone come to.
+        self._are_rules_as_good = False
+        # What it has set out for, or begun without a way: it overtakes others once.
+        self._begun = ""
+        # What it is on its way to; whether it has turned round since it worked last.
+        self._way_to, self._has_turned = "", False
+        self._wrote_time_us: int | None = None
+        # The last proposal in force that was compared with what rules come to.
+        self._compared: Proposal | None = None
         # The travel times of all robots in that search; its own that are not published yet.
         self._times: Mapping[str, TravelTimes] = {}
         self._unpublished: TravelTimes | None = None
@@ -72,14 +75,18 @@ class Scheduler:
                 context.mission.travel.table(kind)
 
     def follow(self, plan: Plan, now_us: int) -> None:
-        """Search a schedule for what lies ahead, once: again if there are new tasks or other
-        robots, or what was proposed does not fit any more.
+        """Search a schedule for what lies ahead, once: again if there are new tasks, or at once for
+        other robots: what a search has found without them is of little use.
 
-        The first robot at once proposes one by priority rules alone, if that takes little time.
+        The first robot at once proposes what a short search finds, if there are few tasks.
         """
         self._publish_travel_times(now_us)
         ahead = plan.ahead
-        if ahead is None or self._is_searching:
+        if ahead is None:
+            return
+        self._tell_time(ahead, now_us)
+        self._outdo(ahead, now_us)
+        if self._is_searching and self._is_for(ahead):
             return
         if len(ahead.opens) < 2 or not self._is_due(ahead) or not self._is_first_here(ahead):
             self._withdraw(ahead, plan, now_us)
@@ -92,7 +99,8 @@ class Scheduler:
         steps = search_steps(problem, evaluations_of(problem), seed)
         self._context.emit(SearchSchedule(self._number, steps))
         if me == min(ahead.robots) and _work_of(problem) <= LITTLE_WORK:
-            self._propose(search(problem, 0, seed), plan, ahead, now_us)
+            count = min(evaluations_of(problem), QUICK_WORK // _work_of(problem))
+            self._propose(ahead.proposal(search(problem, count, seed).schedule), ahead, now_us)
 
     def travel_times_made(self, event: TravelTimesMade, _: int) -> None:
         """Keep them until the next plan: then the robot has joined."""
@@ -103,6 +111,38 @@ class Scheduler:
         known = self._context.facts.travel_times.get(self._context.me, NO_TRAVEL_TIMES)
         if times is not None and times != known:
             self._context.write([(records.TRAVEL_TIMES, times)], now_us)
+
+    def _tell_time(self, ahead: Lookahead, now_us: int) -> None:
+        """Write what time it is, if there are deadlines ahead: how late something is follows."""
+        clock, written_us = self._context.wall_clock, self._wrote_time_us
+        if clock is None or not clock.is_believed or not self._is_first_here(ahead):
+            return
+        if written_us is not None and now_us < written_us + TIME_US:
+            return
+        unix_us = clock.team_us(now_us)
+        if unix_us and any(place.deadline_us for place in ahead.order.values()):
+            self._wrote_time_us = now_us
+            self._context.write([(records.TEAM_TIME, TeamTime(unix_us))], now_us)
+
+    def begins(self, plan: Plan, claim: Claim, is_way: bool) -> list[Fact]:
+        """The facts to write when the robot sets out for something, or begins to work on it: what
+        it overtakes, and whether it has turned round for it.
+        """
+        begun, self._begun = self._begun, claim.activation
+        way, self._way_to = self._way_to, claim.activation if is_way else ""
+        ahead, me = plan.ahead, self._context.me
+        if claim.activation == begun or ahead is None:
+            return []
+        self._has_turned = is_way and (self._has_turned or ahead.turns_from(way, claim.activation))
+        passed = ahead.overtaken_by(me, claim.activation)
+        if not passed and not self._has_turned:
+            return []
+        before = self._context.facts.overtakings.get(me)
+        counts = dict(before.counts) if before is not None else {}
+        counts = {name: count for name, count in counts.items() if name in ahead.order}
+        for name in passed:
+            counts[name] = min(MAX_OVERTAKEN, counts.get(name, 0) + 1)
+        return [(records.OVERTAKEN, Overtaken(claim.activation, self._has_turned, counts))]
 
     def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
         """Take its proposal back once all robots follow another one. Costs change a little with
@@ -115,6 +155,18 @@ class Scheduler:
         if context.membership.all_report_plan(plan.digest):
             context.write([(records.SCHEDULE, Proposal(()))], now_us)
 
+    def _outdo(self, ahead: Lookahead, now_us: int) -> None:
+        """Propose what rules come to, if the schedule in force is twice as long, as one of a robot
+        that lies may be. By less it may only seem worse, as works count as half done.
+        """
+        proposal = self._context.facts.proposals.get(ahead.author)
+        if proposal is self._compared or ahead.course is None or not self._is_first_here(ahead):
+            return
+        self._compared = proposal
+        ruled = ahead.by_rules()
+        if ruled.rank.is_clearly_better(ahead.course.rank, margin=2):
+            self._context.write([(records.SCHEDULE, ahead.proposal(ruled.schedule))], now_us)
+
     def _is_first_here(self, ahead: Lookahead) -> bool:
         """Whether no robot before it is on the same computer, as far as that is known."""
         me, members = self._context.me, self._context.facts.members
@@ -122,20 +174,29 @@ class Scheduler:
         here = (robot for robot in ahead.robots if members[robot].member.host == host)
         return not host or me == min(here, default=me)
 
+    def _is_for(self, ahead: Lookahead) -> bool:
+        """Whether the last search was for these robots."""
+        before = self._searched
+        return before is not None and set(ahead.robots) == set(before.robots)
+
     def _is_due(self, ahead: Lookahead) -> bool:
         before = self._searched
-        if before is None or ahead.robots != before.robots:
+        if before is None or not self._is_for(ahead):
             return True
         if self._times != self._context.facts.travel_times:
             return True
         if not ahead.numbers.keys() <= before.numbers.keys():
             return True
-        if ahead.schedule is not None or self._is_assignment_as_good:
+        if self._are_rules_as_good or any(
+            each.steps for each in self._context.facts.proposals.values()
+        ):
             return False
         return ahead.problem != before.problem
 
     def found(self, event: ScheduleFound, plan: Plan | None, now_us: int) -> None:
-        """Propose the order that was found, with the robots that suit it best now."""
+        """Propose what was found, with its robots: how long those at work still need was known
+        better before they began.
+        """
         searched = self._searched
         if event.number != self._number or searched is None or not self._is_searching:
             return
@@ -143,18 +204,14 @@ class Scheduler:
         ahead = plan.ahead if plan is not None else None
         if plan is None or ahead is None or not ahead.opens or not self._context.has_place:
             return
-        names = [searched.opens[step.task].request.activation for step in event.schedule]
-        order = [ahead.numbers[name] for name in names if name in ahead.numbers]
-        order += sorted(set(range(len(ahead.opens))) - set(order))
-        self._propose(Dispatcher(ahead.problem).dispatch(order), plan, ahead, now_us)
+        if ahead.numbers.keys() & searched.numbers.keys() and event.schedule:
+            self._propose(searched.proposal(event.schedule), ahead, now_us)
 
-    def _propose(self, found: Dispatched, plan: Plan, ahead: Lookahead, now_us: int) -> None:
-        """Propose what is better than the schedule in force or, without one, than the exact
-        assignment, if that has robots for all tasks at once.
-        """
-        known = ahead.course or course_of_assignment(ahead, plan)
-        self._is_assignment_as_good = False
-        if known is None or found.cost * MARGIN < known.cost * (MARGIN - 1):
-            self._context.write([(records.SCHEDULE, ahead.proposal(found.schedule))], now_us)
+    def _propose(self, proposal: Proposal, ahead: Lookahead, now_us: int) -> None:
+        """Propose what is clearly better than the schedule in force."""
+        best = ahead.mended(proposal).rank
+        if ahead.course is None or best.is_clearly_better(ahead.course.rank):
+            self._are_rules_as_good = False
+            self._context.write([(records.SCHEDULE, proposal)], now_us)
         else:
-            self._is_assignment_as_good = ahead.course is None
+            self._are_rules_as_good = not ahead.author

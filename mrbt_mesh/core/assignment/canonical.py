@@ -103,7 +103,7 @@ def _solve_constrained(problem: AssignmentProblem, solver: Solver) -> tuple[int,
 def canonical(problem: AssignmentProblem, optimum: Sequence[int] | Integers) -> tuple[int, ...]:
     """Among all optimal assignments, the canonical one.
 
-    Robots in sorted order; each takes the first demand, in order, that some optimal
+    Robots in the problem's order; each takes the first demand, in order, that some optimal
     assignment consistent with the robots before it allows; unassigned comes last.
     Raises SolverError if `optimum` breaks a bound or is not optimal.
     """

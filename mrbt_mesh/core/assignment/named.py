@@ -23,7 +23,7 @@ class NamedDemand:
 
 @dataclass(frozen=True, slots=True)
 class NamedProblem:
-    """An assignment problem by ids: robots sorted, demands in order of preference."""
+    """An assignment problem by ids: robots and demands in order of preference."""
 
     robots: tuple[str, ...]
     demands: tuple[NamedDemand, ...]

@@ -62,7 +62,7 @@ def integers(values: Iterable[int]) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class AssignmentProblem:
-    """Robots in sorted order, demands in order of preference, and performances.
+    """Robots and demands in order of preference, and performances.
 
     `pair_robot`, `pair_demand` and `pair_performance` are arrays of equal length, one entry per
     robot and demand that it can do, ordered by robot, then demand: their indices, and p in

@@ -11,8 +11,10 @@ from __future__ import annotations
 import hashlib
 from array import array
 from bisect import bisect_left, insort
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from heapq import nlargest
 from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.tree import Status
@@ -37,6 +39,8 @@ from mrbt_mesh.core.mission.names import owning_job
 # How many ends of jobs are kept at least, and of how many archives their hashes.
 KEPT_ENDS = 500
 KEPT_ARCHIVES = 200
+# Robots that have worked on fewer of so many jobs that ended last have the first turn.
+COUNTED_ENDS = 100
 _KEPT = f"{records.JOB_END}/", f"{records.JOB_CANCELLED}/"
 
 
@@ -187,6 +191,7 @@ class Jobs:
         self.arrived: dict[str, None] = {}
         self._in_tree: tuple[OpenJob, ...] | None = None
         self._ended: dict[str, None] = {}
+        self._shares: Mapping[str, int] | None = None
         self._unended: dict[str, None] = {}
         # Those that were cancelled, and of which no robot has written the end yet.
         self._cancelled: dict[str, None] = {}
@@ -203,6 +208,20 @@ class Jobs:
     def count_open(self) -> int:
         """How many jobs have not ended."""
         return len(self._unended)
+
+    @property
+    def shares(self) -> Mapping[str, int]:
+        """Robot -> on how many of the last `COUNTED_ENDS` jobs that have ended it has worked."""
+        if self._shares is None:
+            ends = ((name, self.known[name].written_end) for name in self._ended)
+            kept = [
+                (end.stamp, name, end.robots)
+                for name, end in ends
+                if end is not None and not self.is_archived(name)
+            ]
+            latest = nlargest(COUNTED_ENDS, kept)
+            self._shares = Counter(robot for _, _, robots in latest for robot in robots)
+        return self._shares
 
     def has_ended(self, name: str) -> bool:
         """Whether this job has ended, as far as is known."""
@@ -276,6 +295,7 @@ class Jobs:
         """Take in an archive: of these jobs nothing else is kept."""
         self._archives[entry.author, entry.parts[1]] = archive
         self._archived = array("Q", sorted({*self._archived, *archive.hashes}))
+        self._shares = None
         newly = frozenset(archive.hashes)
         for known in self.known.values():
             if hash_of(known.id) in newly:
@@ -288,6 +308,7 @@ class Jobs:
         """An archive was dropped."""
         del self._archives[entry.author, entry.parts[1]]
         self.obsolete.pop((entry.author, entry.name), None)
+        self._shares = None
         hashes = {number for each in self._archives.values() for number in each.hashes}
         self._archived = array("Q", sorted(hashes))
 
@@ -419,6 +440,8 @@ class Jobs:
             self._begun[name].pop(known.id, None)
             self._in_tree = None
         job = known.job
+        if known.ends or known.id in self._ended:
+            self._shares = None
         self._ended.pop(known.id, None)
         self._unended.pop(known.id, None)
         self._cancelled.pop(known.id, None)

@@ -40,6 +40,8 @@ MAX_SUBJECT = 100
 # How many jobs one archive names, by how long a hash.
 MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
+# Of one task, how many times it was overtaken: higher counts make no difference.
+MAX_OVERTAKEN = 1_000_000
 # Of a compiled mission, in characters.
 MAX_MISSION = 250_000
 # The subjects of problems with the robot itself; all others are parts of its program.
@@ -81,6 +83,12 @@ def _read_steps(value: Any) -> tuple[ProposedStep, ...]:
 
 def _write_steps(steps: tuple[ProposedStep, ...]) -> list[Any]:
     return [step.to_value() for step in steps]
+
+
+def _read_counts(value: Any) -> Mapping[str, int]:
+    if not isinstance(value, dict) or len(value) > MAX_HORIZON:
+        raise ValueError(f"a map of counts expected, found {shown(value)}")
+    return {_read_name(k): read_integer(v, 1, MAX_OVERTAKEN) for k, v in value.items()}
 
 
 def _read_robots(value: Any) -> tuple[tuple[str, ...], ...]:
@@ -294,6 +302,25 @@ class Proposal(Record):
     """A schedule that the author proposes: each robot does its tasks in this order."""
 
     steps: Annotated[tuple[ProposedStep, ...], Plain(_read_steps, _write_steps)]
+
+
+@dataclass(frozen=True, slots=True)
+class Overtaken(Record):
+    """How often the author has begun something before tasks that come earlier, by activation: those
+    that still lay ahead when it was written. `begun`: what it has begun last, or set out for;
+    `has_turned`: it had set out for something else, and has not worked since.
+    """
+
+    begun: _Name
+    has_turned: bool
+    counts: Annotated[Mapping[str, int], Plain(_read_counts, dict)]
+
+
+@dataclass(frozen=True, slots=True)
+class TeamTime(Record):
+    """The Unix time, by the author's clock, when it last had deadlines ahead."""
+
+    unix_us: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -756,8 +783,10 @@ JOB_DUE = "job_due"
 # Of jobs that have ended before those of which the ends are kept.
 JOB_ARCHIVE = "job_archive"
 JOB_KINDS = frozenset({JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED, JOB_DUE, JOB_END})
-# The author's proposal of a schedule, and its travel times.
+# The author's proposal of a schedule, and its travel times; what it has begun before its turn, and
+# what time it was.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
+OVERTAKEN, TEAM_TIME = "overtaken", "team_time"
 # A revision of the mission is in force, by number. And which one the author holds.
 MISSION_ADOPTED, MISSION_HELD = "mission_adopted", "mission_held"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED, DECISION})
@@ -801,6 +830,8 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     JOB_END: (JobEnd.parse, (2,)),
     JOB_ARCHIVE: (JobArchive.parse, (2,)),
     TRAVEL_TIMES: (TravelTimes.parse, (1,)),
+    OVERTAKEN: (Overtaken.parse, (1,)),
+    TEAM_TIME: (TeamTime.parse, (1,)),
     MISSION_HELD: (HeldMission.parse, (1,)),
     MISSION_ADOPTED: (AdoptedMission.parse, (2,)),
     **{

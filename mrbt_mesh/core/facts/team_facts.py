@@ -6,7 +6,7 @@ the rules see the package's docstring.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,11 +29,13 @@ from mrbt_mesh.core.facts.records import (
     MissionResult,
     NoClaim,
     OperatorCommand,
+    Overtaken,
     Phase,
     Proposal,
     Record,
     RobotProblem,
     TeamOrder,
+    TeamTime,
     TravelTimes,
     stamp_of,
 )
@@ -120,6 +122,9 @@ class TeamFacts:
         self.proposals: dict[str, Proposal] = {}
         self.jobs = Jobs(mission) if mission.jobs else None
         self.travel_times: dict[str, TravelTimes] = {}
+        # Robot -> how often it has overtaken which activations; and what time it was.
+        self.overtakings: dict[str, Overtaken] = {}
+        self.team_times: dict[str, TeamTime] = {}
         self._mission = mission
         # The jobs in its tree; None: their types are.
         self._in_tree: tuple[OpenJob, ...] | None = None
@@ -253,6 +258,15 @@ class TeamFacts:
         wanted = (activation, local_task)
         return [robot for robot, c in claims if c and (c.activation, c.local_task) == wanted]
 
+    def by_share(self, robots: Iterable[str]) -> list[str]:
+        """Robots in the order in which they have their turn where there is nothing to choose: those
+        that have worked on fewer of the last jobs first, then by id.
+        """
+        if self.jobs is None or not self.jobs.shares:
+            return sorted(robots)
+        shares = self.jobs.shares
+        return sorted(robots, key=lambda robot: (shares.get(robot, 0), robot))
+
     def robots_with(self, local_task: str) -> list[str]:
         """All known robots with the capability; dead ones, and ones that lost it, included."""
         members = self.members.items()
@@ -288,6 +302,10 @@ class TeamFacts:
             found = travel.changed_table(kind, said.places, said.ways_ms)
             self._travel_tables[robot, kind] = found
         return found
+
+    def overtaken(self, activation: str) -> int:
+        """How often robots have begun something later before this."""
+        return sum(each.counts.get(activation, 0) for each in self.overtakings.values())
 
     @property
     def max_stamp(self) -> int:
@@ -585,7 +603,7 @@ class TeamFacts:
                 self._add_problem(author, entry.parts[1], text)
             case JobArchive() if self.jobs is not None:
                 self.jobs.add_archive(entry, record)
-            case Proposal() | TravelTimes():
+            case Proposal() | TravelTimes() | Overtaken() | TeamTime():
                 self._add_about_ways(author, record)
 
     def _add_to_job(self, entry: Entry, jobs: Jobs) -> None:
@@ -607,12 +625,19 @@ class TeamFacts:
             if each is not None and job and each.phase is Phase.RUNNING:
                 self.jobs.note_claims(job, by)
 
-    def _add_about_ways(self, author: str, record: Proposal | TravelTimes) -> None:
-        if isinstance(record, Proposal):
-            self.proposals[author] = record
-        else:
-            self.travel_times[author] = record
-            self._travel_tables.clear()
+    def _add_about_ways(
+        self, author: str, record: Proposal | TravelTimes | Overtaken | TeamTime
+    ) -> None:
+        match record:
+            case Proposal():
+                self.proposals[author] = record
+            case TravelTimes():
+                self.travel_times[author] = record
+                self._travel_tables.clear()
+            case Overtaken():
+                self.overtakings[author] = record
+            case TeamTime():
+                self.team_times[author] = record
 
     def _add_problem(self, author: str, subject: str, text: str) -> None:
         known = self.problems.setdefault(author, {})

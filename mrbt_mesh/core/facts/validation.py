@@ -10,7 +10,7 @@ place for it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container
+from collections.abc import Collection, Container, Iterable
 from dataclasses import replace
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
@@ -31,9 +31,11 @@ from mrbt_mesh.core.facts.records import (
     MissionResult,
     NoClaim,
     OperatorCommand,
+    Overtaken,
     Proposal,
     ProposedMission,
     Record,
+    TeamTime,
     TravelTimes,
 )
 from mrbt_mesh.core.facts.revisions import MAX_DIGITS as MISSION_DIGITS
@@ -137,8 +139,8 @@ def _refuse_by_kind(entry: Entry, mission: Mission, run: str) -> str | None:
 def _refuse_of_robot(entry: Entry, mission: Mission, run: str) -> str | None:
     """What a robot says of itself."""
     match entry.record:
-        case Proposal():
-            return _refuse_proposal(entry, mission, run)
+        case Proposal() | Overtaken() | TeamTime() as record:
+            return _refuse_of_schedules(record, mission, run)
         case Claim() as claim:
             reason = _refuse_claim(claim, mission, run)
             return reason or _refuse_place(claim.place, mission)
@@ -253,17 +255,19 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
     return None
 
 
-def _refuse_proposal(entry: Entry, mission: Mission, run: str) -> str | None:
-    """Every step must be of an action; whether it fits the facts is found out by each plan."""
-    record = entry.record
-    assert isinstance(record, Proposal)
+def _refuse_of_schedules(
+    record: Proposal | Overtaken | TeamTime, mission: Mission, run: str
+) -> str | None:
+    """Every name must be that of an action; whether it lies ahead is found out by each plan."""
     if mission.travel is None:
         return "this mission has no schedules"
-    for step in record.steps:
-        reason = _refuse_name(records.OUTCOME, step.activation, mission, run)
-        if reason is not None:
-            return reason
-    return None
+    names: Iterable[str] = ()
+    if isinstance(record, Proposal):
+        names = (step.activation for step in record.steps)
+    elif isinstance(record, Overtaken):
+        names = (record.begun, *record.counts)
+    reasons = (_refuse_name(records.OUTCOME, name, mission, run) for name in names)
+    return next((reason for reason in reasons if reason is not None), None)
 
 
 def _refuse_of_activation(

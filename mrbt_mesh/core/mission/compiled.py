@@ -37,7 +37,7 @@ from mrbt_mesh.core.mission.names import (
     split_call,
     type_name,
 )
-from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS
+from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_OVERTAKING
 from mrbt_mesh.errors import FileError, Problem, whole_file_error
 
 # Of a digest in hexadecimal digits.
@@ -275,6 +275,8 @@ def _check_travel(mission: Mission) -> None:
         _expect(place in travel.places, f"place {place!r}")
     _expect(isinstance(travel.has_way_back, bool), "way back")
     _expect(_is_integer(travel.horizon, 1, MAX_HORIZON), f"horizon {travel.horizon!r}")
+    overtaking = travel.overtaking
+    _expect(_is_integer(overtaking, 0, MAX_OVERTAKING), f"overtaking {overtaking!r}")
     for _, problem in travel_problems(travel, mission.robots.values(), mission.jobs.values()):
         _expect(False, problem)
 

@@ -17,6 +17,7 @@ MICRO = 1_000_000
 MAX_PLACES = 1_000
 MAX_MS = 1_000_000_000
 MAX_HORIZON = 1_000
+MAX_OVERTAKING = 1_000
 # The most places between which one robot publishes travel times.
 MAX_TIMED_PLACES = 100
 
@@ -31,7 +32,8 @@ class Travel:
     ways unless the other is given. `at`: ground local task -> the place where it happens; others
     happen anywhere. `start`: robot -> the place where it is at first, of each that can do one of
     `at`. `has_way_back`: whether robots return there in the end. `horizon`: how many tasks a
-    schedule looks ahead, at most.
+    schedule looks ahead, at most. `overtaking`: how often later jobs of its priority, or later
+    attempts of loops, may go before a task.
     """
 
     places: Mapping[str, tuple[int, int] | None]
@@ -42,6 +44,7 @@ class Travel:
     objective: Objective = Objective.MAKESPAN
     has_way_back: bool = False
     horizon: int = 100
+    overtaking: int = 5
     _tables: dict[str, Sequence[Sequence[int]]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -133,6 +136,7 @@ class Travel:
             "objective": str(self.objective),
             "has_way_back": self.has_way_back,
             "horizon": self.horizon,
+            "overtaking": self.overtaking,
         }
 
     @classmethod
@@ -147,6 +151,7 @@ class Travel:
             Objective(data["objective"]),
             data["has_way_back"],
             data["horizon"],
+            data["overtaking"],
         )
 
 

@@ -66,8 +66,8 @@ class Forecast:
     """Of a team that travels. Without a schedule in force `reason` says why, `ends_s` is None, and
     robots have no steps.
 
-    `author` has proposed it. `ends_s`: when the last of its tasks has ended, and all robots are
-    back if they return. `left_out`: (global task, why schedules leave it out).
+    `author` has proposed it, nobody if it is empty. `ends_s`: when the last of its tasks has ended,
+    and all robots are back if they return. `left_out`: (global task, why schedules leave it out).
     """
 
     objective: str
@@ -153,16 +153,16 @@ def _reason(ahead: Lookahead, objective: Objective) -> str:
     if ahead.schedule is not None:
         count = len(ahead.schedule)
         tasks = "1 task" if count == 1 else f"{count} tasks"
-        return f"schedule by {ahead.author} for {objective}, {tasks}"
+        return f"schedule by {ahead.author or 'rules'} for {objective}, {tasks}"
     if not ahead.robots:
         return "no schedule: nobody knows where any robot is"
-    if len(ahead.opens) < 2:
-        return "no schedule: less than two tasks ahead lack robots"
-    return "no schedule: no robot has proposed one that fits"
+    return "no schedule: no task ahead lacks robots, or the horizon is 1"
 
 
 def _now(facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int]) -> SchedulingProblem:
-    """The problem with the time that work and ways have taken; facts count them as half done."""
+    """The problem with the time that work and ways have taken. Facts count work as half done, and
+    ways where tasks have no order; where they have, no part of them.
+    """
     free_ms, tables = list(ahead.problem.free_ms), list(ahead.problem.travel_ms)
     places = list(facts.mission.travel.places) if facts.mission.travel is not None else []
     for number, robot in enumerate(ahead.robots):
@@ -173,7 +173,8 @@ def _now(facts: TeamFacts, ahead: Lookahead, elapsed_ms: Mapping[str, int]) -> S
             *table, row = tables[number]
             left_ms = list(row)
             index = places.index(goal)
-            left_ms[index] = max(0, 2 * row[index] - elapsed_ms[robot])
+            way_ms = row[index] if ahead.problem.has_order else 2 * row[index]
+            left_ms[index] = max(0, way_ms - elapsed_ms[robot])
             tables[number] = [*table, left_ms]
     return replace(ahead.problem, free_ms=tuple(free_ms), travel_ms=tables)
 

@@ -160,7 +160,8 @@ def assign_agents(
     assignments = {robot: _assignment(robot, demand, True) for robot, demand in at_work.items()}
     assigned = None
     if found.is_consistent:
-        assigned = _assign(mission, [offered[index] for index in kept], team, at_work, solver)
+        groups = [offered[index] for index in kept]
+        assigned = _assign(mission, groups, facts.by_share(team), at_work, solver)
         assignments |= assigned or {}
 
     # The requests that wait, and why.
@@ -194,7 +195,7 @@ def assign_agents(
     robots = [r for r in team if r not in assignments]
     idle = _why_idle(robots, demands, offered, served, held, found.unset)
     if found.ahead is not None:
-        idle |= _what_is_next(found.ahead, idle)
+        idle |= _what_is_next(found.ahead, idle, demands)
     if facts.borrowers:
         idle |= {r: f"borrowed by {by}" for r, (by, _) in facts.borrowers.items() if r in idle}
     return Plan(
@@ -251,11 +252,14 @@ def _obstacles(
 def _assign(
     mission: Mission,
     groups: Sequence[Group],
-    team: Mapping[str, Worker],
+    team: Sequence[str],
     at_work: Mapping[str, Demand],
     solver: Solver,
 ) -> dict[str, RobotAssignment] | None:
-    """Put robots that are not at work on what the kept demands still ask for; None: infeasible."""
+    """Put robots that are not at work on what the kept demands still ask for; None: infeasible.
+
+    `team`: its robots in the order in which the canonical optimum asks them.
+    """
     wanted: dict[str, Demand] = {}
     named: list[NamedDemand] = []
     for group in groups:
@@ -385,9 +389,20 @@ def _why_idle(
     return reasons
 
 
-def _what_is_next(ahead: Lookahead, idle: Collection[str]) -> dict[str, str]:
-    """For robots that the schedule in force has on something later: what, and with whom."""
+def _what_is_next(
+    ahead: Lookahead, idle: Collection[str], demands: Sequence[Group]
+) -> dict[str, str]:
+    """For robots that the schedule in force has on something later: what, and with whom. For those
+    that it has nothing for: what they could do.
+    """
     found = {}
+    if ahead.schedule is not None:
+        scheduled = [group for group in demands if ahead.step_of(group[0].request.activation)]
+        others = [robot for robot in ahead.robots if robot in idle]
+        for robot, indices in _able_requests(others, scheduled).items():
+            if indices:
+                names = sorted({scheduled[index][0].request.subject for index in indices})
+                found[robot] = f"{', '.join(names)}: the schedule has other robots for it"
     for robot, step in ahead.next_steps.items():
         if robot in idle:
             partners = ", ".join(each for each in ahead.members(step) if each != robot)

@@ -1,32 +1,34 @@
 """Schedules: of those that robots propose, the best that fits the facts is in force.
 
 A proposal is a fact, an order of the tasks that lie ahead with robots for each of them. Nothing of
-it is taken on its author's word: it fits while what is left of it is a schedule of what is still
-open, for the robots that are there; what it costs is computed from the facts. What has begun goes
-on, whatever is proposed. So all robots with the same facts have the same schedule in force, or
-none.
+it is taken on its author's word: steps that are over are left out, tasks that it lacks come last,
+robots that are not there are replaced, and where it breaks the order of tasks (`task_order`) it is
+mended (`scheduling.order`). What that comes to is computed from the facts. Schedules by rules alone
+need no proposal. So all robots with the same facts have the same schedule in force.
 
-While one is in force each robot has the first of its tasks that is still open, once T_G asks for
-it. Requests that schedules leave out, and all of them where none is in force, go to the robots that
-*Check Consistency* and *Assign Agents* give them.
+Each robot has the first of its tasks that is still open, once T_G asks for it. Requests that
+schedules leave out go to the robots that *Check Consistency* and *Assign Agents* give them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from mrbt_mesh.core.bt.evaluation import Evaluation, Request
-from mrbt_mesh.core.facts.records import Proposal, ProposedStep
+from mrbt_mesh.core.facts.records import Phase, Proposal, ProposedStep
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.core.planning.ahead import precedence, tasks_ahead
 from mrbt_mesh.core.planning.capabilities import Capabilities
 from mrbt_mesh.core.planning.demands import Demand, Group, request_demands
-from mrbt_mesh.core.scheduling.dispatch import can_be_served
+from mrbt_mesh.core.planning.task_order import OrderKey, task_order
+from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher, can_be_served
+from mrbt_mesh.core.scheduling.order import by_rules, first_tasks, in_order, onward, overtaken
 from mrbt_mesh.core.scheduling.problem import (
+    Coalition,
     Course,
     Schedule,
     SchedulingNeed,
@@ -34,6 +36,7 @@ from mrbt_mesh.core.scheduling.problem import (
     SchedulingTask,
     Step,
     course_of,
+    turning,
 )
 
 
@@ -51,14 +54,16 @@ class Lookahead:
     """What schedules are made for: the tasks ahead that lack robots, and the robots there are.
 
     `opens` and `robots` are numbered as in `problem`. `left_out`: activation -> why it is none for
-    a schedule. `schedule` is the one in force with its course, None without one, and `author` the
-    robot that has proposed it.
+    a schedule. `order`: activation -> its place among the tasks ahead. `schedule` is the one in
+    force with its course, None where nothing is open, and `author` the robot that has proposed it;
+    empty if it is one by rules.
     """
 
     opens: tuple[Open, ...]
     robots: tuple[str, ...]
     problem: SchedulingProblem
     left_out: Mapping[str, str]
+    order: Mapping[str, OrderKey] = field(default_factory=dict)
     schedule: Schedule | None = None
     course: Course | None = None
     author: str = ""
@@ -109,32 +114,76 @@ class Lookahead:
             )
         )
 
-    def fitting(self, proposal: Proposal) -> tuple[Schedule, Course] | None:
-        """What is left of a proposal, if that is a schedule of this problem."""
+    @cached_property
+    def dispatcher(self) -> Dispatcher:
+        """Of the problem."""
+        return Dispatcher(self.problem)
+
+    def by_rules(self) -> Dispatched:
+        """The best schedule that needs no search. It turns nobody round: other rules may hold for a
+        robot that has turned, and lead it back.
+        """
+        problem = self.problem
+        found = by_rules(problem, self.dispatcher)
+        if problem.under_way:
+            found = [each for each in found if not turning(problem, each.schedule)] or found
+        return min(found, key=lambda each: (each.rank, each.schedule))
+
+    def mended(self, proposal: Proposal) -> Dispatched:
+        """What a proposal comes to now: a schedule of all that is open."""
+        hints: dict[int, Coalition] = {}
         numbers = {robot: number for number, robot in enumerate(self.robots)}
-        steps: list[Step] = []
-        for activation, robots in ((each.activation, each.robots) for each in proposal.steps):
-            task = self.numbers.get(activation)
-            if task is None:
-                continue
-            group = self.opens[task].group
-            if len(robots) != len(group) or any(name not in numbers for r in robots for name in r):
-                return None
-            # Without those at work there, and those that have ended there.
-            coalition = tuple(
-                tuple(
-                    numbers[robot]
-                    for robot in those
-                    if robot in demand.candidates and robot not in demand.pinned
-                )
-                for those, demand in zip(robots, group, strict=True)
-            )
-            steps.append(Step(task, coalition))
-        schedule = tuple(steps)
-        try:
-            return schedule, course_of(self.problem, schedule)
-        except ValueError:
-            return None
+        for step in proposal.steps:
+            task = self.numbers.get(step.activation)
+            if task is not None and task not in hints:
+                hints[task] = self._crew(task, step.robots, numbers)
+        found = in_order(self.problem, self.dispatcher, list(hints), hints)
+        if self.problem.fixed & turning(self.problem, found.schedule):
+            found = onward(self.problem, self.dispatcher, list(hints), hints)
+        return found
+
+    def _crew(
+        self, task: int, proposed: Sequence[Sequence[str]], numbers: Mapping[str, int]
+    ) -> Coalition:
+        """The robots that are there, of those proposed, as many as each need still lacks."""
+        crew, taken = [], set[int]()
+        for index, need in enumerate(self.problem.tasks[task].needs):
+            own: list[int] = []
+            for name in proposed[index] if index < len(proposed) else ():
+                robot = numbers.get(name)
+                if robot is None or robot in taken or len(own) == need.robots:
+                    continue
+                if robot in need.work_ms:
+                    own.append(robot)
+                    taken.add(robot)
+            crew.append(tuple(own))
+        return tuple(crew)
+
+    def turns_from(self, way: str, begun: str) -> bool:
+        """Whether a robot that was on its way to one task turns round if it begins the other one,
+        which has no priority.
+        """
+        left, own = self.numbers.get(way), self.order.get(begun)
+        if left is None or own is None or way == begun or not self.problem.has_order:
+            return False
+        return own.level >= self.problem.tasks[left].level
+
+    def overtaken_by(self, robot: str, activation: str) -> list[str]:
+        """The tasks that a robot overtakes when it begins this now, by the schedule in force."""
+        number = self.numbers.get(activation)
+        if number is None or robot not in self.robots or not self.problem.has_order:
+            return []
+        me, tasks = self.robots.index(robot), self.problem.tasks
+        first = first_tasks(self.problem, self.schedule or ())
+        if first.get(me) != number:
+            return []
+        found = []
+        for other, task in enumerate(tasks):
+            if task.is_asked and task.is_before(tasks[number]):
+                lower, later, _ = overtaken(self.problem, self.dispatcher, first, other)
+                if me in lower or me in later:
+                    found.append(self.opens[other].request.activation)
+        return found
 
 
 def look_ahead(
@@ -142,22 +191,25 @@ def look_ahead(
 ) -> Lookahead:
     """The problem of this moment, and the schedule in force; `demands`: of the present requests."""
     found = _lookahead(facts, evaluation, demands, capabilities)
-    those = []
-    for author in sorted(facts.proposals):
-        fitting = found.fitting(facts.proposals[author])
-        if fitting is not None and fitting[0]:
-            those.append((*fitting, author))
-    if not those:
+    travel = facts.mission.travel
+    if not found.opens or travel is None or travel.horizon == 1:
         return found
-    schedule, course, author = min(those, key=lambda each: (each[1].cost, each[0]))
-    return replace(found, schedule=schedule, course=course, author=author)
+    proposals = [(name, each) for name, each in sorted(facts.proposals.items()) if each.steps]
+    if proposals:
+        mended = ((found.mended(each), name) for name, each in proposals)
+        best, author = min(mended, key=lambda each: (each[0].rank, each[0].schedule, each[1]))
+    else:
+        best, author = found.by_rules(), ""
+    course = course_of(found.problem, best.schedule)
+    return replace(found, schedule=best.schedule, course=course, author=author)
 
 
 def by_schedule(mission: Mission, ahead: Lookahead, demands: Sequence[Group]) -> Sequence[Group]:
     """The demands of the requests, for the robots whose next step each of them is.
 
-    Those robots are no candidates for requests that are left out, but for a preemptive one, which
-    takes them from tasks further right also before they have begun.
+    Those robots are no candidates for requests that are left out, but for those that come first in
+    the order of tasks, and for a preemptive one, which takes them from tasks further right also
+    before they have begun.
     """
     if ahead.schedule is None:
         return demands
@@ -171,10 +223,15 @@ def by_schedule(mission: Mission, ahead: Lookahead, demands: Sequence[Group]) ->
     }
     result = []
     for index, group in enumerate(demands):
-        step = ahead.step_of(group[0].request.activation)
+        activation = group[0].request.activation
+        step = ahead.step_of(activation)
         if step is None:
             is_preemptive = mission.global_tasks[group[0].request.subject].preemptive
-            taken = {r for r, at in due.items() if at < index or not is_preemptive}
+            taken = {
+                robot
+                for robot, at in due.items()
+                if at < index or not (is_preemptive or _comes_first(ahead, activation, robot))
+            }
             result.append(tuple(_only(each, each.candidates.keys() - taken) for each in group))
             continue
         narrowed = []
@@ -184,6 +241,18 @@ def by_schedule(mission: Mission, ahead: Lookahead, demands: Sequence[Group]) ->
             narrowed.append(replace(_only(demand, robots), lower=count, upper=count))
         result.append(tuple(narrowed))
     return result
+
+
+def _comes_first(ahead: Lookahead, activation: str, robot: str) -> bool:
+    """Whether a request that is left out goes before the robot's next task: it has priority, or it
+    came first, and the robot has not set out yet.
+    """
+    step, own = ahead.next_steps[robot], ahead.order.get(activation)
+    other = ahead.problem.tasks[step.task]
+    if own is None or own.level != other.level:
+        return own is not None and own.level < other.level
+    is_on_its_way = ahead.problem.under_way.get(ahead.robots.index(robot)) == step.task
+    return own.arrival < other.arrival and not is_on_its_way
 
 
 def _only(demand: Demand, robots: Collection[str]) -> Demand:
@@ -207,17 +276,21 @@ def _lookahead(
     assert travel is not None
     rounds = tasks_ahead(evaluator, facts, evaluation, travel.horizon)
     after = precedence(evaluator, rounds)
+    requests = [each for found in rounds for each in found]
+    order = task_order(facts, requests)
     known = {group[0].request.activation: group for group in demands}
-    places = {r: facts.place_of(r) for r in capabilities.team}
-    numbers = {r: number for number, r in enumerate(r for r in places if places[r])}
+    known_places = (r for r in facts.by_share(capabilities.team) if facts.place_of(r))
+    numbers = {robot: number for number, robot in enumerate(known_places)}
     free_ms = dict.fromkeys(numbers, 0)
     ends_ms: dict[str, int] = {}
     opens: list[Open] = []
     left_out: dict[str, str] = {}
-    for request in (each for found in rounds for each in found):
+    at_work: set[str] = set()
+    for request in requests:
         activation = request.activation
         group = known.get(activation) or request_demands(facts, request, capabilities, {})
         for demand in group:
+            at_work.update(demand.pinned)
             for robot in demand.pinned:
                 # How far it has got is not among the facts: on average half is left.
                 work_ms = _work_ms(mission, demand, robot) // 2
@@ -232,8 +305,9 @@ def _lookahead(
             left_out[activation] = reason
         elif any(need.robots for need in needs):
             opens.append(Open(request, group, needs))
-    tasks = _tasks(mission, opens, list(travel.places), after, ends_ms)
-    ways = [_way(facts, travel, robot) for robot in numbers]
+    tasks = _tasks(facts, opens, after, ends_ms, order, known, capabilities)
+    has_order = len({(task.level, task.arrival) for task in tasks}) > 1
+    ways = [_way(facts, travel, robot, has_order) for robot in numbers]
     indices = {name: number for number, name in enumerate(travel.places)}
     home = travel.start if travel.has_way_back else {}
     problem = SchedulingProblem(
@@ -243,8 +317,10 @@ def _lookahead(
         tuple(table for _, table in ways),
         tuple(indices[home[robot]] if robot in home else None for robot in numbers),
         travel.objective,
+        frozenset(numbers[robot] for robot in at_work if robot in numbers),
+        *_under_way(facts, opens, numbers),
     )
-    return Lookahead(tuple(opens), tuple(numbers), problem, left_out)
+    return Lookahead(tuple(opens), tuple(numbers), problem, left_out, order)
 
 
 def _need(mission: Mission, demand: Demand, numbers: Mapping[str, int]) -> SchedulingNeed:
@@ -260,40 +336,94 @@ def _work_ms(mission: Mission, demand: Demand, robot: str) -> int:
 
 
 def _tasks(
-    mission: Mission,
+    facts: TeamFacts,
     opens: Sequence[Open],
-    places: Sequence[str],
     after: Mapping[str, tuple[str, ...]],
     ends_ms: Mapping[str, int],
+    order: Mapping[str, OrderKey],
+    asked: Collection[str],
+    capabilities: Capabilities,
 ) -> tuple[SchedulingTask, ...]:
-    assert mission.travel is not None
+    travel, tasks = facts.mission.travel, facts.mission.global_tasks
+    assert travel is not None
+    places = {name: number for number, name in enumerate(travel.places)}
     numbers = {each.request.activation: number for number, each in enumerate(opens)}
-    tasks = []
+    unix_ms = _unix_ms(facts, capabilities)
+    # The deadline of a job is that of its last tasks.
+    followed = {name for each in opens for name in after.get(each.request.activation, ())}
+    found = []
     for each in opens:
-        before = after.get(each.request.activation, ())
-        goal = mission.travel.at.get(each.group[0].local_task)
-        tasks.append(
+        activation = each.request.activation
+        before, place = after.get(activation, ()), order[activation]
+        goal = travel.at.get(each.group[0].local_task)
+        deadline_ms = None
+        if unix_ms and place.deadline_us and activation not in followed:
+            deadline_ms = place.deadline_us // 1_000 - unix_ms
+        found.append(
             SchedulingTask(
-                None if goal is None else places.index(goal),
+                None if goal is None else places[goal],
                 each.needs,
                 tuple(numbers[name] for name in before if name in numbers),
-                mission.global_tasks[each.request.subject].by_coalition,
+                tasks[each.request.subject].by_coalition,
                 max((ends_ms.get(name, 0) for name in before), default=0),
+                place.level,
+                place.arrival,
+                max(0, travel.overtaking - facts.overtaken(activation)),
+                activation in asked,
+                deadline_ms,
             )
         )
-    return tuple(tasks)
+    return tuple(found)
 
 
-def _way(facts: TeamFacts, travel: Travel, robot: str) -> tuple[int, Sequence[Sequence[int]]]:
-    """Where a robot is, and its ways from there and between places."""
+def _unix_ms(facts: TeamFacts, capabilities: Capabilities) -> int:
+    """What time it is: of the living robots that have written it the median, of an even number the
+    earlier one in the middle. 0 if none has.
+    """
+    times_us = sorted(
+        each.unix_us for robot, each in facts.team_times.items() if robot in capabilities.team
+    )
+    return times_us[(len(times_us) - 1) // 2] // 1_000 if times_us else 0
+
+
+def _under_way(
+    facts: TeamFacts, opens: Sequence[Open], numbers: Mapping[str, int]
+) -> tuple[Mapping[int, int], frozenset[int]]:
+    """Robot -> the open task to which it has set out; and those that have turned round for it.
+
+    Once a robot has arrived it still is on its way, if it has overtaken something for that.
+    """
+    tasks = {each.request.activation: number for number, each in enumerate(opens)}
+    under_way, fixed = {}, set()
+    for robot, number in numbers.items():
+        claim, noted = facts.valid_claim(robot), facts.overtakings.get(robot)
+        if claim is None or claim.activation not in tasks or claim.phase is Phase.RUNNING:
+            continue
+        is_noted = noted is not None and noted.begun == claim.activation
+        if claim.phase is Phase.TRAVELLING or is_noted:
+            under_way[number] = tasks[claim.activation]
+            if noted is not None and is_noted and noted.has_turned:
+                fixed.add(number)
+    return under_way, frozenset(fixed)
+
+
+def _way(
+    facts: TeamFacts, travel: Travel, robot: str, has_order: bool
+) -> tuple[int, Sequence[Sequence[int]]]:
+    """Where a robot is, and its ways from there and between places.
+
+    `has_order`: it matters what a robot on its way does first.
+    """
     places = list(travel.places)
     at, goal = places.index(facts.place_of(robot)), facts.under_way(robot)
     table = facts.travel_table(robot)
     if not goal:
         return at, table
-    # How far it has come is not among the facts: on average half of the way is left.
-    row = list(table[at])
-    row[places.index(goal)] //= 2
+    # How far it has come is not among the facts: on average half of the way is left. Where there is
+    # an order, none counts as done: else to set out would be a reason to go elsewhere, for ever.
+    index, row = places.index(goal), list(table[at])
+    if not has_order:
+        row[index] //= 2
     return len(places), [*table, row]
 
 
@@ -307,6 +437,8 @@ def _why_left_out(mission: Mission, request: Request, needs: Sequence[Scheduling
         return "it depends on conditions that every robot has for itself"
     if task.exclusive:
         return "it is exclusive"
+    if task.preemptive:
+        return "it takes robots from other tasks"
     if any(need.by_bid for need in task.needs):
         return "robots bid for it"
     if any(need.same_robot_as is not None for need in task.needs):

@@ -6,37 +6,40 @@ carried out. So a search looks through orders, and coalitions follow.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from operator import itemgetter
 from typing import NamedTuple, TypeAlias
 
 from mrbt_mesh.core.scheduling.problem import (
     Coalition,
+    Rank,
     Schedule,
     SchedulingNeed,
     SchedulingProblem,
     Step,
-    cost_of,
+    value_of,
 )
 
 
 class Dispatched(NamedTuple):
-    """The schedule that an order leads to, and its cost."""
+    """The schedule that an order leads to, its cost, and its rank."""
 
     schedule: Schedule
     cost: int
+    rank: Rank
 
 
 # What a robot could do for a task: (when it would end, when it is there, robot).
 Offer: TypeAlias = tuple[int, int, int]
 _NEVER_MS = 1 << 62
 _THERE_MS, _ROBOT = itemgetter(1), itemgetter(2)
+_NO_HINTS: Mapping[int, Coalition] = {}
 
 
 class Dispatcher:
     """Turns orders of a problem's tasks into schedules.
 
-    Raises ValueError for a problem whose tasks lack robots, or are after one another in a circle.
+    `dispatch` raises ValueError where tasks lack robots, or are after one another in a circle.
     """
 
     def __init__(self, problem: SchedulingProblem) -> None:
@@ -62,19 +65,27 @@ class Dispatcher:
         self._free_ms: list[int] = []
         self._at: list[int] = []
         self._ways_ms: list[Sequence[int]] = []
-        self.dispatch(range(len(problem.tasks)))
+        self._begin()
 
-    def dispatch(self, order: Sequence[int]) -> Dispatched:
+    def _begin(self) -> None:
+        problem = self._problem
+        self._free_ms = list(problem.free_ms)
+        self._at = list(problem.at)
+        self._ways_ms = [problem.travel_ms[robot][place] for robot, place in enumerate(self._at)]
+
+    def dispatch(
+        self, order: Sequence[int], hints: Mapping[int, Coalition] = _NO_HINTS
+    ) -> Dispatched:
         """Give robots to each task, in this order; a task after others has its turn after them.
 
         A task takes the robots with which it ends earliest, and of those for whom that makes no
-        difference the ones that arrive last: they wait least.
+        difference the ones that arrive last: they wait least. `hints`: task -> for each need robots
+        that it takes in any case, no more than it needs.
         """
         problem = self._problem
         travel_ms, tasks, is_simple = problem.travel_ms, problem.tasks, self._is_simple
-        self._free_ms = free_ms = list(problem.free_ms)
-        self._at = at = list(problem.at)
-        self._ways_ms = ways_ms = [travel_ms[robot][place] for robot, place in enumerate(at)]
+        self._begin()
+        free_ms, at, ways_ms = self._free_ms, self._at, self._ways_ms
         ended_ms: dict[int, int] = {}
         steps = []
         for number in self._feasible(order) if self._has_precedence else order:
@@ -83,12 +94,16 @@ class Dispatcher:
             for each in task.after:
                 leaves_ms = max(leaves_ms, ended_ms[each])
             place = task.place
-            if is_simple[number]:
+            hint = hints.get(number)
+            if hint is None and is_simple[number]:
                 coalition, last_ms = self._gather(number, leaves_ms)
                 for (robot,) in coalition:
                     free_ms[robot] = last_ms
             else:
-                chosen = self._choose(number, leaves_ms)
+                if hint is None:
+                    chosen = self._choose(number, leaves_ms)
+                else:
+                    chosen = self._completed(number, leaves_ms, hint)
                 if task.is_together:
                     last_ms = max([each[1] for offers in chosen for each in offers])
                     last_ms += max([each[0] - each[1] for offers in chosen for each in offers])
@@ -104,7 +119,49 @@ class Dispatcher:
                         at[robot], ways_ms[robot] = place, travel_ms[robot][place]
             ended_ms[number] = last_ms
             steps.append(Step(number, coalition))
-        return Dispatched(tuple(steps), cost_of(problem, free_ms, at, [*ended_ms.values()]))
+        return Dispatched(tuple(steps), *value_of(problem, steps, free_ms, at, ended_ms))
+
+    def crew(
+        self, number: int, robots: Collection[int], hint: Coalition | None = None
+    ) -> Coalition | None:
+        """The robots, of these, with which a task ends earliest if they set out for it now, among
+        them those of the hint; None if they are too few.
+        """
+        self._begin()
+        try:
+            chosen = self._completed(number, 0, hint or ((),) * len(self._needs[number]), robots)
+        except ValueError:
+            return None
+        return tuple(tuple(map(_ROBOT, offers)) for offers in chosen)
+
+    def _completed(
+        self, number: int, leaves_ms: int, hint: Coalition, among: Collection[int] | None = None
+    ) -> list[list[Offer]]:
+        """`_choose` with some robots given, and others only of those in `among`."""
+        needs, given = self._needs[number], {robot for robots in hint for robot in robots}
+        every = [self._offers(number, able, leaves_ms) for _, able in needs]
+        chosen = [
+            [offer for offer in offers if offer[2] in robots]
+            for offers, robots in zip(every, hint, strict=True)
+        ]
+        counts = [count - len(own) for (count, _), own in zip(needs, chosen, strict=True)]
+        if any(counts):
+            others = [
+                sorted(
+                    offer
+                    for offer in offers
+                    if offer[2] not in given and (among is None or offer[2] in among)
+                )
+                for offers in every
+            ]
+            found = match(others, counts)
+            if found is None and given:
+                # One of them may be the only one for another need.
+                return self._completed(number, leaves_ms, ((),) * len(needs), among)
+            if found is None:
+                raise ValueError(f"task {number} lacks robots")
+            chosen = [own + more for own, more in zip(chosen, found, strict=True)]
+        return chosen
 
     def _gather(self, number: int, leaves_ms: int) -> tuple[Coalition, int]:
         """`_choose` for robots that gather, one for each need; and when the task ends."""

@@ -33,13 +33,13 @@ def search_steps(
     """`search`, with the best schedule so far after each order."""
     dispatcher = Dispatcher(problem)
     orders = [*_by_rules(problem), *([list(known)] if known else [])]
-    best = min((dispatcher.dispatch(order) for order in orders), key=lambda found: found.cost)
+    best = min((dispatcher.dispatch(order) for order in orders), key=lambda found: found.rank)
     yield best
     count = len(problem.tasks)
     if count < 2:
         return
-    order, cost = [step.task for step in best.schedule], best.cost
-    first_threshold, numbers = cost // THRESHOLD_PART, _numbers(seed)
+    order, rank = [step.task for step in best.schedule], best.rank
+    first_threshold, numbers = rank.cost // THRESHOLD_PART, _numbers(seed)
     for left in range(evaluations, 0, -1):
         take, place = next(numbers) % count, next(numbers) % count
         changed = order.copy()
@@ -48,9 +48,10 @@ def search_steps(
         else:
             changed[take], changed[place] = changed[place], changed[take]
         found = dispatcher.dispatch(changed)
-        if found.cost <= cost + first_threshold * left // evaluations:
-            order, cost = changed, found.cost
-            if cost < best.cost:
+        threshold = first_threshold * left // evaluations
+        if found.rank <= rank._replace(cost=rank.cost + threshold):
+            order, rank = changed, found.rank
+            if rank < best.rank:
                 best = found
         yield best
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
 from mrbt_mesh.core.assignment.solvers import brute_force
+from mrbt_mesh.core.facts.jobs import COUNTED_ENDS
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.make_plan import make_plan
@@ -55,8 +57,23 @@ def optimal_assignment(run: RunFindings, agent: AgentView) -> None:
         if best != found:
             text = f"{agent.robot} assigns {found}, the first of the best is {best}, of {problem}"
             run.violation("I7", text)
-        if list(problem.robots) != sorted(problem.robots):
+        shares = _shares(agent)
+        if list(problem.robots) != sorted(problem.robots, key=lambda r: (shares[r], r)):
             run.violation("I7", f"{agent.robot} assigns robots in the order {problem.robots}")
+
+
+def _shares(agent: AgentView) -> Counter[str]:
+    """Robot -> on how many of the last jobs that have ended it has worked."""
+    jobs, types = agent.facts.jobs, agent.mission.jobs
+    ends = []
+    for known in jobs or ():
+        end = known.written_end
+        if end is not None and jobs is not None and not jobs.is_archived(known.id):
+            kind = types.get(end.type)
+            if kind is None or not kind.ends_mission:
+                ends.append((end.stamp, known.id, end.robots))
+    latest = sorted(ends)[-COUNTED_ENDS:]
+    return Counter(robot for _, _, robots in latest for robot in robots)
 
 
 def bids_first(run: RunFindings, agent: AgentView, claim: Claim) -> None:

@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh.core.scheduling.problem import (
     Course,
     Objective,
+    Rank,
     Schedule,
     SchedulingNeed,
     SchedulingProblem,
@@ -39,7 +40,7 @@ def test_robots_of_a_task_wait_for_one_another_and_end_together() -> None:
     # place 0 at 2.8 s, works until 3.3 s, is at place 2 at 5.3 s; both work there until 6.0 s;
     # robot 0 is home at 8.0 s.
     assert course_of(PROBLEM, SCHEDULE) == Course(
-        (1_100, 2_800, 5_300), (1_800, 3_300, 6_000), 8_000
+        (1_100, 2_800, 5_300), (1_800, 3_300, 6_000), 8_000, Rank((), 8_000, 11_100)
     )
 
 
@@ -49,7 +50,7 @@ def test_robots_that_need_not_be_together_begin_when_they_are_there() -> None:
     # task 2 before that: robot 1 is there at 2.8 s; robot 0 works at place 0 from 2.5 to 3.0 s, and
     # at place 2 from 5.0 to 5.5 s.
     assert course_of(replace(PROBLEM, tasks=apart), SCHEDULE) == Course(
-        (1_000, 2_500, 2_800), (1_800, 3_000, 5_500), 7_500
+        (1_000, 2_500, 2_800), (1_800, 3_000, 5_500), 7_500, Rank((), 7_500, 10_300)
     )
 
 
@@ -94,3 +95,33 @@ def test_a_task_without_a_place_is_done_where_its_robots_are() -> None:
 def test_a_schedule_of_another_problem_is_refused(schedule: Schedule, problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
         course_of(PROBLEM, schedule)
+
+
+def test_missed_deadlines_go_before_the_objective_those_with_priority_first() -> None:
+    tasks = PROBLEM.tasks
+    first = replace(tasks[0], level=1, deadline_ms=1_700)
+    timed = replace(PROBLEM, tasks=(first, replace(tasks[1], deadline_ms=3_300), tasks[2]))
+    late = course_of(timed, SCHEDULE).rank
+    assert late.missed == (0, 1)
+    assert Rank((0, 2), 1, 1) > late > Rank((0, 0), 99_999, 99_999)
+    assert Rank((1, 0), 1, 1) > late
+    assert late.is_clearly_better(Rank((0, 2), 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("cost", "other", "is_better"),
+    [(99, 9, True), (100, 9, False), (100, 8, True), (101, 1, False)],
+)
+def test_a_hundredth_less_is_clearly_better(cost: int, other: int, is_better: bool) -> None:
+    assert Rank((), cost, other).is_clearly_better(Rank((), 100, 9)) == is_better
+
+
+def test_a_robot_that_turns_round_where_there_is_an_order_costs_a_twentieth() -> None:
+    arrived = tuple(replace(task, arrival=number) for number, task in enumerate(PROBLEM.tasks))
+    onward = replace(PROBLEM, tasks=arrived, under_way={0: 0})
+    assert course_of(onward, SCHEDULE).rank.cost == 8_000
+    turning = replace(onward, under_way={0: 1})
+    assert course_of(turning, SCHEDULE).rank.cost == 8_400
+    assert course_of(replace(turning, tasks=PROBLEM.tasks), SCHEDULE).rank.cost == 8_000
+    urgent = tuple(replace(task, level=number) for number, task in enumerate(PROBLEM.tasks))
+    assert course_of(replace(turning, tasks=urgent), SCHEDULE).rank.cost == 8_000
