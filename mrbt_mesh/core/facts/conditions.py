@@ -25,14 +25,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from mrbt_mesh.core.bt.evaluation import EvaluationFacts, OtherConditions
 from mrbt_mesh.core.bt.guards import Expression, Guard, GuardWithActions
 from mrbt_mesh.core.facts.records import ConditionValue, ExpressionRevision, Revision
-from mrbt_mesh.core.facts.stamps import MAX_CHANGES_AHEAD, second_greatest
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition, split_owner
 
 _NOT_SET = ConditionValue(None, 0, 0), ""
-# Conditions with revisions that no honest robot comes to.
-MAX_SUSPICIOUS = 1_000
 
 
 class Conditions:
@@ -49,8 +46,6 @@ class Conditions:
         self._noted: dict[str, dict[str, ExpressionRevision]] = {}
         # The same, of which something that was read is not known here yet.
         self._early: dict[str, dict[str, ExpressionRevision]] = {}
-        # Condition -> author -> its revision, above `MAX_CHANGES_AHEAD`.
-        self._suspicious: dict[str, dict[str, int]] = {}
         self._readers: dict[str, list[Expression]] = {}
         # Of which something was said since they were looked at last.
         self._touched: dict[str, Expression] = {}
@@ -90,20 +85,9 @@ class Conditions:
         if self._early:
             self._note_early()
 
-    def is_too_far_ahead(self, name: str, author: str, revision: int) -> bool:
-        """True for a revision so far above those of all other authors that nobody may continue it.
-
-        An author's greatest revision stays in the map, so what continues it is never too far.
-        """
-        if revision <= MAX_CHANGES_AHEAD:
-            return False
-        if len(self._suspicious) >= MAX_SUSPICIOUS:
-            self._suspicious.clear()
-        seen = self._suspicious.setdefault(name, {})
-        seen[author] = max(revision, seen.get(author, 0))
-        known = {by: each.revision for by, each in self._by_author.get(name, {}).items()}
-        others = {by: max(number, known.get(by, 0)) for by, number in seen.items()}
-        return revision > second_greatest((known | others).values()) + MAX_CHANGES_AHEAD
+    def counts(self, name: str) -> dict[str, int]:
+        """How often each author has changed a condition, by its greatest revision."""
+        return {by: each.revision for by, each in self._by_author.get(name, {}).items()}
 
     def drop(self, name: str, author: str) -> None:
         """The author's value of an entry was dropped with its job."""

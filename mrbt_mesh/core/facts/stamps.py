@@ -8,13 +8,15 @@ one that honest robots have come to, and the greatest counts only up to a distan
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Mapping
 
 # One robot may write this many stamped facts while no other writes any; beyond that, its facts
 # still count, but later ones of others have smaller stamps.
 MAX_STAMPS_AHEAD = 1 << 24
-# A condition may change this often while only one robot sets it.
+# A condition may change this often while only one robot sets it; likewise attempts of a loop.
 MAX_CHANGES_AHEAD = 1 << 32
+# Facts with counts that no honest robot comes to.
+MAX_SUSPICIOUS = 1_000
 
 
 def second_greatest(numbers: Collection[int]) -> int:
@@ -40,3 +42,29 @@ class Stamps:
         stamps = self._by_author.values()
         confirmed = max(second_greatest(stamps), self._by_author.get(self._me, 0))
         return min(max(stamps, default=0), confirmed + MAX_STAMPS_AHEAD)
+
+
+class Counts:
+    """Finds counts (of changes, of attempts) that are too far above those of all other authors."""
+
+    def __init__(self) -> None:
+        # Name of a fact -> author -> its count, above `MAX_CHANGES_AHEAD`.
+        self._suspicious: dict[str, dict[str, int]] = {}
+
+    def is_too_far_ahead(
+        self, name: str, author: str, count: int, known: Callable[[], Mapping[str, int]]
+    ) -> bool:
+        """True for a count so far above those of all other authors that nobody may continue it.
+
+        `known`: the counts of this fact in the map, by author. An author's greatest one stays
+        there, so what continues it is never too far.
+        """
+        if count <= MAX_CHANGES_AHEAD:
+            return False
+        if len(self._suspicious) >= MAX_SUSPICIOUS:
+            self._suspicious.clear()
+        seen = self._suspicious.setdefault(name, {})
+        seen[author] = max(count, seen.get(author, 0))
+        counts = dict(known())
+        others = {by: max(number, counts.get(by, 0)) for by, number in seen.items()}
+        return count > second_greatest((counts | others).values()) + MAX_CHANGES_AHEAD

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
@@ -18,6 +19,7 @@ from mrbt_mesh.core.facts.coalitions import Coalitions
 from mrbt_mesh.core.facts.conditions import Conditions
 from mrbt_mesh.core.facts.jobs import Jobs, guard_number, job_of
 from mrbt_mesh.core.facts.records import (
+    Attempt,
     Claim,
     CoalitionId,
     ConditionValue,
@@ -40,7 +42,7 @@ from mrbt_mesh.core.facts.records import (
     stamp_of,
 )
 from mrbt_mesh.core.facts.revisions import Revisions
-from mrbt_mesh.core.facts.stamps import Stamps
+from mrbt_mesh.core.facts.stamps import Counts, Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed
@@ -101,6 +103,7 @@ class TeamFacts:
         self.map = FactMap()
         self.revisions = Revisions()
         self._stamps = Stamps(me)
+        self._counts = Counts()
         self.changes = 0
         self.outcome_changes = 0
         self._has_news_of_mission = False
@@ -313,14 +316,25 @@ class TeamFacts:
         return self._stamps.greatest
 
     def is_too_far_ahead(self, entry: Entry) -> bool:
-        """True for a condition that its author claims to have changed more often than is possible.
+        """True for a condition that its author claims to have changed more often than is possible,
+        or for more attempts than there can have been.
 
         Every authentic entry has to be shown to this before it is merged.
         """
-        record = entry.record
-        return isinstance(record, ConditionValue) and self.conditions.is_too_far_ahead(
-            entry.parts[1], entry.author, record.revision
-        )
+        author, name = entry.author, entry.name
+        match entry.record:
+            case ConditionValue(revision=revision):
+                known = partial(self.conditions.counts, entry.parts[1])
+                return self._counts.is_too_far_ahead(name, author, revision, known)
+            case Attempt(number):
+                known = partial(self._attempts_by_author, entry.parts[1])
+                return self._counts.is_too_far_ahead(name, author, number, known)
+        return False
+
+    def _attempts_by_author(self, activation: str) -> dict[str, int]:
+        keys = self._said(activation).keys
+        entries = [self.map.get(*key) for key in keys if key[1].startswith(records.ATTEMPT)]
+        return {e.author: e.record.number for e in entries if e and isinstance(e.record, Attempt)}
 
     @property
     def grantors(self) -> frozenset[str]:

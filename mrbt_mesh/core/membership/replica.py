@@ -32,7 +32,7 @@ from mrbt_mesh.core.membership.wire import (
     read_batch,
 )
 
-TOO_FAR_AHEAD = "its revision is too far ahead of those of others"
+TOO_FAR_AHEAD = "its count is too far ahead of those of others"
 # To take in a page takes a robot some milliseconds, in which it does nothing else.
 PAGE_BYTES = 1 << 16
 

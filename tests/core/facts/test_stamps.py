@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.records import (
+    Attempt,
     ConditionValue,
     ExpressionRevision,
     HeldMission,
@@ -150,3 +151,46 @@ def test_a_robot_does_not_write_what_others_and_its_own_journal_would_refuse() -
     assert [each.record for each in entries] == [held]
     assert len(team.replicas["A"].left_out) == 1
     assert not team.replicas["B"].receive("A", data, 0).refused
+
+
+LOOP = build.make_mission(build.repeat(-1, action("a")))
+
+
+def loops(*robots: str) -> tuple[Team, str]:
+    """Replicas of a mission that repeats an action for ever, and its loop's activation."""
+    team = Team(*robots)
+    for robot in robots:
+        header = Header(LOOP.team_digest[:16], LOOP.name, RUN, robot)
+        team.replicas[robot] = Replica(TeamFacts(LOOP, RUN, robot), header, Timing(), "n")
+    facts = team.replicas["A"].facts
+    return team, str(facts.mission.evaluator.activation(0, [], facts))
+
+
+def request(facts: TeamFacts) -> str:
+    (asked,) = facts.mission.evaluator.evaluate(facts).requests
+    return asked.activation
+
+
+@pytest.mark.parametrize("number", [MAX_STAMP, MAX_STAMP - 1, MAX_CHANGES_AHEAD + 1])
+def test_attempts_that_cannot_have_been_are_refused(number: int) -> None:
+    team, loop = loops(*ROBOTS)
+    before = request(team.replicas["B"].facts)
+    name = f"attempt/{loop}"
+    assert set(team.write("LIAR", name, Attempt(number))) == {TOO_FAR_AHEAD}
+    assert request(team.replicas["B"].facts) == before
+    assert set(team.write("A", name, Attempt(1))) == {""}
+    assert request(team.replicas["B"].facts) != before
+
+
+def test_attempts_that_honest_robots_continue_reach_those_that_missed_some() -> None:
+    team, loop = loops(*ROBOTS)
+    name, known_at, late = f"attempt/{loop}", team.replicas["A"], team.replicas["B"]
+    for _ in range(3):
+        used = known_at.facts.attempts_used(loop)
+        team.write("LIAR", name, Attempt(used + MAX_CHANGES_AHEAD), "A")
+        assert known_at.facts.attempts_used(loop) > used
+        team.write("A", name, Attempt(known_at.facts.attempts_used(loop) + 1), "LIAR")
+    for _ in range(2):  # what is refused at first is asked for again
+        for page in known_at.answer_pull(late.write_pull()):
+            late.receive_state("A", page, 0)
+    assert late.facts.map.digest() == known_at.facts.map.digest()
