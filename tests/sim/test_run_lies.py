@@ -15,10 +15,15 @@ import anyio
 import pytest
 
 from mrbt_mesh import TaskContext
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import (
     LATCH,
     AdoptedMission,
+    Attempt,
+    Bid,
+    ChildResult,
+    Claim,
     Coalition,
     CoalitionId,
     CoalitionMember,
@@ -28,6 +33,9 @@ from mrbt_mesh.core.facts.records import (
     JobArchive,
     JobEnd,
     JobState,
+    MissionResult,
+    Phase,
+    Proposal,
 )
 from mrbt_mesh.core.facts.values import MAX_STAMP
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -48,13 +56,15 @@ local_tasks:
   look: {parameters: [n], work: 2}
   dose: {parameters: [n], work: 4}
   lift: {parameters: [n], work: 3}
-robot_types: {nurse: {capabilities: {look: 1, dose: 1, lift: 1}}}
+  find: {parameters: [n], work: 2}
+robot_types: {nurse: {capabilities: {look: 1, dose: 1, lift: 1, find: 1}}}
 robots: {A1: nurse, A2: nurse, A3: nurse, A4: nurse, A5: nurse}
 conditions: {open: {default: true}, calm: {default: true}}
 global_tasks:
   look: {parameters: [n], needs: {look($n): {min: 1, max: 1}}}
   dose: {parameters: [n], exclusive: true, in_doubt: hold, needs: {dose($n): {min: 1, max: 1}}}
   lift: {parameters: [n], simultaneous: true, needs: {lift($n): {min: 2, max: 2}}}
+  find: {parameters: [n], needs: {find($n): {min: 1, max: 1, performance: bid}}}
 jobs:
   look: {parameters: {n: {min: 1, max: 99}}, tree: look($n)}
   dose: {parameters: {n: {min: 1, max: 99}}, tree: dose($n)}
@@ -62,6 +72,14 @@ jobs:
   gated:
     parameters: {n: {min: 1, max: 99}}
     tree: {Sequence: [{Condition: open}, {Condition: calm}, look($n)]}
+  rounds: {parameters: {n: {min: 1, max: 99}}, tree: {Repeat: {cycles: 3, do: look($n)}}}
+  tries:
+    parameters: {n: {min: 1, max: 99}}
+    tree: {RetryUntilSuccessful: {attempts: -1, do: look($n)}}
+  timed: {parameters: {n: {min: 1, max: 99}}, tree: {Timeout: {seconds: 60, do: look($n)}}}
+  steps:
+    parameters: {n: {min: 1, max: 99}}
+    tree: {Sequence: {memory: while_running, children: [look($n), find($n)]}}
 tree: {Jobs: {types: all, at_most: 20}}
 """,
     "ward.yaml",
@@ -78,6 +96,11 @@ for name in WARD.local_tasks:
     PROGRAM.local_task(name)(work)
 
 
+@PROGRAM.bid("find")
+async def near(*_: object) -> float:
+    return 1.0
+
+
 def submit(robot: str, name: str, kind: str, n: int, not_before_us: int = 0) -> Operate:
     job = Job(kind, (str(n),), 0, not_before_us, 0)
     return Operate(robot, f"job/{name}", job.to_value(), "me")
@@ -92,6 +115,10 @@ SCHEDULE: tuple[tuple[float, Operate], ...] = (
     (3.4, submit("A3", "late_dose", "dose", 5, not_before_us=LATER_US)),
     (5.5, submit("A3", "dosing", "dose", 6)),
     (5.6, submit("A3", "lifting", "lift", 7)),
+    (5.7, submit("A3", "rounds", "rounds", 12)),
+    (5.7, submit("A3", "tries", "tries", 13)),
+    (5.8, submit("A3", "timed", "timed", 14)),
+    (5.9, submit("A2", "steps", "steps", 15)),
     (10.0, submit("A2", "after_look", "look", 8)),
     (10.1, submit("A2", "after_dose", "dose", 9)),
     (10.2, submit("A3", "after_lift", "lift", 10)),
@@ -169,6 +196,40 @@ def of_work(kind: str, subject: str, record: Any = LATCH) -> Lie:
         liar.write(*((f"{kind}/{name}", record) for name in found))
 
     return lie
+
+
+def of_nodes(fact_kind: str, node_kind: Kind, record: Any = LATCH, child: str = "") -> Lie:
+    """A fact about each node of a kind in the trees of jobs."""
+
+    def lie(liar: Liar) -> None:
+        mission = liar.facts.mission
+        found = [node.index for node in mission.tree.nodes if node.kind is node_kind]
+        names = [str(mission.evaluator.current_activation(index, liar.facts)) for index in found]
+        assert names, "the liar was too early"
+        liar.write(*((f"{fact_kind}/{name}{child}", record) for name in names))
+
+    return lie
+
+
+def of_requests(kind: str, subject: str, record: Any = LATCH) -> Lie:
+    """A fact about the local task of each running action of a global task."""
+
+    def lie(liar: Liar) -> None:
+        asked = liar.plan.evaluation.requests
+        names = [r.activation for r in asked if r.activation.split(":")[2].startswith(subject)]
+        assert names, "the liar was too early"
+        liar.write(*((f"{kind}/{n}/{n.split(':')[2]}", record) for n in names))
+
+    return lie
+
+
+def claim_of_a_job_that_is_not_due(liar: Liar) -> None:
+    """It says that it works on it."""
+    assert liar.plan.evaluation.requests
+    some = liar.plan.evaluation.requests[0].activation
+    run, node, *_ = some.split(":")
+    name = f"{run}:{node.partition('@')[0]}@later:look(4)::0"
+    liar.write(("claim", Claim(name, "look(4)", "look(4)", Phase.RUNNING, 1)))
 
 
 def of_coalitions(kind: str, subject: str) -> Lie:
@@ -252,6 +313,33 @@ LIES: Mapping[str, Lie] = {
     "an exclusive coalition is broken": of_coalitions("broken", "dose"),
     "an exclusive task is in doubt": of_coalitions("doubt", "dose"),
     "leases that were not asked for": of_coalitions("grant", "dose"),
+    "a loop has used up the greatest number of attempts": of_nodes(
+        "attempt", Kind.RETRY, Attempt(HUGE)
+    ),
+    "a loop has used up nearly the greatest number": of_nodes(
+        "attempt", Kind.RETRY, Attempt(HUGE - 1)
+    ),
+    "a loop has used up more than anybody could have": of_nodes(
+        "attempt", Kind.RETRY, Attempt((1 << 32) + 1)
+    ),
+    "a loop goes on far ahead": of_nodes("attempt", Kind.RETRY, Attempt(1 << 32)),
+    "a loop has used up more cycles than it has": of_nodes("attempt", Kind.REPEAT, Attempt(3)),
+    "a loop has used up the greatest number of cycles": of_nodes(
+        "attempt", Kind.REPEAT, Attempt(HUGE)
+    ),
+    "the time of a node is over": of_nodes("expired", Kind.TIMEOUT),
+    "the time of all loops is over": of_nodes("expired", Kind.REPEAT),
+    "a step that a node with memory lacks has failed": of_nodes(
+        "passed", Kind.SEQUENCE, ChildResult(False), "/9"
+    ),
+    "the steps of a loop have failed": of_nodes("passed", Kind.REPEAT, ChildResult(False), "/0"),
+    "a task at work that is not exclusive has failed": of_work("latched_failure", "look"),
+    "it works on a job that is not due": claim_of_a_job_that_is_not_due,
+    "bids are over where nobody bids": of_requests("closed", "look"),
+    "it bids for what nobody bids for": of_requests("bid", "look", Bid(HUGE)),
+    "it schedules all work for itself": fact("schedule", Proposal(())),
+    "the mission has succeeded": fact("result", MissionResult(True, 5)),
+    "the mission has failed, as many agree": fact("result", MissionResult(False, HUGE)),
     "all of it": many(
         end(JobState.SUCCEEDED),
         end(JobState.FAILED, "dosing"),

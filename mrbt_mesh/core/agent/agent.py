@@ -449,7 +449,7 @@ class Agent:
             self._begin_watch.next_us if self._begin_watch is not None else None,
             self._joining_until_us,
             self._plans_at_us,
-            context.replica.unproved.next_us(context.membership.heard_count),
+            context.replica.unproved.next_us(context.membership.count_in_reach(now_us)),
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
             joining.alone_until_us if joining is not None else None,

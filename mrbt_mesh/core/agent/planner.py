@@ -172,7 +172,7 @@ class Planner:
     def _take_shown(self, plan: Plan, now_us: int) -> bool:
         """Take in what follows from these facts by the word of other robots too."""
         context, unproved = self._context, self._context.replica.unproved
-        peers = context.membership.heard_count
+        peers = context.membership.count_in_reach(now_us)
         state = (*self._state(), unproved.changes)
         is_late = (unproved.next_us(peers) or now_us + 1) <= now_us
         if not unproved or (state == self._examined and not is_late):

@@ -60,8 +60,10 @@ def is_known(facts: TeamFacts, entry: Entry) -> bool:
         return True
     if isinstance(record, JobArchive):
         return jobs is not None and jobs.knows_archive(int(entry.parts[1]), record)
-    if isinstance(record, JobEnd) and jobs is not None and jobs.is_archived(entry.parts[1]):
-        return True
+    if isinstance(record, JobEnd) and jobs is not None and jobs.has_ended(entry.parts[1]):
+        known = jobs.known.get(entry.parts[1])
+        end = known.end if known is not None else None
+        return end is None or end.rank() >= record.rank()
     others = (facts.map.get(author, name) for author in facts.map.authors())
     return any(other is not None and says(other.record, record) for other in others)
 

@@ -161,6 +161,7 @@ class Membership:
     def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
         """Only the robot itself takes back a lost token: a relay may be older than the loss."""
         peer.heartbeat, peer.position = heartbeat, heartbeat.position
+        peer.beat_us = peer.last_heard_us
         if heartbeat.unix_us is not None:
             peer.clock_offset_us = heartbeat.unix_us - peer.last_heard_us
         if peer.is_token_lost or peer.token_lost_by:
@@ -357,6 +358,14 @@ class Membership:
     def heard_count(self) -> int:
         """How many others are healthy and have joined."""
         return sum(p.state.is_healthy and p.report.has_joined for p in self.peers.values())
+
+    def count_in_reach(self, now_us: int) -> int:
+        """How many others are healthy, and their own heartbeats arrive, not only relays."""
+        since_us = now_us - self.timing.max_detection_us
+        peers = self.peers.values()
+        return sum(
+            p.state.is_healthy and p.heartbeat is not None and p.beat_us >= since_us for p in peers
+        )
 
     def all_report_plan(self, digest: bytes) -> bool:
         """Whether every healthy robot reports this plan digest.

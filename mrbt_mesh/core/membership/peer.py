@@ -76,7 +76,8 @@ class Peer:
     `last_heard_us`. After `probe_after_us` of silence the robot is suspected and probed, after
     `silence_limit_us` it is dead. `heartbeat`, `position`: the last that it sent itself.
     `clock_offset_us`: what its wall clock showed then, minus `last_heard_us`, or None.
-    `returned_us`: when it was heard first, or again after it was dead.
+    `beat_us`: when its last own heartbeat arrived. `returned_us`: when it was heard first, or again
+    after it was dead.
     `is_judged`: this robot judges its silence. `token_lost_by`: robots that lost its liveliness
     token, as this one did if `is_token_lost`. `declared_dead_by`: those that declared it dead.
     """
@@ -90,6 +91,7 @@ class Peer:
     heartbeat: Heartbeat | None = None
     position: Position | None = None
     clock_offset_us: int | None = None
+    beat_us: int = 0
     returned_us: int = 0
     is_judged: bool = False
     is_probed: bool = False

@@ -161,7 +161,7 @@ class Replica:
             has_seen = entry.parts[0] in WITNESSED_KINDS
             return (has_seen and membership.has_returned(entry.author, now_us)) or is_shown(entry)
 
-        taken = self.unproved.take(counts, membership.heard_count, now_us)
+        taken = self.unproved.take(counts, membership.count_in_reach(now_us), now_us)
         changed = self.facts.map.merge(taken)
         if changed:
             self.anti_entropy.changed_us = now_us

@@ -6,7 +6,7 @@ check their recordings, decide.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Mapping
 
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import Status
@@ -20,7 +20,7 @@ from mrbt_mesh.core.facts.records import (
     JobState,
     MissionResult,
 )
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.planning.job_ends import robots_of
 
@@ -31,7 +31,9 @@ class DerivedFacts:
     `alive`: the robots that one counts on.
     """
 
-    def __init__(self, facts: TeamFacts, evaluation: Evaluation, alive: Collection[str]) -> None:
+    def __init__(
+        self, facts: TeamFacts, evaluation: Evaluation, alive: Mapping[str, Incarnation]
+    ) -> None:
         self._facts = facts
         self._evaluation = evaluation
         self._alive = alive
@@ -88,4 +90,4 @@ class DerivedFacts:
         members = facts.coalitions(activation).members.get(token, ())
         if entry.author == token.leader or any(m.robot == entry.author for m in members):
             return True
-        return task is not None and token in newly_broken(facts, task, activation, {}, "")
+        return task is not None and token in newly_broken(facts, task, activation, self._alive, "")

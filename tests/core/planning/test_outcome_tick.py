@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.facts.derived import is_known
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import (
     ConditionValue,
@@ -98,7 +99,7 @@ def test_what_follows_from_the_facts_afterwards_is_shown_by_them_too() -> None:
     (end,) = [each for each in batch if isinstance(each.record, JobEnd)]
     facts.map.merge(each for each in batch if each is not end)
     plan = make_plan(facts, {"A": LIFE, "B": LIFE, "C": LIFE}, default_solver)
-    assert DerivedFacts(facts, plan.evaluation, ("A", "B", "C")).show(end)
+    assert DerivedFacts(facts, plan.evaluation, {"A": LIFE, "B": LIFE, "C": LIFE}).show(end)
 
 
 def watching() -> Observer:
@@ -156,3 +157,17 @@ def test_one_that_comes_later_knows_the_jobs_whose_facts_were_dropped() -> None:
         jobs = late.facts.jobs
         assert jobs is not None
         assert (jobs.count_archived(), jobs.count_open()) == ((0, 2), (2, 0))[number]
+
+
+def test_another_end_of_a_job_that_has_ended_is_taken_in_unless_it_beats_the_first() -> None:
+    """Robots that were apart have both done it: all come to hold both ends."""
+    facts = facts_with(submission("j", "sort"))
+    failed, done = (
+        JobEnd(state, "sort", (), "me", "", (name,), 7)
+        for state, name in ((JobState.FAILED, "A"), (JobState.SUCCEEDED, "B"))
+    )
+    other = entry("B", "job_end/j", JobEnd(JobState.EXPIRED, "sort", (), "me", "", (), 8))
+    assert not is_known(facts, other)
+    facts.map.merge([entry("A", "job_end/j", failed)])
+    assert is_known(facts, other)
+    assert not is_known(facts, entry("B", "job_end/j", done))
