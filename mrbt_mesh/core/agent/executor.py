@@ -150,6 +150,8 @@ class Executor:
         """Whether all robots in good standing have the same plan, or the grace time has passed."""
         if self._context.facts.is_revised and not self._reviser.may_begin():
             return False
+        if self.scheduler is not None and now_us < (self.scheduler.settles_us or 0):
+            return False
         agreed = self._context.membership.all_report_plan(plan.digest)
         return agreed or now_us >= self._grace_ends_us
 

@@ -36,6 +36,8 @@ MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
 MIN_EVALUATIONS, EVALUATIONS_PER_PAIR = 50, 25
 # While there are deadlines ahead, what time it is is written again after so long.
 TIME_US = 5_000_000
+# Where a robot has joined nobody begins anything for so long: the first one searches a little.
+SETTLE_US = 50_000
 
 
 def evaluations_of(problem: SchedulingProblem) -> int:
@@ -49,10 +51,15 @@ def _work_of(problem: SchedulingProblem) -> int:
 
 
 class Scheduler:
-    """Searches, and proposes what it has found."""
+    """Searches, and proposes what it has found.
+
+    `settles_us`: until when nothing is to begin, None: it may.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
+        self.settles_us: int | None = None
+        self._robots: frozenset[str] = frozenset()
         self._number = 0
         self._is_searching = False
         # What it has searched a schedule for last, None before.
@@ -84,6 +91,7 @@ class Scheduler:
         ahead = plan.ahead
         if ahead is None:
             return
+        self._settle(ahead, now_us)
         self._tell_time(ahead, now_us)
         self._outdo(ahead, now_us)
         if self._is_searching and self._is_for(ahead):
@@ -111,6 +119,12 @@ class Scheduler:
         known = self._context.facts.travel_times.get(self._context.me, NO_TRAVEL_TIMES)
         if times is not None and times != known:
             self._context.write([(records.TRAVEL_TIMES, times)], now_us)
+
+    def _settle(self, ahead: Lookahead, now_us: int) -> None:
+        robots = frozenset(ahead.robots)
+        if len(ahead.opens) > 1 and robots - self._robots:
+            self.settles_us = now_us + SETTLE_US
+        self._robots = robots
 
     def _tell_time(self, ahead: Lookahead, now_us: int) -> None:
         """Write what time it is, if there are deadlines ahead: how late something is follows."""

@@ -1,0 +1,128 @@
+"""Whole teams whose jobs have an order: priority, arrival, and who has done least."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import anyio
+import pytest
+
+from benchmarks.task_order import program_of
+from benchmarks.task_order_judge import job_of
+from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.sim import simulate
+from mrbt_mesh.sim.world.faults import Operate
+from tests.support.effort import seeds
+
+SECOND_US = 1_000_000
+PLACES = {"p0": (0.0, 0.0), "near": (4.0, 0.0), "next": (6.0, 0.0), "far": (-20.0, 0.0)}
+ONE_ROBOT = """
+mission: order
+ends: never
+travel:
+  places: {{p0: [0, 0], near: [4, 0], next: [6, 0], far: [-20, 0]}}
+  speed: 2
+  start: {{R1: p0}}
+  objective: {objective}
+local_tasks: {{work: {{parameters: [n, p], work: 2, at: $p}}}}
+robot_types: {{r: {{capabilities: {{work: 1}}}}}}
+robots: {{R1: r}}
+global_tasks:
+  do: {{parameters: [n, p], needs: {{"work($n, $p)": {{min: 1}}}}}}
+jobs:
+  job: {{parameters: {{n: {{min: 1, max: 99}}, p: place}}, tree: "do($n, $p)"}}
+tree: {{Jobs: {{types: all, at_most: 40}}}}
+"""
+FIVE_ROBOTS = """
+mission: chores
+ends: never
+local_tasks: {work: {parameters: [n], work: 1}}
+robot_types: {r: {capabilities: {work: 1}}}
+robots: {R1: r, R2: r, R3: r, R4: r, R5: r}
+global_tasks: {do: {parameters: [n], needs: {work($n): {min: 1, max: 1}}}}
+jobs: {job: {parameters: {n: {min: 1, max: 99}}, tree: do($n)}}
+tree: {Jobs: [job]}
+"""
+
+
+def submit(at_s: float, name: str, *arguments: str, priority: int = 0) -> tuple[int, Operate]:
+    value = ["job", list(arguments), priority, 0, 0, 1]
+    return round(at_s * SECOND_US), Operate("R1", f"job/{name}", value)
+
+
+def run(text: str, program: RobotProgram, jobs: list[Any], until_s: int, seed: int) -> list[Any]:
+    mission = mission_from_yaml(text, __file__, Path())
+    result = simulate(
+        mission, program, seed=seed, schedule=jobs, timeout_us=until_s * SECOND_US, inspect=False
+    )
+    return result.events
+
+
+def travelling(objective: str, jobs: list[Any], until_s: int, seed: int) -> list[Any]:
+    text = ONE_ROBOT.format(objective=objective)
+    return run(text, program_of(PLACES, {"R1": "p0"}), jobs, until_s, seed)
+
+
+def ended(events: list[Any]) -> list[str]:
+    return [job_of(each["activation"]) for each in events if each["event"] == "end"]
+
+
+@pytest.mark.parametrize("objective", ["makespan", "mean_completion"])
+@pytest.mark.parametrize("seed", seeds(5))
+def test_a_job_of_priority_is_done_before_those_that_are_on_the_way(
+    objective: str, seed: int
+) -> None:
+    jobs = [submit(3, "low", "1", "near"), submit(3.1, "low_too", "2", "next")]
+    jobs.append(submit(3.5, "high", "3", "far", priority=9))
+    assert ended(travelling(objective, jobs, 60, seed)) == ["high", "low", "low_too"], seed
+
+
+@pytest.mark.parametrize("objective", ["makespan", "mean_completion"])
+@pytest.mark.parametrize("seed", seeds(5))
+def test_a_far_job_is_overtaken_at_most_five_times_by_a_stream_of_near_ones(
+    objective: str, seed: int
+) -> None:
+    jobs = [submit(3, "first", "1", "p0"), submit(3.05, "far", "2", "far")]
+    jobs += [submit(3.1 + 2.5 * n, f"near{n}", str(n + 3), "near") for n in range(30)]
+    events = travelling(objective, jobs, 150, seed)
+    order = ended(events)
+    assert len(order) == 32, seed
+    assert order.index("far") <= 1 + 5, order
+    assert sum(each["event"] == "cancel" for each in events) <= 1, seed
+
+
+@pytest.mark.parametrize("seed", seeds(5))
+def test_equal_robots_take_turns(seed: int) -> None:
+    program = RobotProgram(record_work=True)
+
+    @program.local_task("*")
+    async def work(task: TaskContext, _: str) -> None:
+        await anyio.sleep(task.simulation.duration_s)
+
+    jobs = [submit(3 + 2 * n, f"j{n}", str(n + 1)) for n in range(8)]
+    events = run(FIVE_ROBOTS, program, jobs, 30, seed)
+    shares = Counter(each["robot"] for each in events if each["event"] == "end")
+    assert sorted(shares.values()) == [1, 1, 2, 2, 2], shares
+
+
+@pytest.mark.parametrize("seed", seeds(10))
+def test_no_robot_stands_idle_beside_a_task_that_it_could_end_earlier(seed: int) -> None:
+    """Also where robots join one after the other."""
+    text = """
+mission: idle
+travel: {places: {p: [0, 0], q: [4, 0]}, speed: 2, start: p}
+local_tasks: {long: {work: 6, at: p}, short: {work: 2, at: p}, away: {work: 2, at: q}}
+robot_types: {r: {capabilities: {long: 1, short: 1, away: 1}}}
+robots: {R1: r, R2: r}
+global_tasks:
+  g0: {needs: {long: {min: 1}}}
+  g1: {needs: {short: {min: 1}}}
+  g2: {needs: {away: {min: 1}}}
+tree: {Parallel: [g0, g1, g2]}
+"""
+    places = {"p": (0.0, 0.0), "q": (4.0, 0.0)}
+    events = run(text, program_of(places, dict.fromkeys(("R1", "R2"), "p")), [], 60, seed)
+    assert max(each["t"] for each in events) < 6.2, f"seed {seed}"
