@@ -149,7 +149,15 @@ def _begins(
             if not _is_later(known[begun_now], other)
             for each in those
         }
-        free_for = (free - busy) | {name}
+        # Whoever has no record may wait for a partner who is on its way to something before this.
+        waits = any(
+            each.count > 1
+            and not _is_later(each, other)
+            and any(robot.job == each.id for robot in robots.values())
+            for each in known.values()
+            if each.id != other.id and _is_open(each, ended, at_s)
+        )
+        free_for = {name} if waits else (free - busy) | {name}
         on_it = {each for each in robots if robots[each].job == other.id}
         on_it |= begun_with.get(other.id, set())
         if other.count > 1:
