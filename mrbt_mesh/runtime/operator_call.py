@@ -25,7 +25,7 @@ from mrbt_mesh.core.facts.records import JOB_KINDS
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.errors import InputError
 
-# A robot that does not answer for so long is asked again.
+# A robot that does not answer for so long is asked again; late answers count too.
 ANSWER_S = 1.0
 CALL_TIMEOUT_S = 10.0
 AGAIN_S = 0.1
@@ -140,17 +140,16 @@ class OperatorCall:
         known if another command has been given since.
         """
         refused: dict[str, CommandRefusedError] = {}
-        asked: set[str] = set()
+        # Robot -> when to ask it again if it has not taken or refused the step by then.
+        ask_at_s: dict[str, float] = {}
         later: list[int] = []
         news = anyio.Event()
 
         async def ask(robot: str) -> None:
-            answer = None
-            with anyio.move_on_after(ANSWER_S):
-                answer = _checked(await self.ask(robot, step, entry, self._passes_on(robot, entry)))
+            ask_at_s[robot] = anyio.current_time() + ANSWER_S
+            answer = _checked(await self.ask(robot, step, entry, self._passes_on(robot, entry)))
             if answer is None or answer.get("cause") == NOT_READY:
-                await anyio.sleep(AGAIN_S)
-                asked.discard(robot)
+                ask_at_s[robot] = anyio.current_time() + AGAIN_S
             elif "refused" in answer:
                 refused[robot] = CommandRefusedError(answer["refused"], answer["cause"])
             elif not answer["taken"]:
@@ -162,16 +161,16 @@ class OperatorCall:
         refusal: CommandRefusedError | None = None
         async with anyio.create_task_group() as group:
             while not later and not self._are_enough(takers) and refusal is None:
-                for robot in sorted(self.robots()):
-                    if robot not in asked:
-                        asked.add(robot)
+                now_s = anyio.current_time()
+                for robot in sorted({*self.robots()} - takers.keys() - refused.keys()):
+                    if ask_at_s.get(robot, now_s) <= now_s:
                         group.start_soon(ask, robot)
                 with anyio.move_on_after(AGAIN_S):
                     await news.wait()
                 news = anyio.Event()
                 refusal = self._refusal(refused, takers)
             if not later and refusal is None:
-                await self._rest(asked, takers)
+                await self._rest(ask_at_s, takers)
             group.cancel_scope.cancel()
         if refusal is not None and not self._are_enough(takers):
             raise refusal

@@ -261,17 +261,11 @@ class TeamClient:
         """Take a robot out of the team's work, to drive it until `give_back`; at once, or after the
         task that it has. Returns once the robot itself has it in its journal.
         """
-        loan = Loan.AFTER_TASK if after_task else Loan.AT_ONCE
-        return await self._command(
-            f"{BORROWED}/{robot}", str(loan), operator, needs=(robot,), is_checked=True
-        )
+        return await self._lend(robot, Loan.AFTER_TASK if after_task else Loan.AT_ONCE, operator)
 
     async def give_back(self, robot: str, operator: str = "") -> Acknowledged:
         """Give a borrowed robot back to the team."""
-        loan = str(Loan.RETURNED)
-        return await self._command(
-            f"{BORROWED}/{robot}", loan, operator, needs=(robot,), is_checked=True
-        )
+        return await self._lend(robot, Loan.RETURNED, operator)
 
     async def wait_for_end(self, job_id: str) -> JobRow:
         """Wait until a job has ended; how it has."""

@@ -34,7 +34,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.planning.job_ends import cancelled_ends
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.operator_call import CommandRefusedError, OperatorCall
+from mrbt_mesh.runtime.operator_call import ANSWER_S, CommandRefusedError, OperatorCall
 from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support.effort import seeds
 from tests.support.paths import mission_file
@@ -227,6 +227,27 @@ def test_a_minority_acknowledges_nothing_and_names_who_has_not_answered() -> Non
         text = r"2 robots \(A, B\), and 3 were .*; C, D, E have not"
         with pytest.raises(TimeoutError, match=text):
             await Client(robots, ("A", "B")).command("paused", "pause")
+
+    in_virtual_time(main)
+
+
+def test_slow_answers_count_though_the_robots_were_asked_again() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        asked: list[str] = []
+
+        async def ask(robot: str, *given: Any) -> dict[str, Any] | None:
+            asked.append(robot)
+            await anyio.sleep(2.5 * ANSWER_S)
+            return await robots.ask(robot, *given)
+
+        def make(version: Version) -> Entry:
+            return make_command("paused", "pause", "me", version, "r", None)
+
+        call = OperatorCall(make, ask, lambda: ROBOTS, ROBOTS, len(ROBOTS))
+        assert (await call.carry_out(1)).robots == ROBOTS
+        # After each second without an answer, and not more often.
+        assert max(map(asked.count, ROBOTS)) <= anyio.current_time() / ANSWER_S + 1
 
     in_virtual_time(main)
 
