@@ -1,7 +1,8 @@
 """How an operator's client commands a team: to all robots at once, until enough of them have it.
 
 Acknowledged means that the journals of enough robots hold the command, and the answer tells what
-its subject has become. Refused means that it is not in force.
+its subject has become. A robot that keeps no journal counts if it has the command, unless that is
+about a job. Refused means that it is not in force.
 """
 
 from __future__ import annotations
@@ -81,6 +82,7 @@ class OperatorCall:
     is_checked_first: bool = False
     rest_s: float = 0.0
     timeout_s: float = CALL_TIMEOUT_S
+    _unkept: set[str] = field(default_factory=set)  # Robots that have a job but no journal for it.
     _id: str = field(default_factory=lambda: secrets.token_hex(ID_BYTES))
 
     async def carry_out(self, stamp: int) -> Acknowledged:
@@ -108,11 +110,14 @@ class OperatorCall:
 
     def _shortage(self, keepers: Collection[str]) -> str:
         listed = ", ".join(sorted(keepers)) or "nobody"
-        silent = sorted({*self.team, *self.needs, *self.robots()} - {*keepers})
+        silent = sorted({*self.team, *self.needs, *self.robots()} - {*keepers} - self._unkept)
         text = (
             f"it is in the journals of {len(keepers)} robots ({listed}), and {self.wanted} were "
             "asked for"
         )
+        if self._unkept:
+            names, many = ", ".join(sorted(self._unkept)), len(self._unkept) > 1
+            text += f"; {names} {'keep' if many else 'keeps'} none, for lack of --run-dir"
         return f"{text}; {_not_answered(silent)}" if silent else text
 
     def _are_enough(self, robots: Collection[str]) -> bool:
@@ -144,6 +149,7 @@ class OperatorCall:
         ask_at_s: dict[str, float] = {}
         later: list[int] = []
         news = anyio.Event()
+        needs_journal = step is CommandStep.WRITE and entry.parts[0] in JOB_KINDS
 
         async def ask(robot: str) -> None:
             ask_at_s[robot] = anyio.current_time() + ANSWER_S
@@ -154,6 +160,8 @@ class OperatorCall:
                 refused[robot] = CommandRefusedError(answer["refused"], answer["cause"])
             elif not answer["taken"]:
                 later.append(max(answer["stamp"], (answer["newest"] or [0])[0]))
+            elif needs_journal and not answer["kept"]:
+                self._unkept.add(robot)
             else:
                 takers[robot] = answer
             news.set()
@@ -162,7 +170,9 @@ class OperatorCall:
         async with anyio.create_task_group() as group:
             while not later and not self._are_enough(takers) and refusal is None:
                 now_s = anyio.current_time()
-                for robot in sorted({*self.robots()} - takers.keys() - refused.keys()):
+                for robot in sorted(
+                    {*self.robots()} - takers.keys() - refused.keys() - self._unkept
+                ):
                     if ask_at_s.get(robot, now_s) <= now_s:
                         group.start_soon(ask, robot)
                 with anyio.move_on_after(AGAIN_S):
@@ -207,5 +217,6 @@ def _checked(answer: dict[str, Any] | None) -> dict[str, Any] | None:
     """An answer with all that belongs to it, None if it lacks some."""
     if answer is None:
         return None
-    wanted = {"refused", "cause"} if "refused" in answer else {"taken", "newest", "stamp", "state"}
+    wanted = {"taken", "kept", "newest", "stamp", "state"}
+    wanted = {"refused", "cause"} if "refused" in answer else wanted
     return answer if wanted <= answer.keys() else None

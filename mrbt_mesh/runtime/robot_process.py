@@ -123,6 +123,7 @@ def robot_setup(
         host=socket.gethostname(),
         pid=os.getpid(),
         restored=restored,
+        keeps_journal=journal is not None,
         journal_problem=problem,
         recording_problem="" if options.record is not None else NOT_ASKED,
         keys=keys,

@@ -44,7 +44,9 @@ class Watcher:
         command = entry.record
         assert isinstance(command, OperatorCommand)
         self.commanded[robot] = entry.name, command.value
-        return {"taken": True, "newest": None, "stamp": 1, "state": {}} if robot != "A" else None
+        if robot == "A":
+            return None
+        return {"taken": True, "kept": True, "newest": None, "stamp": 1, "state": {}}
 
 
 def control(watcher: Watcher) -> Control:

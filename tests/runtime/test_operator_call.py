@@ -252,6 +252,19 @@ def test_slow_answers_count_though_the_robots_were_asked_again() -> None:
     in_virtual_time(main)
 
 
+def test_robots_without_a_journal_count_unless_it_is_a_job_that_they_would_forget() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        for name in ("A", "B", "C"):
+            robots.contexts[name].durability.keeps_journal = False
+        assert (await Client(robots).command("paused", "pause"))["order"] == "pause"
+        text = r"2 robots \(D, E\), and 3 were .*; A, B, C keep none, for lack of --run-dir$"
+        with pytest.raises(TimeoutError, match=text):
+            await Client(robots).command("job/a", job(1))
+
+    in_virtual_time(main)
+
+
 def test_no_robot_that_has_joined_is_an_answer_too() -> None:
     async def main() -> None:
         async def ask(*_: Any) -> dict[str, Any]:

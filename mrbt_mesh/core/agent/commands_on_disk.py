@@ -15,7 +15,8 @@ MAX_WAITING = 1_000
 
 @dataclass(frozen=True, slots=True)
 class AwaitedAnswer:
-    """An answer that is given once this robot's journal holds the entry of this name.
+    """An answer that is given once this robot's journal holds the entry of this name, at once if it
+    keeps none.
 
     `make` makes it then, so that it tells what the command has become by that time.
     """
@@ -57,4 +58,5 @@ class CommandsOnDisk:
 
     def _holds(self, name: str) -> bool:
         durability = self._durability
-        return durability.may_promise and durability.is_on_disk(self._numbers.get(name, 0))
+        is_kept = durability.may_promise and durability.is_on_disk(self._numbers.get(name, 0))
+        return is_kept or not durability.keeps_journal

@@ -37,8 +37,8 @@ class AgentConfig:
     `alone_after_us` if it hears none at all. `listens`: where it does, for people. `takeover`: it
     replaces a live robot of the same id. `exit_when_done`: it stops once the whole team has the
     mission's result; otherwise it serves latecomers. `restored`: the entries of its journal;
-    `journal_problem`: why that cannot be written, empty if it can; `recording_problem`: the same of
-    its recording. `plans_apart`: plans are made
+    `keeps_journal`: it has one; `journal_problem`: why that cannot be written, empty if it can;
+    `recording_problem`: the same of its recording. `plans_apart`: plans are made
     outside of `Agent.handle` (`deferred_inputs`). With `keys` only messages that a member has
     signed are accepted; `life` is then greater than that of every earlier process of this robot
     (see `membership.envelope`). `resumed`: it goes on with a life that was recorded, without
@@ -62,6 +62,7 @@ class AgentConfig:
     host: str = ""
     pid: int = 0
     restored: tuple[Entry, ...] = ()
+    keeps_journal: bool = True
     journal_problem: str = ""
     recording_problem: str = ""
     engine: Engine = FASTEST

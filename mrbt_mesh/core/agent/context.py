@@ -59,7 +59,9 @@ class Context:
             self.facts, header, config.timing, config.nonce, read_batch, config.keys
         )
         self.replica.restore(config.restored)
-        self.durability = Durability(config.journal_problem, bool(config.journal_problem))
+        self.durability = Durability(
+            config.journal_problem, bool(config.journal_problem), config.keeps_journal
+        )
         self.commands_on_disk = CommandsOnDisk(self.durability)
         # The mission in force, as its file has it: the agent follows `facts.declared`.
         self.mission = self.facts.declared

@@ -151,7 +151,7 @@ class OperatorDesk:
         self, step: CommandStep, entry: Entry, is_taken: bool
     ) -> dict[str, Any] | AwaitedAnswer:
         """`taken`: whether the robot has, or would have, the command; else one that is newer has
-        been given. `stamp`: the newest that it has seen. `is_kept`: its journal holds the command.
+        been given. `stamp`: the newest that it has seen. `kept`: its journal holds the command.
         `state`: of the subject.
         """
 
@@ -159,9 +159,10 @@ class OperatorDesk:
             found = self._context.facts.map.get(OPERATORS, entry.name)
             newest = list(found.version.incarnation) if found is not None else None
             state = self._rules[entry.parts[0]].state(entry.name.partition("/")[2])
+            is_written = is_taken and step is CommandStep.WRITE
             return {
                 "taken": is_taken,
-                "kept": is_taken and step is CommandStep.WRITE,
+                "kept": is_written and self._context.durability.keeps_journal,
                 "newest": newest,
                 "stamp": self._context.facts.max_stamp,
                 "state": state,

@@ -320,12 +320,15 @@ class Durability:
 
     It numbers what must be on disk, and knows up to which number all is.
     `problem`: what is wrong with the journal, for people; empty if nothing is. `is_failing`: it
-    cannot be written now.
+    cannot be written now. `keeps_journal`: there is one, so it is worth waiting for.
     """
 
-    def __init__(self, problem: str = "", is_failing: bool = False) -> None:
+    def __init__(
+        self, problem: str = "", is_failing: bool = False, keeps_journal: bool = True
+    ) -> None:
         self.problem = problem
         self.is_failing = is_failing
+        self.keeps_journal = keeps_journal
         self._last = 0
         self._synced = 0
         # Before this number is on disk, nothing else is known to be.
