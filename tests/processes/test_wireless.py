@@ -45,4 +45,5 @@ def test_robots_with_different_keys_never_meet(team: Team, tmp_path: Path) -> No
         _, told = agent.communicate()
         assert agent.returncode == 0, told
         assert told.count("local_task_finished") == 2
-        assert "robot_heard" not in told
+        assert "] robot_heard " not in told
+        assert "] no_other_robot_heard " in told

@@ -15,7 +15,7 @@ import pytest
 def small_disk(path: Path, size: str = "1m") -> Iterator[Path]:
     """A small disk at this place; skips the test where nothing can be mounted."""
     path.mkdir(exist_ok=True)
-    command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(path)]
+    command = ["mount", "-t", "tmpfs", "-o", f"size={size},mode=700", "tmpfs", str(path)]
     if os.geteuid() or subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("a disk can only be mounted by root")
     try:
