@@ -259,12 +259,13 @@ def bids_not_awaited(original: Any, *given: Any) -> bids.Bidding:
 
 @mutation(make_plan, "look_ahead")
 def schedules_by_arrival(original: Any, facts: TeamFacts, *given: Any) -> schedules.Lookahead:
-    """The schedule in force is the one that has come first, not the one of the least cost."""
+    """The schedule in force is the one that has come first, not the best one."""
     found = original(facts, *given)
     for author, proposal in facts.proposals.items():
-        fitting = found.fitting(proposal)
-        if fitting is not None and fitting[0]:
-            return replace(found, schedule=fitting[0], course=fitting[1], author=author)
+        if proposal.steps and found.schedule is not None:
+            schedule = found.mended(proposal).schedule
+            course = schedules.course_of(found.problem, schedule)
+            return replace(found, schedule=schedule, course=course, author=author)
     return found
 
 

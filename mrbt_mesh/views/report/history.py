@@ -94,7 +94,9 @@ class History:
 
     def __init__(self) -> None:
         self.scheduled: dict[str, tuple[int, str, dict[str, ExpectedStep]]] = {}
+        # The proposal in force, None for rules; activation -> the robots that it was foretold for.
         self._in_force: Proposal | None = None
+        self._crews: dict[str, list[str]] = {}
         self.takeovers: dict[int, str] = {}
         self.plans_held = PlansHeld()
         self._agreement = AgreementView()
@@ -129,18 +131,29 @@ class History:
                 self.takeovers[index] = _could(observer, fault)
 
     def _look_ahead(self, observer: Observer, now_us: int) -> None:
+        """Note what a schedule foretells when it comes into force, and later what it foretells of
+        tasks that are new or have other robots.
+        """
         ahead = observer.plan.ahead if observer.plan is not None else None
-        if ahead is None or not ahead.author:
+        if ahead is None or ahead.schedule is None:
             return
-        proposal = observer.facts.proposals[ahead.author]
-        found = None if proposal is self._in_force else forecast_of(observer, now_us)
+        proposal = observer.facts.proposals.get(ahead.author)
+        opens = ahead.opens
+        crews = {
+            opens[step.task].request.activation: ahead.members(step) for step in ahead.schedule
+        }
+        is_new = proposal is not None and proposal is not self._in_force
+        news = {name for name, crew in crews.items() if is_new or self._crews.get(name) != crew}
+        self._in_force = proposal
+        found = forecast_of(observer, now_us) if news else None
         if found is None:
             return
-        self._in_force = proposal
+        self._crews |= {name: crews[name] for name in news}
         steps: dict[str, dict[str, ExpectedStep]] = {}
         for robot, known in found.robots.items():
             for step in known.steps:
-                steps.setdefault(step.activation, {})[robot] = step
+                if step.activation in news:
+                    steps.setdefault(step.activation, {})[robot] = step
         self.scheduled |= {name: (now_us, ahead.author, each) for name, each in steps.items()}
 
     def end(self, now_us: int) -> None:

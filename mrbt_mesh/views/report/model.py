@@ -148,7 +148,8 @@ class TaskEnd:
 @dataclass(frozen=True)
 class ScheduledTask:
     """A task as the last schedule with it foretold it when that came into force, `known_s`, and
-    what was done. `began_s`, `ended_s`: of all who took part; None: not begun, not ended well.
+    what was done. `author`: empty for a schedule by rules. `began_s`, `ended_s`: of all who took
+    part; None: not begun, not ended well.
     """
 
     name: str

@@ -280,7 +280,7 @@ def _scheduled(run: RunReport) -> str:
     rows = (
         (
             each.name,
-            f"{each.author} at {_seconds(each.known_s)}",
+            f"{each.author or 'rules'} at {_seconds(each.known_s)}",
             ", ".join(each.robots),
             f"{_seconds(each.begins_s)} to {_seconds(each.ends_s)}",
             ", ".join(each.done_by) or "nobody",

@@ -146,5 +146,5 @@ def test_a_team_that_travels_has_a_forecast_until_its_end(tmp_path: Path) -> Non
             late = {robot["steps"][0]["begins_s"] for robot in robots if robot["goal"]}
     assert late == {0.0}, "what should have begun is expected at any moment"
     assert any(each.endswith("for makespan, 2 tasks") for each in texts), texts
-    assert texts[-1] == "no schedule: less than two tasks ahead lack robots"
+    assert texts[-1] == "no schedule: no task ahead lacks robots, or the horizon is 1"
     assert "forecast" not in view.changes.since(0)

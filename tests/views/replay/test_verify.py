@@ -359,8 +359,8 @@ def test_what_was_done_follows_the_schedules(tmp_path: Path) -> None:
 
 def test_a_robot_that_goes_elsewhere_than_its_schedule_says_is_found(tmp_path: Path) -> None:
     recordings = scheduled(tmp_path)
-    r1 = next(each for each in recordings if each.metadata.robot == "R1")
-    ways = [each.data for each in r1.records if "travel_to" in each.data]
+    r3 = next(each for each in recordings if each.metadata.robot == "R3")
+    ways = [each.data for each in r3.records if "travel_to" in each.data]
     names = ("activation", "global_task", "local_task", "travel_to")
     elsewhere = next(way for way in ways if way["travel_to"] != ways[0]["travel_to"])
     change = {name: elsewhere[name] for name in names}
@@ -368,6 +368,6 @@ def test_a_robot_that_goes_elsewhere_than_its_schedule_says_is_found(tmp_path: P
     def goes_elsewhere(records: Records) -> Records:
         return other(records, ACTIONS, change, event="started", travel_to=ways[0]["travel_to"])
 
-    others = [each for each in recordings if each is not r1]
-    found = texts(verify([rewritten(r1, goes_elsewhere, tmp_path), *others]))
+    others = [each for each in recordings if each is not r3]
+    found = texts(verify([rewritten(r3, goes_elsewhere, tmp_path), *others]))
     assert "which its plan does not give it" in found, found
