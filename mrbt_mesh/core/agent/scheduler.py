@@ -36,7 +36,8 @@ MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
 MIN_EVALUATIONS, EVALUATIONS_PER_PAIR = 50, 25
 # While there are deadlines ahead, what time it is is written again after so long.
 TIME_US = 5_000_000
-# Where a robot has joined nobody begins anything for so long: the first one searches a little.
+# Where a robot has joined, nobody begins anything for this long: others may be joining, and the
+# first robot searches a little.
 SETTLE_US = 50_000
 
 
@@ -53,7 +54,7 @@ def _work_of(problem: SchedulingProblem) -> int:
 class Scheduler:
     """Searches, and proposes what it has found.
 
-    `settles_us`: until when nothing is to begin, None: it may.
+    `settles_us`: until when the robot begins nothing, None if it never had to wait.
     """
 
     def __init__(self, context: Context) -> None:
@@ -121,8 +122,12 @@ class Scheduler:
             self._context.write([(records.TRAVEL_TIMES, times)], now_us)
 
     def _settle(self, ahead: Lookahead, now_us: int) -> None:
+        """Robots that start together join within milliseconds, and equal plans do not show that
+        all know of the last one. A robot that is alone, and expects nobody, has no such reason.
+        """
         robots = frozenset(ahead.robots)
-        if len(ahead.opens) > 1 and robots - self._robots:
+        others = (robots | self._context.config.expected) - {self._context.me}
+        if others and len(ahead.opens) > 1 and robots - self._robots:
             self.settles_us = now_us + SETTLE_US
         self._robots = robots
 

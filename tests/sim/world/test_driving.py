@@ -54,9 +54,10 @@ def test_a_coalition_gathers_and_one_that_dies_on_its_way_is_replaced() -> None:
     mission = depot("Sequence: [scan_at(a), lift_at(b)]")
     result = simulate(mission, worker(), seed=1, schedule=[(7 * SECOND, Kill("R2"))])
     assert result.result == "success"
+    # Three robots that join together begin nothing for 50 ms.
     assert sorted(told(result)[3:]) == [
-        (5.0, "R2", "start to b", "lift"),
-        (5.0, "R3", "start to b", "lift"),
+        (5.1, "R2", "start to b", "lift"),
+        (5.1, "R3", "start to b", "lift"),
         (7.0, "R1", "start to b", "lift"),
         (17.0, "R1", "begin", "lift"),
         (17.0, "R3", "begin", "lift"),
