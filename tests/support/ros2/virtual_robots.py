@@ -35,11 +35,14 @@ def free_domain() -> int:
 
 
 class VirtualRobots:
-    """Processes of virtual robots in a domain of their own. Ended whatever happens."""
+    """Processes of virtual robots in a domain of their own. Ended whatever happens.
+
+    `environment`: the variables by which other processes reach them.
+    """
 
     def __init__(self, folder: Path, script: Path = SCRIPT) -> None:
         self.folder = folder
-        self.environment = os.environ | {"ROS_DOMAIN_ID": str(free_domain())}
+        self.environment = {"ROS_DOMAIN_ID": str(free_domain())}
         self._script = script
         self._processes: dict[str, subprocess.Popen[str]] = {}
         self._all: list[subprocess.Popen[str]] = []
@@ -66,7 +69,7 @@ class VirtualRobots:
             with (self.folder / f"virtual-{robot}.log").open("a") as log:
                 process = subprocess.Popen(
                     [os.environ[PYTHON_VARIABLE], str(self._script), robot],
-                    env=self.environment,
+                    env=os.environ | self.environment,
                     stdout=subprocess.PIPE,
                     stderr=log,
                     text=True,
