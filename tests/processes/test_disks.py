@@ -14,6 +14,7 @@ from tests.support.team import Team
 
 DISPENSE = mission_file("dispense")
 FULL = "journal cannot be written: No space left on device"
+NOT_RECORDED = "does not record: No space left on device"
 
 
 @pytest.fixture
@@ -45,8 +46,14 @@ def test_a_full_disk_stops_exclusive_work_alone_until_there_is_room(team: Team, 
     (disk / "filler").unlink()
     code, summary = team.end()
     assert (code, summary["result"]) == (0, "success"), team.logs()
-    assert {each["problem"] for each in summary["problems"]} == {FULL}
-    assert all(each["until_s"] is not None for each in summary["problems"])
+    problems = {(each["robot"], each["subject"]): each for each in summary["problems"]}
+    robots = sorted(summary["robots"])
+    # A journal is written again once there is room. A recording that has ended stays ended.
+    assert sorted(problems) == [(r, s) for r in robots for s in ("journal", "recording")]
+    for robot in robots:
+        assert problems[robot, "journal"]["problem"] == FULL
+        assert problems[robot, "journal"]["until_s"] is not None
+        assert problems[robot, "recording"]["problem"] == NOT_RECORDED
     assert summary["takeovers"] == []
     assert set(doses_begun(team).values()) == {1}
     assert len(doses_begun(team)) == 2
