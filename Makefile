@@ -197,8 +197,8 @@ test-world: parts-world
 
 # What the suites of the gate need beyond requirements-dev.lock. What cannot be had here is said, and
 # the tests that need it are skipped with the reason.
-PARTS := parts-interop parts-vda5050 parts-ros2 parts-world chromium locales networks
-.PHONY: gate parts locales networks
+PARTS := parts-interop parts-vda5050 parts-ros2 parts-world chromium locales networks prometheus
+.PHONY: gate parts locales networks prometheus
 locales:
 	@command -v localedef > /dev/null && test -e /usr/share/i18n/locales/en_US || { $(APT_INSTALL) locales; } || \
 		{ echo "install locales, or run this as root on Debian"; exit 1; }
@@ -206,6 +206,10 @@ locales:
 networks:
 	@command -v ip > /dev/null || { $(APT_INSTALL) iproute2; } || \
 		{ echo "install iproute2, or run this as root on Debian"; exit 1; }
+
+prometheus:
+	@command -v promtool > /dev/null || { $(APT_INSTALL) --no-install-recommends prometheus; } || \
+		{ echo "install prometheus, or run this as root on Debian"; exit 1; }
 
 parts: $(READY)
 	@for part in $(PARTS); do echo "preparing: $$part"; \
