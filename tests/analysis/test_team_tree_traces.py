@@ -25,6 +25,7 @@ def differs(trace: Trace) -> bool | None:
     return found != trace.shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", COMPARABLE)
 def test_a_team_of_one_does_what_the_library_does_or_says_what_differs(family: str) -> None:
     counts = Counter(differs(trace) for trace in traces() if trace.family == family)

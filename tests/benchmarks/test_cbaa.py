@@ -90,6 +90,7 @@ def test_bytes_are_those_of_the_lists() -> None:
     assert outcome.bytes == 2 * (1 + 2 + 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", NETWORKS.values(), ids=NETWORKS)
 @pytest.mark.parametrize("highest", [1000, 3])
 @pytest.mark.parametrize("spread", [False, True])

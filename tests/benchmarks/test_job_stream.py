@@ -12,6 +12,7 @@ from mrbt_mesh.core.facts.jobs import KnownJob
 from tests.support.effort import seeds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(10))
 def test_every_job_of_a_stream_is_done_expired_or_cancelled(seed: int) -> None:
     found = run(30, 120, seed)
@@ -19,6 +20,7 @@ def test_every_job_of_a_stream_is_done_expired_or_cancelled(seed: int) -> None:
     assert found["died_at_work"], "no robot died at work"
 
 
+@pytest.mark.slow
 def test_jobs_that_go_on_after_their_end_are_found() -> None:
     """A team that does not heed cancellations does what nobody wants any more."""
     with mock.patch.object(KnownJob, "is_cancelled", property(lambda _: False)):

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from unittest import mock
 
+import pytest
+
 from benchmarks.job_week import run
 from mrbt_mesh.core.facts import jobs
 
 
+@pytest.mark.slow
 def test_nothing_grows_with_the_jobs_that_were_done() -> None:
     limits = {"KEPT_ENDS": 10, "MAX_ARCHIVED": 10, "KEPT_ARCHIVES": 2}
     with mock.patch.multiple(jobs, **limits):

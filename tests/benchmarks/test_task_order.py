@@ -13,12 +13,14 @@ from tests.support.effort import seeds
 EVALUATIONS = 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(40))
 def test_a_stream_of_jobs_is_done_in_the_order_of_tasks(seed: int) -> None:
     found = task_order.stream(seed, evaluations=EVALUATIONS)
     assert found.broken == [], f"seed {seed}"
 
 
+@pytest.mark.slow
 def test_without_the_rule_the_judge_finds_what_is_overtaken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -27,6 +29,7 @@ def test_without_the_rule_the_judge_finds_what_is_overtaken(
     assert any(found)
 
 
+@pytest.mark.slow
 def test_small_missions_are_about_as_short_as_the_shortest_schedule() -> None:
     ratios = [task_order.small_mission(seed, EVALUATIONS) for seed in seeds(200)]
     assert statistics.mean(ratios) <= 1.01, ratios

@@ -40,6 +40,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return page
 
 
+@pytest.mark.slow
 def test_everybody_can_read_it(report: Path, browser: Browser) -> None:
     for size in (WIDE, PHONE):
         for scheme in ("light", "dark"):

@@ -129,6 +129,7 @@ def test_a_signal_is_sent_without_loading_anything_large(tmp_path: Path, command
     assert (code, packages & (LARGE | {"rich"})) == (0, set())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -40,6 +40,7 @@ BOUNDS = {
 }
 
 
+@pytest.mark.slow
 def test_the_committed_files_are_what_make_paper_writes() -> None:
     """In any process, whatever the order of its sets and dicts."""
     script = "from paper.document import files; import json; "

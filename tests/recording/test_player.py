@@ -39,6 +39,7 @@ def watched(folder: Path) -> Recording:
     return read_recording(observer_file(folder))
 
 
+@pytest.mark.slow
 @settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=4))
 def test_any_way_leads_to_the_same_state(watched: Recording, places: list[float]) -> None:
@@ -100,6 +101,7 @@ def recorded(folder: Path, mission: str, schedule: Schedule, seconds: int) -> Si
     return simulate(read, program, seed=3, schedule=schedule, record=folder, timeout_us=timeout_us)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whose", ["", "B1"])
 def test_the_rounds_of_a_mission_that_never_ends(
     tmp_path_factory: pytest.TempPathFactory, whose: str

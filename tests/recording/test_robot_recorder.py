@@ -28,6 +28,7 @@ def at_the_end(recording: Recording) -> RecordedState:
     return state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plan_delay_us", [None, 3_000])
 def test_the_last_state_is_that_of_the_live_robot_to_the_byte(
     tmp_path: Path, plan_delay_us: int | None

@@ -144,6 +144,7 @@ def flipped(path: Path, bit: int) -> bytes:
     return bytes(data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_crashed", [False, True], ids=["closed", "crashed"])
 def test_a_bit_that_has_changed_loads_the_same_facts_or_is_noticed(
     tmp_path: Path, is_crashed: bool

@@ -292,6 +292,7 @@ def w7(task: TaskContext) -> None: ...
 """
 
 
+@pytest.mark.slow
 def test_type_checkers_see_wrong_functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "robot.py"
     file.write_text(TYPED)

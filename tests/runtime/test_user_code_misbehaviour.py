@@ -282,6 +282,7 @@ def short_limit(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     gc.collect()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("name", WAYS)
 def test_no_robot_dies_and_each_way_is_told(name: str) -> None:
@@ -298,6 +299,7 @@ def test_no_robot_dies_and_each_way_is_told(name: str) -> None:
 OF_LOCAL_TASKS = [n for n, each in WAYS.items() if each.kind in ("local task", "cancelled")]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("name", at_size(quick=OF_LOCAL_TASKS[::4], gate=OF_LOCAL_TASKS))
 def test_a_function_that_drives_may_do_the_same(name: str) -> None:

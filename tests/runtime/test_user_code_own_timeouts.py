@@ -96,6 +96,7 @@ def check_that_nothing_is_wrong(found: SimulationResult, result: str = "success"
     assert found.summary["faults"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("kind", ["local task", "background", "travel"])
 def test_work_goes_on_after_any_number_of_timeouts(kind: str, way: Way) -> None:

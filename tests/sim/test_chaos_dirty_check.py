@@ -73,6 +73,7 @@ def large_team_log(seed: int) -> list[str]:
     return list(result.effect_log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(5))
 def test_the_same_in_a_ring(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = large_team_log(seed)

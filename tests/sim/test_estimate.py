@@ -38,6 +38,7 @@ def experiment(mission: str, runs: int, failures: FailureModel = NO_FAILURES) ->
 # -- reproducible -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_same_figures_whatever_the_number_of_processes() -> None:
     shaky = FailureModel(major={EVERYBODY: Rate(per_action=0.2)}, minor_faults=1)
     what = experiment(EXPLORE, 9, shaky)
@@ -126,6 +127,7 @@ def test_a_summary_counts_what_came_out() -> None:
     assert nothing["success"]["probability"] == 0
 
 
+@pytest.mark.slow
 def test_more_faults_never_make_the_repair_more_likely() -> None:
     """Common seeds: the first k faults of a run are the same, so success can only be lost."""
     runs = at_size(quick=2, gate=5)

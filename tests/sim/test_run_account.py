@@ -17,6 +17,7 @@ def account(request: pytest.FixtureRequest) -> list[Span]:
     return list(undisturbed(request.param))
 
 
+@pytest.mark.slow
 def test_the_cover_is_off_before_and_on_after_everything_else(account: list[Span]) -> None:
     order = [
         "remove_screws",

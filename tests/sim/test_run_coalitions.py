@@ -56,6 +56,7 @@ def counted_begins_s(found: SimulationResult) -> list[float]:
     return sorted(begun[event["robot"]] for event in ended[-2:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(40))
 def test_only_what_began_in_time_counts(seed: int, tmp_path: Path) -> None:
     work_s, within_s = (0.05, 0.4, 3.0)[seed % 3], (None, 0.2, 0.5)[seed // 3 % 3]

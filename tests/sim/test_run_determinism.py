@@ -45,6 +45,7 @@ def test_the_same_seed_gives_the_same_run(run: Run) -> None:
     assert first.summary == second.summary
 
 
+@pytest.mark.slow
 def test_keeping_the_log_changes_nothing_and_another_seed_does(run: Run) -> None:
     kept = faulty(run, 11, keep_log=True)
     assert faulty(run, 11).effect_log_digest == kept.effect_log_digest

@@ -26,11 +26,13 @@ def runs(name: str | None, seed: int) -> list[SimulationResult]:
     return [run_scenario(mission, program, scenario, engine=engine) for engine in engines]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", at_size(quick=SEEDS[:1], gate=SEEDS))
 def test_on_generated_missions(seed: int) -> None:
     _are_one(runs(None, seed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", at_size(quick=EXAMPLES[1:3], gate=EXAMPLES))
 def test_on_the_examples(name: str) -> None:
     _are_one(runs(name, 2))

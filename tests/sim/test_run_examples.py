@@ -66,6 +66,7 @@ def test_no_tools_at_all_is_a_failure(run_mission: RunMission) -> None:
     assert run.started("large_screwdriver") == []
 
 
+@pytest.mark.slow
 def test_the_depot_is_ready_sooner_by_schedules(run_mission: RunMission, tmp_path: Path) -> None:
     text = mission_file("depot").read_text().replace("../../agents", str(ROOT / "agents"))
     without = tmp_path / "mission.yaml"

@@ -135,6 +135,7 @@ def test_a_suite_that_fails_fails_the_gate() -> None:
     assert not lines[-4].endswith("FAILED")
 
 
+@pytest.mark.slow
 def test_suites_are_run_and_compared_with_what_there_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,9 +34,7 @@ def seeds(many: int) -> range:
 
 
 # Seeds of chaos on generated missions (tests/sim/test_chaos.py), in whole blocks.
-CHAOS_BLOCK = 20
-CHAOS_SEEDS = int(
-    os.environ.get("MRBT_CHAOS_SEEDS") or at_size(quick=CHAOS_BLOCK, gate=100, long=1_000)
-)
+CHAOS_BLOCK = 10
+CHAOS_SEEDS = int(os.environ.get("MRBT_CHAOS_SEEDS") or at_size(quick=20, gate=100, long=1_000))
 # Examples of each property that hypothesis tries, unless the test has a figure of its own.
 EXAMPLES = int(os.environ.get("MRBT_EXAMPLES") or at_size(quick=10, gate=50, long=1_000))

@@ -179,6 +179,7 @@ def test_a_recording_has_what_changed_since_it_began() -> None:
     assert desk.ask("t") == [b""]
 
 
+@pytest.mark.slow
 def test_a_recording_that_nobody_fetches_stays_small() -> None:
     desk = Desk()
     desk.ask("r", b"start")

@@ -173,6 +173,7 @@ CLEANING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["pick place clean", "pick clean place", "clean pick place"])
 def test_one_more_action_does_not_make_a_lift_wait_for_a_dead_robot(order: str) -> None:
     """Picking may fail, so cleaning has to wait for it, but not beside the placing."""

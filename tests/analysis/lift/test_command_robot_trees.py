@@ -86,6 +86,7 @@ def nodes(name: str) -> int:
     return sum(1 for _ in expand(library, library.main_tree).root.walk())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_tree_of_one_robot_runs_in_a_team(name: str, tmp_path: Path) -> None:
     found = lifted(name, tmp_path)

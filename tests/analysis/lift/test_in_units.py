@@ -79,6 +79,7 @@ def check_with_deaths(seed: int, folder: Path) -> str:
     return "split" if len(found.tasks.uses) > 1 and single.log else "whole"
 
 
+@pytest.mark.slow
 def test_a_team_ends_as_one_robot_does_also_where_robots_die(tmp_path: Path) -> None:
     found = [check_with_deaths(seed, tmp_path) for seed in range(CASES)]
     assert found.count("split") > CASES // 10

@@ -53,6 +53,7 @@ def test_any_run_of_the_lifted_tree_ends_as_the_single_robots(seed: int) -> None
     check(seed)
 
 
+@pytest.mark.slow
 def test_of_many_trees_some_are_parallelised_and_none_ends_otherwise() -> None:
     assert sum(map(check, range(200))) >= 60
 

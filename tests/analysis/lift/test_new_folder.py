@@ -84,6 +84,7 @@ MODELS = """<root BTCPP_format="4" main_tree_to_execute="M">
 </TreeNodesModel></root>"""
 
 
+@pytest.mark.slow
 def test_functions_write_the_ports_that_models_describe(tmp_path: Path) -> None:
     text = written(tmp_path, MODELS)
     assert '@robot.condition("Ready")\ndef ready() -> bool:' in text

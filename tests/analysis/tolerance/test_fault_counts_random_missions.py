@@ -42,6 +42,7 @@ def check(case: Case) -> Status:
     return expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, MISSIONS, BLOCK))
 def test_runs_end_as_analysis_and_the_tree_foretell(first: int) -> None:
     """For each choice of conditions alone, and what analysis says of all of them together."""
@@ -72,6 +73,7 @@ def unbound(case: Case) -> Case:
 TIMES_US = (100_000, 1_500_000, 2_500_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, MISSIONS, BLOCK))
 def test_tasks_for_the_robots_that_did_another_one(first: int) -> None:
     """Whichever robots those are, and whenever the faults happen."""

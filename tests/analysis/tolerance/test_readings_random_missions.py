@@ -48,6 +48,7 @@ def test_everything_agrees_with_counting_every_set_of_faults(seed: int) -> None:
     check(reading, survives, seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_other_readings_agree_as_well(seed: int) -> None:
     mission = brute.random_mission(seed)

@@ -29,6 +29,7 @@ def test_a_campaign_that_breaks_nothing(tmp_path: Path) -> None:
     assert not keep.exists()
 
 
+@pytest.mark.slow
 def test_the_same_in_two_processes_as_json(tmp_path: Path) -> None:
     arguments = ("--generated", "--seeds", "6,9,11", "--json", "--keep", str(tmp_path))
     found = []
@@ -42,6 +43,7 @@ def test_the_same_in_two_processes_as_json(tmp_path: Path) -> None:
         assert first[key] == second[key]
 
 
+@pytest.mark.slow
 def test_a_failure_is_cut_down_written_and_replayed(tmp_path: Path) -> None:
     with MUTATIONS["outcomes_dropped_at_restart"]():
         arguments = ("--generated", "--seeds", "4", "--keep", str(tmp_path), *ONE)

@@ -52,6 +52,7 @@ def test_the_summary_for_people_tells_the_story() -> None:
     assert "replaced by A1" in text
 
 
+@pytest.mark.slow
 def test_a_robot_that_does_something_worse_hands_it_on() -> None:
     """In the example robots of type A replace hardware best."""
 

@@ -24,6 +24,7 @@ from tests.support.problems import limited
 CASES_PER_SEED = 150
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_cp_sat_finds_what_trying_out_everything_finds_first(seed: int) -> None:
     draw = random.Random(seed)

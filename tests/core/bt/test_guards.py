@@ -272,6 +272,7 @@ def test_where_the_action_has_failed_what_is_behind_it_decides_nothing() -> None
         assert world.activation("use") == use
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", range(0, 1_200, 300))
 def test_random_trees_do_what_a_tree_does_that_is_ticked_again_and_again(first: int) -> None:
     for seed in range(first, first + 300):

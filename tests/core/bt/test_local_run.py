@@ -42,6 +42,7 @@ class Robot:
         self.outcome(activation, success)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["tame", "mid", "free"])
 def test_a_robot_does_with_a_tree_what_a_team_of_one_does(family: str) -> None:
     # That is what BehaviorTree.CPP does, or else a note says why not: test_team_tree_traces.

@@ -51,6 +51,7 @@ def agreed_after_us(team: SteppedTeam, at_most_us: int) -> int:
     return team.now_us - start_us
 
 
+@pytest.mark.slow
 def test_on_a_bad_network_a_team_agrees_within_a_second_as_a_rule() -> None:
     times_us = []
     for seed in range(5):

@@ -85,6 +85,7 @@ NETWORKS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("knobs", "blocked"), NETWORKS)
 @pytest.mark.parametrize("robots", [3, 6])
 def test_no_living_robot_is_thought_dead(

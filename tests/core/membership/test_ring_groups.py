@@ -273,6 +273,7 @@ def nobody_believes_in_deaths() -> Iterator[None]:
         yield
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bug", BUGS)
 def test_a_deliberate_bug_is_caught(bug: str) -> None:
     story, broken = BUGS[bug]

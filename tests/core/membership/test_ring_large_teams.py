@@ -32,6 +32,7 @@ def at_rest(robots: int) -> float:
     return (team.sent - before) / robots / 10
 
 
+@pytest.mark.slow
 def test_what_a_robot_sends_does_not_grow_with_its_team() -> None:
     sizes = at_size(quick=(7, 12, 24), gate=(7, 16, 32))
     small, medium, large = map(at_rest, sizes)
@@ -50,6 +51,7 @@ def test_a_killed_robot_is_replaced_after_a_few_messages(robots: int) -> None:
     assert (team.sent - before) / robots < 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robots", [9, 24])
 def test_a_frozen_robot_is_found_in_the_detection_time_and_found_again(robots: int) -> None:
     team = started(robots, NO_TOKENS)
@@ -172,6 +174,7 @@ def test_neighbours_that_die_together_are_all_found() -> None:
     assert len(team.at_work()) == robots // 2
 
 
+@pytest.mark.slow
 def test_halves_that_were_cut_off_find_each_other_again() -> None:
     robots = 16
     team = started(robots, NO_TOKENS)
@@ -204,6 +207,7 @@ def test_a_robot_that_hears_nothing_persuades_nobody() -> None:
         assert {len(agent.alive()) for agent in others} == {robots}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(5))
 def test_nobody_dies_of_loss_and_jitter(seed: int) -> None:
     robots = 24

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mrbt_mesh.core.facts.records import CLAIM, OUTCOME, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
@@ -39,6 +41,7 @@ def test_without_a_limit_all_are_kept() -> None:
     assert list(entries) == list(range(10_000))
 
 
+@pytest.mark.slow
 def test_a_long_run_is_counted_whole_and_kept_in_part() -> None:
     record = RunRecord(make_mission(action("weld")), 800)
     for robot in ("A", "B"):

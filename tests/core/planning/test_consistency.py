@@ -87,6 +87,7 @@ def test_it_keeps_what_can_be_matched(name: str) -> None:
             happened = story.step()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MEDIUM)
 def test_medium_teams(name: str) -> None:
     for seed in seeds(2):

@@ -79,6 +79,7 @@ def test_i6_a_team_at_work_has_only_been_given_too_little_time() -> None:
     assert (result.result, result.violations) == ("timeout", [])
 
 
+@pytest.mark.slow
 def test_i6_a_mission_that_never_ends_is_no_violation() -> None:
     """One robot looks for ever: it ends with the time that it was given."""
     mission = make_mission(keep_running(action("look")))

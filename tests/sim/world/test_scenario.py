@@ -147,6 +147,7 @@ def test_generated_missions_are_the_same_for_a_seed_and_can_be_read_from_their_f
     assert generated.mission.global_tasks
 
 
+@pytest.mark.slow
 def test_generated_missions_have_everything_in_them() -> None:
     missions = [generate_mission(seed).mission for seed in range(150)]
     kinds = {str(node.kind) for mission in missions for node in mission.tree.nodes}

@@ -35,6 +35,7 @@ def story(result: SimulationResult) -> tuple[Any, ...]:
     return result.result, result.duration_us, result.summary, result.events, result.stops, plans
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["vehicle_repair", "dispense", "explore", "tool_search", "couriers"]
 )

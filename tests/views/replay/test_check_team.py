@@ -38,6 +38,7 @@ def texts(verdict: Verification) -> str:
     return "\n".join(map(str, (*verdict.findings, *verdict.gaps)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_an_honest_run_is_proved(tmp_path: Path, fault: str) -> None:
     _, manifest = record_keyed(tmp_path, "vehicle_repair", 7, FAULTS[fault])
@@ -52,6 +53,7 @@ def test_an_honest_run_is_proved(tmp_path: Path, fault: str) -> None:
         assert "run.mcap" in ends["A1.mcap"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORGERIES)
 def test_a_forgery_without_keys_is_named(
     keyed: tuple[Run, Manifest], tmp_path: Path, name: str
@@ -62,6 +64,7 @@ def test_a_forgery_without_keys_is_named(
     assert re.search(forgery.found, texts(verdict)), texts(verdict)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORGERIES)
 def test_what_the_others_say_of_a_forgery_with_a_stolen_key(
     keyed: tuple[Run, Manifest], tmp_path: Path, name: str

@@ -15,6 +15,7 @@ from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from tests.support.recorded import record_example
 
 
+@pytest.mark.slow
 def test_figures_and_lanes_of_two_runs(tmp_path: Path) -> None:
     kills = [(9_000_000, Kill("B1")), (12_500_000, Kill("A1"))]
     results, shown = [], []

@@ -63,6 +63,7 @@ def without_agreement(items: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_the_whole_timeline_is_there_at_once(recording: Recording) -> None:
     shown = shown_at(recording)
     live = watched_until(recording, Player(recording).end_us)

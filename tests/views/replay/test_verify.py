@@ -66,12 +66,14 @@ def test_a_run_is_proved_with_its_takeovers(tmp_path: Path, fault: str) -> None:
         assert causes == set()
 
 
+@pytest.mark.slow
 def test_plans_that_were_made_apart_are_proved(tmp_path: Path) -> None:
     late = AgentOptions(plan_delay_us=20_000)
     record_example(tmp_path, "vehicle_repair", 4, FAULTS["death"], late)
     proved(read_all(tmp_path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", range(min(4, CHAOS_SEEDS)))
 def test_no_false_alarm_in_chaos(tmp_path: Path, part: int) -> None:
     for number in range(part, CHAOS_SEEDS, 4):
@@ -128,6 +130,7 @@ def test_ways_are_proved_and_are_no_work(tmp_path: Path) -> None:
     assert any("claims something else" in each.text for each in verdict.findings), texts(verdict)
 
 
+@pytest.mark.slow
 def test_random_falsifications_are_all_found_and_named(
     repaired: list[Recording], tmp_path: Path
 ) -> None:
@@ -212,6 +215,7 @@ FORGERIES: dict[str, Callable[[Records], Records]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("finding", FORGERIES)
 def test_what_an_able_forger_changes_is_found(
     repaired: list[Recording], tmp_path: Path, finding: str

@@ -130,6 +130,7 @@ def test_where_the_world_is(path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 WORKSHOP = EXAMPLES / "workshop"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [
