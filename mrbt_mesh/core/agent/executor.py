@@ -120,6 +120,7 @@ class Executor:
             and (self.contact is None or self._has_contact(self.contact, claim, now_us))
         ):
             start = self._start_of(claim)
+            assert start is not None  # the plan has it
             if start.needs_ready and claim.phase is Phase.CLAIMED and not travel_to:
                 claim = work.get_ready(claim)
                 # The coalition's leader refers to this entry, also if it is this robot.
@@ -213,13 +214,16 @@ class Executor:
         context.log("info", event, **names, activation=start.activation, **place)
 
     def given_up(self, claim: Claim) -> list[Fact]:
-        """The facts to write when a claim is dropped without an outcome."""
-        return self._start_of(claim).given_up(claim)
+        """The facts to write when a claim is dropped without an outcome. None if a revision of the
+        mission has no place for it.
+        """
+        start = self._start_of(claim)
+        return start.given_up(claim) if start is not None else []
 
-    def _start_of(self, claim: Claim) -> PlainStart:
+    def _start_of(self, claim: Claim) -> PlainStart | None:
         tasks = self._context.mission.global_tasks
-        task = tasks.get(claim.global_task) or self._context.facts.task(claim.activation)
-        return self._starts.of(task)
+        task = tasks.get(claim.global_task) or self._context.facts.task_of(claim.activation)
+        return self._starts.of(task) if task is not None else None
 
     def _type_of(self, local_task: str) -> str:
         types = self._context.mission.local_task_types
