@@ -215,9 +215,9 @@ def test_an_exclusive_task_in_doubt_is_for_the_operator() -> None:
 
 
 def test_a_minority_does_not_decide_about_an_exclusive_task() -> None:
-    """R2, R4 and R5 may be at it."""
+    """R2, R4 and R5 may be at it. R1 was heard by a majority until it had failed."""
     cut = partition(["R1", "R3"], ["R2", "R4", "R5"])
-    healed = [(1 * S, cut), (12 * S, Unblock(cut.links))]
+    healed = [(2 * S, cut), (12 * S, Unblock(cut.links))]
     behave = "a@R1: {seconds: 2, fails: true}, a@R2: {seconds: 4}"
     result = run(FIVE + fallback("exclusive: true", behave=behave), healed)
     assert "b" not in {task for _, task in starts(result)}
