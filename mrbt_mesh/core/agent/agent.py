@@ -450,7 +450,7 @@ class Agent:
             self._joining_until_us,
             self._plans_at_us,
             self._scheduler.settles_us if self._scheduler is not None else None,
-            context.replica.unproved.next_us(context.membership.count_in_reach(now_us)),
+            context.replica.next_unproved_us(context.membership, now_us),
             joining.deadline_us if joining is not None else None,
             joining.gathers_until_us if joining is not None else None,
             joining.alone_until_us if joining is not None else None,

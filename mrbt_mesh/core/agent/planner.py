@@ -172,10 +172,12 @@ class Planner:
     def _take_shown(self, plan: Plan, now_us: int) -> bool:
         """Take in what follows from these facts by the word of other robots too."""
         context, unproved = self._context, self._context.replica.unproved
-        peers = context.membership.count_in_reach(now_us)
+        if not unproved:
+            return False
+        late_us = context.replica.next_unproved_us(context.membership, now_us)
+        is_late = late_us is not None and late_us <= now_us
         state = (*self._state(), unproved.changes)
-        is_late = (unproved.next_us(peers) or now_us + 1) <= now_us
-        if not unproved or (state == self._examined and not is_late):
+        if state == self._examined and not is_late:
             return False
         self._examined = state
         derived = DerivedFacts(context.facts, plan.evaluation, context.alive())

@@ -167,6 +167,12 @@ class Replica:
             self.anti_entropy.changed_us = now_us
         return changed
 
+    def next_unproved_us(self, membership: Membership, now_us: int) -> int | None:
+        """When an unproved fact may have to be taken in all the same; None if none has."""
+        if not self.unproved:
+            return None
+        return self.unproved.next_us(membership.count_in_reach(now_us))
+
     def receive(self, source: str, data: bytes, now_us: int) -> Received:
         """Take in a published batch, which may only hold entries of its source, or commands.
 
