@@ -57,8 +57,10 @@ local_tasks:
   dose: {parameters: [n], work: 4}
   lift: {parameters: [n], work: 3}
   find: {parameters: [n], work: 2}
-robot_types: {nurse: {capabilities: {look: 1, dose: 1, lift: 1, find: 1}}}
-robots: {A1: nurse, A2: nurse, A3: nurse, A4: nurse, A5: nurse}
+robot_types:
+  nurse: {capabilities: {look: 1, dose: 1, lift: 1, find: 1}}
+  helper: {capabilities: {find: 1}}
+robots: {A1: nurse, A2: nurse, A3: nurse, A4: nurse, A5: helper}
 conditions: {open: {default: true}, calm: {default: true}}
 global_tasks:
   look: {parameters: [n], needs: {look($n): {min: 1, max: 1}}}
@@ -141,17 +143,19 @@ def starts(result: SimulationResult, liar: str) -> dict[tuple[str, ...], int]:
     return {key: keys.count(key) for key in keys}
 
 
-def judged(result: SimulationResult, liar: str) -> None:
-    """The honest robots go on, hold the same for true, and have done what was asked, once."""
+def judged(result: SimulationResult, liar: str, harm: Mapping[str, str] | None = None) -> None:
+    """The honest robots go on, hold the same for true, and have done what was asked, once.
+
+    `harm`: the jobs that a lie may keep them from, and the state of these.
+    """
     honest = set(WARD.robots) - {liar}
     assert result.violations == []
     assert not honest & result.stops.keys(), "no honest robot has stopped"
     for robot in sorted(honest):
         assert result.agents[robot].view.incarnation.counter == 1, "none began another life"
         wanted = {fault.name.partition("/")[2] for _, fault in SCHEDULE}
-        assert states(result, robot) == {n: "open" if n in OPEN else "succeeded" for n in wanted}, (
-            robot
-        )
+        expected = {n: "open" if n in OPEN else "succeeded" for n in wanted}
+        assert states(result, robot) == expected | dict(harm or {}), robot
     begun = starts(result, liar)
     assert not {key for key in begun if key[1] in ("4", "5")}, "what is not due was not begun"
     assert {begun["dose", n] for n in ("2", "6", "9")} == {1}
@@ -187,10 +191,11 @@ def fact(name: str, record: Any) -> Lie:
 
 
 def of_work(kind: str, subject: str, record: Any = LATCH) -> Lie:
-    """A fact about each activation of a task that somebody works on."""
+    """A fact about each activation of a task that somebody works on, or is to."""
 
     def lie(liar: Liar) -> None:
         names = [c.claim.activation for c in liar.facts.claims.values()]
+        names += [request.activation for request in liar.plan.evaluation.requests]
         found = sorted({n for n in names if f":{subject}" in n})
         assert found, "the liar was too late"
         liar.write(*((f"{kind}/{name}", record) for name in found))
@@ -310,7 +315,6 @@ LIES: Mapping[str, Lie] = {
     "a task at work has failed for good": of_work("latched_failure", "dose"),
     "a task for several has failed for good": of_work("latched_failure", "lift"),
     "a coalition at work is broken": of_coalitions("broken", "lift"),
-    "an exclusive coalition is broken": of_coalitions("broken", "dose"),
     "an exclusive task is in doubt": of_coalitions("doubt", "dose"),
     "leases that were not asked for": of_coalitions("grant", "dose"),
     "a loop has used up the greatest number of attempts": of_nodes(
@@ -327,13 +331,12 @@ LIES: Mapping[str, Lie] = {
     "a loop has used up the greatest number of cycles": of_nodes(
         "attempt", Kind.REPEAT, Attempt(HUGE)
     ),
-    "the time of a node is over": of_nodes("expired", Kind.TIMEOUT),
     "the time of all loops is over": of_nodes("expired", Kind.REPEAT),
     "a step that a node with memory lacks has failed": of_nodes(
         "passed", Kind.SEQUENCE, ChildResult(False), "/9"
     ),
     "the steps of a loop have failed": of_nodes("passed", Kind.REPEAT, ChildResult(False), "/0"),
-    "a task at work that is not exclusive has failed": of_work("latched_failure", "look"),
+    "a task that is not exclusive has failed": of_work("latched_failure", "look"),
     "it works on a job that is not due": claim_of_a_job_that_is_not_due,
     "bids are over where nobody bids": of_requests("closed", "look"),
     "it bids for what nobody bids for": of_requests("bid", "look", Bid(HUGE)),
@@ -345,7 +348,7 @@ LIES: Mapping[str, Lie] = {
         end(JobState.FAILED, "dosing"),
         fact("job_due/late_dose", LATCH),
         of_work("latched_failure", "lift"),
-        of_coalitions("broken", "dose"),
+        of_coalitions("grant", "dose"),
         fact("condition/open", ConditionValue(True, 2, HUGE - 10**9)),  # its own go on from there
     ),
 }
@@ -356,6 +359,22 @@ LIES: Mapping[str, Lie] = {
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
 def test_honest_robots_do_what_was_asked_in_spite_of_a_lie(lie: Lie, seed: int) -> None:
     judged(tell(lie, "A5", seed), "A5")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lie", "harm"),
+    [
+        (of_nodes("expired", Kind.TIMEOUT), {"timed": "failed"}),
+        (of_coalitions("broken", "dose"), {"dose": "open", "dosing": "open"}),
+    ],
+    ids=["the time of a node is over", "exclusive coalitions are broken"],
+)
+def test_what_is_believed_as_written_harms_the_jobs_that_it_is_about_alone(
+    lie: Lie, harm: Mapping[str, str]
+) -> None:
+    """An exclusive task is in doubt then, and an operator decides; it is not begun again."""
+    judged(tell(lie, "A5", 1), "A5", harm)
 
 
 def test_an_exclusive_task_that_a_liar_takes_is_not_done_twice() -> None:

@@ -20,7 +20,7 @@ from mrbt_mesh.core.facts.records import LATCH
 from mrbt_mesh.core.facts.store import Fact, Incarnation
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
-from mrbt_mesh.core.planning.job_ends import cancelled_ends, job_ends
+from mrbt_mesh.core.planning.job_ends import ends_to_write
 from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.outcome_tick import facts_of_tree, mission_result
 from mrbt_mesh.core.planning.plan import Plan
@@ -264,8 +264,7 @@ class Planner:
         facts, evaluation = self._context.facts, plan.evaluation
         latched = facts_of_tree(facts, evaluation)
         if facts.jobs is not None:
-            if self._context.me == min(alive):
-                latched += job_ends(facts, evaluation) + cancelled_ends(facts)
+            latched += ends_to_write(facts, facts.jobs, evaluation, self._context.me, alive)
             archive = facts.jobs.to_archive(sum(robot < self._context.me for robot in alive))
             if archive is not None:
                 latched.append((f"{records.JOB_ARCHIVE}/{archive[0]}", archive[1]))

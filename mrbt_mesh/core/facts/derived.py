@@ -1,56 +1,32 @@
-"""Facts that follow from other facts: which these are, and when one tells nothing new.
+"""Facts that follow from others: which of these wait to be shown, and when one says nothing new.
 
 They are written to be cheap to read and short to keep: their causes may be dropped. One robot's
-word for them is not enough (`membership.unproved`). Used up attempts and results of children of
-nodes with memory are not among them: a robot that knows of fewer outcomes than others may see one
-that the others never will.
+word for them is not enough (`membership.unproved`). Others join the map at once: ends of jobs count
+by the map alone (`KnownJob.written_end`), and what a robot that was apart, or knows of fewer
+outcomes, may see and others never will, is believed: attempts that are used up, results of children
+of nodes with memory, times that are over, broken coalitions.
 """
 
 from __future__ import annotations
 
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.records import (
-    AdoptedMission,
-    JobArchive,
-    JobEnd,
-    JobState,
-    MissionResult,
-    Record,
-)
+from mrbt_mesh.core.facts.records import AdoptedMission, JobArchive, MissionResult, Record
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 
-DERIVED_KINDS = frozenset(
-    {
-        records.BROKEN,
-        records.CLOSED,
-        records.EXPIRED,
-        records.JOB_ARCHIVE,
-        records.JOB_DUE,
-        records.JOB_END,
-        records.LATCHED_FAILURE,
-        records.MISSION_ADOPTED,
-        records.RESULT,
-    }
-)
-# Those that a robot which was alone may have seen, and others never can: the alive set, a condition
-# or a deadline was another one there.
-WITNESSED_KINDS = frozenset(
-    {
-        records.BROKEN,
-        records.CLOSED,
-        records.EXPIRED,
-        records.LATCHED_FAILURE,
-        records.RESULT,
-    }
-)
+# Those that a robot which was alone may have seen, and others never can: the alive set or a
+# condition was another one there.
+WITNESSED_KINDS = frozenset({records.LATCHED_FAILURE, records.RESULT})
+DERIVED_KINDS = WITNESSED_KINDS | {
+    records.JOB_ARCHIVE,
+    records.JOB_DUE,
+    records.MISSION_ADOPTED,
+}
 
 
 def follows_from_others(entry: Entry) -> bool:
-    """True for a fact that follows from others; a cancellation is an operator's."""
-    record = entry.record
-    is_cancellation = isinstance(record, JobEnd) and record.state is JobState.CANCELLED
-    return entry.parts[0] in DERIVED_KINDS and not is_cancellation
+    """True for a fact that waits until others show it, or another robot holds it."""
+    return entry.parts[0] in DERIVED_KINDS
 
 
 def is_known(facts: TeamFacts, entry: Entry) -> bool:
@@ -60,25 +36,12 @@ def is_known(facts: TeamFacts, entry: Entry) -> bool:
         return True
     if isinstance(record, JobArchive):
         return jobs is not None and jobs.knows_archive(int(entry.parts[1]), record)
-    if isinstance(record, JobEnd) and jobs is not None and jobs.has_ended(entry.parts[1]):
-        known = jobs.known.get(entry.parts[1])
-        end = known.end if known is not None else None
-        return end is None or end.rank() >= record.rank()
     others = (facts.map.get(author, name) for author in facts.map.authors())
     return any(other is not None and says(other.record, record) for other in others)
 
 
 def says(known: Record, claimed: Record) -> bool:
     """True if the second record says no more than the first, of the same name."""
-    match claimed:
-        case JobEnd():
-            if not isinstance(known, JobEnd) or known.rank() > claimed.rank():
-                return isinstance(known, JobEnd)
-            return (known.state, known.robots) == (claimed.state, claimed.robots)
-        case MissionResult(success, agreed):
-            return (
-                isinstance(known, MissionResult)
-                and known.success >= success
-                and known.agreed >= agreed
-            )
+    if isinstance(known, MissionResult) and isinstance(claimed, MissionResult):
+        return known.success >= claimed.success and known.agreed >= claimed.agreed
     return known == claimed

@@ -1,9 +1,10 @@
 """The jobs of a team, as all robots read them from the facts.
 
 A job is what an operator has submitted; the first submission under an id counts. Each field that
-operators change later is a fact of its own, and so is the end of a job. Then all other facts of the
-job are dropped, except that it was cancelled. Of the oldest ends only hashes are kept, in archives,
-so that no job is done again.
+operators change later is a fact of its own, and so is the end of a job. One robot's word for that
+counts only if other facts of the job bear it out. Once two have written it, these are dropped,
+except that the job was cancelled. Of the oldest ends only hashes are kept, in archives, so that no
+job is done again.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from mrbt_mesh.core.facts.records import (
     Latch,
     OperatorCommand,
 )
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.mission.jobs import OpenJob, jobs_nodes
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import owning_job
@@ -39,6 +40,8 @@ from mrbt_mesh.core.mission.names import owning_job
 # How many ends of jobs are kept at least, and of how many archives their hashes.
 KEPT_ENDS = 500
 KEPT_ARCHIVES = 200
+# How many robots have to write that a job has ended before its other facts are dropped.
+WITNESSES = 2
 # Robots that have worked on fewer of so many jobs that ended last have the first turn.
 COUNTED_ENDS = 100
 _KEPT = f"{records.JOB_END}/", f"{records.JOB_CANCELLED}/"
@@ -58,17 +61,22 @@ class KnownJob:
 
     `keys`: (author, name) of its entries, and of guards in its tree. `commands`: field -> what
     operators have commanded. `activations`: those of its tree that there are facts of; `claims`:
-    how many robots work on it. With either it is begun. `version`: how often its facts have
+    how many robots work on it. With either it is begun. `results`: (author, name) -> entry, of
+    outcomes and failures in its tree; `end_versions`: author -> the version of the end that it has
+    written. `witnesses`: how many robots have to write one. `version`: how often its facts have
     changed.
     """
 
     id: str
+    witnesses: int = WITNESSES
     version: int = 0
     keys: dict[tuple[str, str], None] = field(default_factory=dict)
     commands: dict[str, Entry] = field(default_factory=dict)
     ends: dict[str, JobEnd] = field(default_factory=dict)
+    end_versions: dict[str, Version] = field(default_factory=dict)
     due: set[str] = field(default_factory=set)
     activations: dict[str, None] = field(default_factory=dict)
+    results: dict[tuple[str, str], Entry] = field(default_factory=dict)
     claims: int = 0
 
     @property
@@ -121,15 +129,38 @@ class KnownJob:
 
     @property
     def written_end(self) -> JobEnd | None:
-        """The end that robots have written, None if none has. That it was cancelled follows from an
-        operator's command, and is not believed without.
-        """
+        """The end that robots have written and that counts, None if there is none."""
         found = [
             (-end.rank(), end.stamp, author)
-            for author, end in self.ends.items()
-            if self.is_cancelled or end.state is not JobState.CANCELLED
+            for author, end in self._possible_ends().items()
+            if self.is_settled or self._is_shown(author, end)
         ]
         return self.ends[min(found)[2]] if found else None
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether enough robots have written its end for its other facts to be dropped."""
+        found = self._possible_ends()
+        return bool(found) and (self.is_cancelled or len(found) >= self.witnesses)
+
+    def _possible_ends(self) -> dict[str, JobEnd]:
+        """Author -> end. That it was cancelled follows from an operator's command alone."""
+        if self.is_cancelled:
+            return self.ends
+        return {a: end for a, end in self.ends.items() if end.state is not JobState.CANCELLED}
+
+    def _is_shown(self, author: str, end: JobEnd) -> bool:
+        """Whether other facts of the job bear out an end that one robot has written: that it had a
+        deadline; or that it was due, and the robot returned from work in it then, or a failure in
+        it was latched, or a time was over.
+        """
+        if end.state is JobState.EXPIRED:
+            return self.job is not None and bool(self.job.deadline_us)
+        tick, is_failure = (author, self.end_versions[author]), end.state is JobState.FAILED
+        return self.is_due and any(
+            (each.author, each.version) == tick or (is_failure and isinstance(each.record, Latch))
+            for each in self.results.values()
+        )
 
     @property
     def end(self) -> JobEnd | None:
@@ -175,12 +206,14 @@ class Jobs:
 
     In the tree are, of each type, those that are begun and the next ones that are not held, as many
     as its Jobs node takes at a time. `obsolete`: (author, name) of the entries of ended jobs that
-    may be dropped. `arrived`: those that were submitted since this was emptied.
+    may be dropped. `witnesses`: how many robots have to write the end of a job. `arrived`: those
+    that were submitted since this was emptied.
     """
 
     def __init__(self, mission: Mission) -> None:
         self.known: dict[str, KnownJob] = {}
         self._mission = mission
+        self.witnesses = min(WITNESSES, max(1, len(mission.robots)))
         self._node_of = jobs_nodes(mission)
         # Of jobs that may be in the tree: their type and key; by type, the keys in order.
         self._placed: dict[str, tuple[str, JobKey]] = {}
@@ -195,6 +228,8 @@ class Jobs:
         self._unended: dict[str, None] = {}
         # Those that were cancelled, and of which no robot has written the end yet.
         self._cancelled: dict[str, None] = {}
+        # Those that have ended, and whose end too few robots have written.
+        self._unsettled: dict[str, None] = {}
         # Those that were cancelled, and done all the same.
         self._overruled: dict[str, None] = {}
         # (author, number) -> the archive; and all hashes of ids, sorted.
@@ -228,6 +263,11 @@ class Jobs:
         known = self.known.get(name)
         return (known is not None and known.has_ended) or self.is_archived(name)
 
+    def is_settled(self, name: str) -> bool:
+        """Whether this job has ended, and its other facts may be dropped."""
+        known = self.known.get(name)
+        return (known is not None and known.is_settled) or self.is_archived(name)
+
     def hold_of(self, name: str) -> Hold:
         """Whether operators hold this job; empty: no job is held."""
         known = self.known.get(name)
@@ -236,6 +276,10 @@ class Jobs:
     def cancelled(self) -> list[KnownJob]:
         """Those that were cancelled, and of which no robot has written the end yet, by id."""
         return [self.known[name] for name in sorted(self._cancelled)]
+
+    def unsettled(self) -> list[KnownJob]:
+        """Those that have ended, and whose end too few robots have written, by id."""
+        return [self.known[name] for name in sorted(self._unsettled)]
 
     def overruled(self) -> list[KnownJob]:
         """Those that were cancelled, and done all the same, by id."""
@@ -271,7 +315,8 @@ class Jobs:
         """
         if len(self._ended) <= KEPT_ENDS + (1 + turn) * MAX_ARCHIVED:
             return None
-        ends = ((name, self.known[name].written_end) for name in self._ended)
+        settled = [name for name in self._ended if name not in self._unsettled]
+        ends = ((name, self.known[name].written_end) for name in settled)
         oldest = sorted((end.stamp, name, end.content) for name, end in ends if end is not None)
         rows = {hash_of(name): content for _, name, content in oldest[:MAX_ARCHIVED]}
         hashes = sorted(rows)
@@ -373,10 +418,10 @@ class Jobs:
                 known.due.add(entry.author)
             case JobEnd():
                 known.ends[entry.author] = entry.record
-                self._end_node(known)
+                known.end_versions[entry.author] = entry.version
         if self.is_archived(name):
             self.obsolete |= known.keys
-        elif known.written_end is not None:
+        elif known.is_settled:
             self.obsolete |= {key: None for key in known.keys if not _is_kept(key[1])}
         self._place(known)
 
@@ -392,7 +437,7 @@ class Jobs:
             case Latch():
                 known.due.discard(entry.author)
             case JobEnd():
-                del known.ends[entry.author]
+                del known.ends[entry.author], known.end_versions[entry.author]
         self._place(known)
 
     def note_activation(self, name: str, activation: str, is_known: bool) -> None:
@@ -406,6 +451,15 @@ class Jobs:
         if known.is_begun != was_begun:
             self._place(known)
 
+    def note_result(self, name: str, result: Entry, is_known: bool) -> None:
+        """There is this outcome, or failure, in a job's tree now, or not any more."""
+        known = self._of(name)
+        known.results.pop((result.author, result.name), None)
+        if is_known:
+            known.results[result.author, result.name] = result
+        if known.ends:
+            self._place(known)
+
     def note_claims(self, name: str, by: int) -> None:
         """`by` more robots work on a job than before."""
         known = self._of(name)
@@ -417,7 +471,7 @@ class Jobs:
     def _of(self, name: str) -> KnownJob:
         known = self.known.get(name)
         if known is None:
-            known = self.known[name] = KnownJob(name)
+            known = self.known[name] = KnownJob(name, self.witnesses)
         return known
 
     def _end_node(self, known: KnownJob) -> None:
@@ -446,14 +500,18 @@ class Jobs:
         self._unended.pop(known.id, None)
         self._cancelled.pop(known.id, None)
         self._overruled.pop(known.id, None)
+        self._unsettled.pop(known.id, None)
         if known.done_all_the_same:
             self._overruled[known.id] = None
         end = known.written_end
         if known.is_cancelled and job is not None and end is None:
             self._cancelled[known.id] = None
+        if end is not None and not known.is_settled:
+            self._unsettled[known.id] = None
         kind = self._mission.jobs.get(end.type) if end is not None else None
         if end is not None and not (kind is not None and kind.ends_mission):
             self._ended[known.id] = None
+        self._end_node(known)
         if not known.keys and not known.is_begun:
             del self.known[known.id]
         is_open = job is not None and not self.has_ended(known.id)

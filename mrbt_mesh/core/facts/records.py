@@ -783,6 +783,8 @@ JOB_DUE = "job_due"
 # Of jobs that have ended before those of which the ends are kept.
 JOB_ARCHIVE = "job_archive"
 JOB_KINDS = frozenset({JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED, JOB_DUE, JOB_END})
+# Of activations in a job's tree, those that bear out its end.
+RESULTS_IN_JOBS = frozenset({OUTCOME, LATCHED_FAILURE, EXPIRED})
 # The author's proposal of a schedule, and its travel times; what it has begun before its turn, and
 # what time it was.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"

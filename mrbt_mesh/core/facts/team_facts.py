@@ -100,6 +100,7 @@ class TeamFacts:
 
     def __init__(self, mission: Mission, run: str, me: str = "") -> None:
         self.run = run
+        self.me = me
         self.map = FactMap()
         self.revisions = Revisions()
         self._stamps = Stamps(me)
@@ -477,7 +478,7 @@ class TeamFacts:
         """Whether no evaluation, now or later, can reach this activation any more."""
         job = activation.job
         if job and self.jobs is not None and self.jobs.has_ended(job):
-            return True
+            return self.jobs.is_settled(job)
         return self.mission.evaluator.is_obsolete(activation, self)
 
     def unbelieved(self) -> Iterator[Entry]:
@@ -499,7 +500,7 @@ class TeamFacts:
         else:
             return False
         if job:
-            return self.jobs is not None and self.jobs.has_ended(job)
+            return self.jobs is not None and self.jobs.is_settled(job)
         return number >= 0 and revision is not None and not revision.keeps_number(number)
 
     def is_recorded(self, robot: str) -> bool:
@@ -625,7 +626,7 @@ class TeamFacts:
         if isinstance(entry.record, JobEnd):
             self._stamps.see(entry.author, entry.record.stamp)
             self._may_drop_unbelieved = bool(self._unbelieved)
-        if jobs.has_ended(entry.parts[1]) and entry.parts[1] in jobs.known:
+        if jobs.is_settled(entry.parts[1]) and entry.parts[1] in jobs.known:
             ended = jobs.known[entry.parts[1]].activations
             self._new_activations |= dict.fromkeys(ended)
 
@@ -669,8 +670,14 @@ class TeamFacts:
                 self.jobs.note_activation(said.activation.job, name, is_known=True)
         said.add(entry)
         self.outcome_changes += kind == records.OUTCOME
+        self._note_result(said, entry, is_known=True)
         if kind in records.COALITION_KINDS:
             self._stamps.see(entry.author, CoalitionId.parse(entry.parts[2]).since)
+
+    def _note_result(self, said: ActivationFacts, entry: Entry, is_known: bool) -> None:
+        job, kind = said.activation.job, entry.parts[0]
+        if job and self.jobs is not None and kind in records.RESULTS_IN_JOBS:
+            self.jobs.note_result(job, entry, is_known)
 
     def _remove(self, entry: Entry) -> None:
         """Dropped are entries of activations, those of one together, of jobs, about earlier
@@ -693,6 +700,7 @@ class TeamFacts:
                 self.conditions.drop(name, entry.author)
             return
         said = self.activations[name]
+        self._note_result(said, entry, is_known=False)
         del said.keys[entry.author, entry.name]
         if not said.keys:
             del self.activations[name]

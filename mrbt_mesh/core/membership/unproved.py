@@ -1,10 +1,10 @@
 """Facts that follow from others, as long as nothing but their author's word speaks for them.
 
-One robot may lie about what follows: that a job has ended, that a time is over, that a revision is
-in force. So such a fact is not taken in until this robot's own facts show it, or a second robot
-holds it: an honest robot holds, and passes on, only what it believes. Its causes may have been
-dropped by then, which is why others are believed at all. Where only one other robot is heard,
-nobody else can confirm anything, and its word counts after some time.
+One robot may lie about what follows: that a job is due, that a task has failed for good, that a
+revision is in force. So such a fact is not taken in until this robot's own facts show it, or a
+second robot holds it: an honest robot holds, and passes on, only what it believes. Its causes may
+have been dropped by then, which is why others are believed at all. Where only one other robot is
+heard, nobody else can confirm anything, and its word counts after some time.
 """
 
 from __future__ import annotations

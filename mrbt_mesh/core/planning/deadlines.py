@@ -2,7 +2,8 @@
 of what dead robots had.
 
 Every robot measures from when it first saw the thing run, and starts again if it saw it stop. The
-first robot that sees the deadline pass writes the fact, and it holds once a second one has seen it.
+first robot that sees the deadline pass writes the fact; others have to confirm that a task has
+failed.
 """
 
 from __future__ import annotations
@@ -79,8 +80,10 @@ class Deadlines:
             running[failure.fact_name, True] = limit_us
         for loss in plan.pending_losses:
             running[loss.fact[0], True] = self._failure_latch_us
-        for job in plan.evaluation.job_ends:  # the robot whose turn it is has not written it
-            running[f"{records.JOB_END}/{job.job}", False] = self._failure_latch_us
+        for job in plan.evaluation.job_ends:  # the robots whose turn it is have not written it
+            name = f"{records.JOB_END}/{job.job}"
+            if facts.map.get(facts.me, name) is None:
+                running[name, False] = self._failure_latch_us
         for bidding in plan.biddings:
             if bidding.is_open:
                 within_us = bidding.within_us

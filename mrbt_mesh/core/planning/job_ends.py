@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, JobEnded
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.facts.jobs import KnownJob
+from mrbt_mesh.core.facts.jobs import Jobs, KnownJob
 from mrbt_mesh.core.facts.records import JobEnd, JobState, Outcome
 from mrbt_mesh.core.facts.store import Fact
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -35,6 +36,26 @@ def cancelled_ends(facts: TeamFacts) -> list[Fact]:
         (f"{records.JOB_END}/{known.id}", job_end(facts, known, JobState.CANCELLED))
         for known in cancelled
     ]
+
+
+def ends_to_write(
+    facts: TeamFacts, jobs: Jobs, evaluation: Evaluation, me: str, alive: Collection[str]
+) -> list[Fact]:
+    """The ends that it is this robot's turn to write: for as many as have to, those of jobs that
+    have ended in this evaluation; for one, those of cancelled jobs, and those that too few have
+    written.
+    """
+    found: list[Fact] = []
+    if me in sorted(alive)[: jobs.witnesses]:
+        ends = job_ends(facts, evaluation)
+        found += [(name, end) for name, end in ends if facts.map.get(me, name) is None]
+    if me == min(alive):
+        found += cancelled_ends(facts)
+    for known in jobs.unsettled():
+        written, others = known.written_end, set(alive) - known.ends.keys()
+        if written is not None and others and me == min(others):
+            found.append((f"{records.JOB_END}/{known.id}", written))
+    return found
 
 
 def _end(facts: TeamFacts, ended: JobEnded, robot: str) -> JobEnd:

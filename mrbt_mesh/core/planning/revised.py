@@ -135,7 +135,7 @@ class _Fresh:
             return kind is None and not activation.job and node.subject == activation.subject
         jobs = self._facts.jobs
         known = jobs.known.get(activation.job) if jobs is not None else None
-        if known is None or known.job is None or known.job.type != kind.name or known.ends:
+        if known is None or known.job is None or known.job.type != kind.name or known.has_ended:
             return False
         values = arguments_in(node.subject, activation.subject)
         given = dict(zip((p.name for p in kind.parameters), known.job.arguments, strict=False))

@@ -135,10 +135,13 @@ def is_obsolete(agent: AgentView, entry: Entry) -> bool:
     jobs = agent.facts.jobs
     name = job_of(entry) if jobs is not None and parts[0] in OF_JOBS else ""
     if jobs is not None and name:
-        return jobs.is_archived(name) or (parts[0] != JOB_END and jobs.has_ended(name))
+        return jobs.is_archived(name) or (parts[0] != JOB_END and jobs.is_settled(name))
     if parts[0] not in ACTIVATION_KINDS:
         return False
-    return agent.facts.is_obsolete(parse_activation(parts[1]))
+    activation = parse_activation(parts[1])
+    # What it dropped before its job had ended, as out of reach, it does not need.
+    has_ended = jobs is not None and bool(activation.job) and jobs.has_ended(activation.job)
+    return has_ended or agent.facts.is_obsolete(activation)
 
 
 def _is_gone(agent: AgentView, activation: str) -> bool:

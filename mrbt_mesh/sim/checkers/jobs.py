@@ -113,7 +113,7 @@ class KeptJobs:
                     "I10", f"for {agent.robot} the job {name} has not ended any more"
                 )
         before.clear()
-        before.update(known.id for known in jobs if known.ends)
+        before.update(known.id for known in jobs if known.written_end)
 
     def _not_too_early(
         self, agent: AgentView, name: str, what: str, time_of: Callable[[Job], int]

@@ -16,6 +16,7 @@ from mrbt_mesh.core.facts.records import (
     COALITION_KINDS,
     Attempt,
     ConditionValue,
+    Hold,
     Latch,
     Member,
     Outcome,
@@ -227,9 +228,12 @@ def servable(agent: AgentView, alive: Mapping[str, Incarnation]) -> str | None:
 
 
 def _is_excepted(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
-    """Whether a task waits for the blackboard, or an exclusive one lacks a living majority, or is
-    held in doubt after a grant.
+    """Whether a task waits for the blackboard, or operators hold its job, or an exclusive one lacks
+    a living majority, or is held in doubt after a grant.
     """
+    job = parse_activation(request.activation).job
+    if job and facts.jobs is not None and facts.jobs.hold_of(job) is not Hold.RELEASED:
+        return True
     task = facts.mission.global_tasks[request.subject]
     if task.reads and None in facts.values_read(request.activation, task):
         return True

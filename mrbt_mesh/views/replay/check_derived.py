@@ -28,7 +28,7 @@ class DerivedCheck:
     def __init__(self) -> None:
         self._facts: TeamFacts | None = None
         self._plan: Plan | None = None
-        # What the last plan says of ended jobs: how, and who worked on them.
+        # The jobs that have ended by the last plan and its facts: how, and who worked on them.
         self._ends: dict[str, tuple[JobState, tuple[str, ...]]] = {}
         # When its last outcome was written.
         self._outcome_us: int | None = None
@@ -36,7 +36,10 @@ class DerivedCheck:
     def planned(self, facts: TeamFacts, plan: Plan) -> None:
         """This plan was made of these facts."""
         self._facts, self._plan, self._ends = facts, plan, {}
-        for name, record in job_ends(facts, plan.evaluation) if facts.jobs is not None else ():
+        if facts.jobs is None:
+            return
+        ends = [(f"{records.JOB_END}/{k.id}", k.written_end) for k in facts.jobs.unsettled()]
+        for name, record in [*job_ends(facts, plan.evaluation), *ends]:
             if isinstance(record, JobEnd):
                 self._ends[name] = record.state, record.robots
 

@@ -18,7 +18,7 @@ from mrbt_mesh.core.agent.operator_desk import (
 )
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JOB_END, JobArchive, JobEnd, JobState
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from tests.support.commands import command, submission
 from tests.support.keys import keys_of
 from tests.support.one_robot import desk
@@ -126,7 +126,9 @@ def test_an_id_is_of_one_job_for_good(other: Entry, when: str) -> None:
         asked(found, command("job_cancelled/a", True, 3))
     if when in ("ended", "archived"):
         end = JobEnd(JobState.SUCCEEDED, "inspect", ("shelf_1",), "me", "", ("D1",), 4, 7)
-        context.write([(f"{JOB_END}/a", end)], 0)
+        name, life = f"{JOB_END}/a", Version(Incarnation(1, "x"), 1)
+        ends = [parse_entry(robot, name, life, end.to_value()) for robot in ("D1", "D2")]
+        context.facts.map.merge(ends)
     if when == "archived":
         context.write([("job_archive/1", JobArchive((hash_of("a"),), (7,)))], 0)
     context.facts.prune()

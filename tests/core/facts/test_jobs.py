@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts.jobs import KEPT_ENDS, hash_of
 from mrbt_mesh.core.facts.records import (
+    LATCH,
     MAX_ARCHIVED,
     Claim,
     JobArchive,
@@ -41,6 +43,8 @@ tree: {Jobs: {types: [bring, tidy], at_most: 2}}
     Path(),
 )
 LIFE = Incarnation(1, "x")
+OF_A = "outcome/r:2@a:fetch(1)::0/take(1)"
+DONE = parse_entry("A", OF_A, Version(LIFE, 1), [True, None]).record
 
 
 def entry(author: str, name: str, record: Record, sequence: int = 1) -> Entry:
@@ -48,9 +52,14 @@ def entry(author: str, name: str, record: Record, sequence: int = 1) -> Entry:
 
 
 def job(
-    name: str, kind: str = "bring", stamp: int = 1, priority: int = 0, what: str = "1"
+    name: str,
+    kind: str = "bring",
+    stamp: int = 1,
+    priority: int = 0,
+    what: str = "1",
+    deadline_us: int = 0,
 ) -> Entry:
-    return submission(name, kind, what, priority=priority, stamp=stamp)
+    return submission(name, kind, what, priority=priority, stamp=stamp, deadline_us=deadline_us)
 
 
 def hold(name: str, how: str = "held", stamp: int = 9) -> Entry:
@@ -74,6 +83,7 @@ def facts_with(*entries: Entry) -> TeamFacts:
 
 
 def in_tree(facts: TeamFacts) -> list[str]:
+    assert facts.mission, "it follows the jobs first"
     assert facts.jobs is not None
     return [each.id for each in facts.jobs.in_tree()]
 
@@ -151,41 +161,88 @@ def test_of_an_ended_job_only_its_end_is_kept() -> None:
     facts = facts_with(
         job("a"),
         hold("a"),
-        entry("A", "outcome/r:2@a:fetch(1)::0/take(1)", end_of_work()),
-        entry("B", "job_end/a", end()),
+        entry("A", OF_A, DONE),
+        entry("A", "job_end/a", end()),
     )
+    assert facts.jobs is not None
     facts.prune()
-    assert [each.name for each in facts.map] == ["job_end/a"]
+    assert facts.jobs.has_ended("a")
+    assert len(facts.map) == 4, "the others are kept until another robot has written the end too"
+    assert [each.id for each in facts.jobs.unsettled()] == ["a"]
+    facts.map.merge([entry("B", "job_end/a", end())])
+    facts.prune()
+    assert [each.name for each in facts.map] == ["job_end/a", "job_end/a"]
     facts.map.merge([job("a"), entry("B", "claim", claim("a"), 2)])
     facts.prune()
     assert {each.name for each in facts.map} == {"job_end/a", "claim"}, "late news is dropped"
     assert in_tree(facts) == []
 
 
-def end_of_work() -> Record:
-    found: Record = parse_entry(
-        "A", "outcome/r:2@a:fetch(1)::0/take(1)", Version(LIFE, 1), [True, None]
-    ).record
-    return found
+WORK = entry("B", OF_A, DONE)
+OF_ANOTHER = entry("A", OF_A, DONE)
+FAILED = entry("A", "latched_failure/r:2@a:fetch(1)::0", LATCH)
+OVER = entry("A", "expired/r:1@a:::0", LATCH)
+
+
+@pytest.mark.parametrize(
+    ("shown", "state", "counts"),
+    [
+        (None, JobState.SUCCEEDED, False),
+        (WORK, JobState.SUCCEEDED, True),
+        (WORK, JobState.FAILED, True),
+        (OF_ANOTHER, JobState.SUCCEEDED, False),
+        (FAILED, JobState.SUCCEEDED, False),
+        (FAILED, JobState.FAILED, True),
+        (OVER, JobState.FAILED, True),
+        (WORK, JobState.EXPIRED, False),
+    ],
+)
+def test_one_robot_ends_a_job_if_it_returned_from_work_in_it_or_that_has_failed(
+    shown: Entry | None, state: JobState, counts: bool
+) -> None:
+    facts = facts_with(job("a"), entry("B", "job_end/a", end(state)))
+    facts.map.merge([shown] if shown is not None else [])
+    assert facts.jobs is not None
+    assert facts.jobs.has_ended("a") is counts
+    assert in_tree(facts) == ([] if counts else ["a"])
+    facts.map.merge([entry("A", "job_end/a", end(JobState.FAILED))])
+    assert facts.jobs.has_ended("a"), "two say so"
+    facts.prune()
+    assert len(facts.map) == 2
+
+
+@pytest.mark.parametrize("deadline_us", [0, 9])
+def test_one_robot_may_say_that_a_deadline_has_passed(deadline_us: int) -> None:
+    submitted = job("a", deadline_us=deadline_us)
+    facts = facts_with(submitted, entry("B", "job_end/a", end(JobState.EXPIRED)))
+    assert in_tree(facts) == ([] if deadline_us else ["a"])
+
+
+def test_an_end_counts_before_its_job_is_known_if_two_say_so() -> None:
+    facts = facts_with(entry("B", "job_end/a", end()))
+    facts.map.merge([job("a")])
+    assert in_tree(facts) == ["a"]
+    facts.map.merge([entry("A", "job_end/a", end())])
+    assert in_tree(facts) == []
 
 
 def test_long_ended_jobs_are_archived_and_never_begin_again() -> None:
     facts, count = TeamFacts(MISSION, "r"), KEPT_ENDS + MAX_ARCHIVED + 1
     assert facts.jobs is not None
     for number in range(count):
-        facts.map.merge([entry("A", f"job_end/j{number}", end(stamp=number))])
+        facts.map.merge([entry(each, f"job_end/j{number}", end(stamp=number)) for each in "AB"])
     archive = facts.jobs.to_archive(0)
     assert archive is not None
     number, record = archive
     assert [*record.hashes] == sorted(hash_of(f"j{n}") for n in range(MAX_ARCHIVED))
     facts.map.merge([entry("B", f"job_archive/{number}", record)])
     facts.prune()
-    assert len(facts.map) == KEPT_ENDS + 2
+    assert len(facts.map) == 2 * (KEPT_ENDS + 1) + 1
     assert facts.jobs.to_archive(0) is None
     facts.map.merge([job("j0"), job("j900")])
     assert in_tree(facts) == []
     facts.prune()
-    assert len(facts.map) == KEPT_ENDS + 2
+    assert len(facts.map) == 2 * (KEPT_ENDS + 1) + 1
 
 
 ENTRIES = [
@@ -204,6 +261,12 @@ ENTRIES = [
     cancelled("c", 8),
     entry("A", "job_end/c", end(JobState.CANCELLED)),
     entry("B", "job_end/c", end(JobState.FAILED)),
+    job("f", stamp=1),
+    entry("B", "job_end/f", end()),
+    entry("B", "outcome/r:2@f:fetch(1)::0/take(1)", DONE),
+    job("g", stamp=1),
+    entry("A", "job_end/g", end(JobState.FAILED)),
+    entry("B", "job_end/g", end(JobState.FAILED)),
     entry("A", "claim", claim("d")),
     entry("A", "claim", claim("b"), 2),
     entry("B", "job_archive/1", JobArchive((hash_of("e"),), (7,))),
@@ -238,9 +301,9 @@ def test_facts_of_jobs_that_the_mission_could_not_have_are_refused() -> None:
         hold("a b"),
         entry("A", "job/a", job("a").record),
         entry("A", "job_archive/x", JobArchive((), ())),
-        entry("A", "outcome/r:2@a:fetch(10)::0/take(10)", end_of_work()),
-        entry("A", "outcome/r:2:fetch({what})::0/take({what})", end_of_work()),
-        entry("A", "outcome/r:0@a:::0/take(1)", end_of_work()),
+        entry("A", "outcome/r:2@a:fetch(10)::0/take(10)", DONE),
+        entry("A", "outcome/r:2:fetch({what})::0/take({what})", DONE),
+        entry("A", "outcome/r:0@a:::0/take(1)", DONE),
     ]
     for each in wrong:
         assert refusal_reason(each, MISSION, "r") is not None, each.name

@@ -59,7 +59,8 @@ def test_ties_go_to_the_robot_that_has_worked_on_the_fewest_jobs() -> None:
     assert world.facts.by_share(["R3", "R1", "R2"]) == ["R1", "R2", "R3"]
     for name, robots in (("a", ("R1", "R2")), ("b", ("R1",))):
         end = records.JobEnd(records.JobState.SUCCEEDED, "a", ("1",), "me", "", robots, 5, 1)
-        world.write("R1", (f"{records.JOB_END}/{name}", end))
+        for robot in ("R1", "R2"):
+            world.write(robot, (f"{records.JOB_END}/{name}", end))
     assert world.facts.by_share(["R1", "R2", "R3"]) == ["R3", "R2", "R1"]
     submit(world, "c", 6, 0)
     assignments = world.plan().assignments

@@ -82,6 +82,20 @@ def test_the_tick_of_an_outcome_may_end_a_job(facts: TeamFacts) -> None:
         check.own(end(JobState.SUCCEEDED, "R3"), 11)
 
 
+def test_a_robot_may_repeat_the_end_that_another_one_has_written(facts: TeamFacts) -> None:
+    """It counts: its author returned from work in it in that very tick."""
+    done = JobEnd(JobState.SUCCEEDED, "inspect", ("a",), "op", "", ("R1",), 9)
+    written = entry("R1", "job_end/v0", done)
+    facts.map.merge([written, entry("R2", "job_due/v0", Latch())])
+    check = DerivedCheck()
+    check.planned(facts, make_plan(facts, {}, default_solver))
+    with pytest.raises(ValueError, match="does not follow"):
+        check.own(end(JobState.SUCCEEDED, "R1"), 10)
+    facts.map.merge([entry("R1", "outcome/r:1@v0:check(a)::0/look(a)", Outcome(True, None))])
+    check.planned(facts, make_plan(facts, {}, default_solver))
+    check.own(end(JobState.SUCCEEDED, "R1"), 10)
+
+
 def test_times_before_which_facts_are_false(facts: TeamFacts) -> None:
     assert due_us(facts, entry("R3", "job_due/v0", Latch())) == DUE_US
     assert due_us(facts, end(JobState.EXPIRED)) == DUE_US + 60_000_000
