@@ -204,7 +204,7 @@ class Scheduler:
             return True
         if self._times != self._context.facts.travel_times:
             return True
-        if not ahead.numbers.keys() <= before.numbers.keys():
+        if not ahead.numbers.keys() <= before.numbers.keys() or ahead.idle - before.idle:
             return True
         if self._are_rules_as_good or any(
             each.steps for each in self._context.facts.proposals.values()

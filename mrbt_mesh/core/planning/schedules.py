@@ -88,6 +88,13 @@ class Lookahead:
                     found.setdefault(self.robots[robot], step)
         return found
 
+    @cached_property
+    def idle(self) -> frozenset[str]:
+        """The robots for which the schedule in force has nothing, and that could do something."""
+        tasks, at_work = self.problem.tasks, self.problem.at_work
+        able = {r for task in tasks for need in task.needs if need.robots for r in need.work_ms}
+        return frozenset(self.robots[r] for r in able - at_work) - self.next_steps.keys()
+
     def is_next(self, robot: str, activation: str) -> bool:
         """Whether the schedule in force has this as the robot's next."""
         step = self.next_steps.get(robot)
