@@ -26,7 +26,14 @@ from mrbt_mesh.core.planning.capabilities import Capabilities
 from mrbt_mesh.core.planning.demands import Demand, Group, request_demands
 from mrbt_mesh.core.planning.task_order import OrderKey, task_order
 from mrbt_mesh.core.scheduling.dispatch import Dispatched, Dispatcher, can_be_served
-from mrbt_mesh.core.scheduling.order import by_rules, first_tasks, in_order, onward, overtaken
+from mrbt_mesh.core.scheduling.order import (
+    by_rules,
+    could_begin,
+    first_tasks,
+    in_order,
+    onward,
+    overtaken,
+)
 from mrbt_mesh.core.scheduling.problem import (
     Coalition,
     Course,
@@ -176,9 +183,11 @@ class Lookahead:
         return own.level >= self.problem.tasks[left].level
 
     def overtaken_by(self, robot: str, activation: str) -> list[str]:
-        """The tasks that a robot overtakes when it begins this now, by the schedule in force."""
-        number = self.numbers.get(activation)
-        if number is None or robot not in self.robots or not self.problem.has_order:
+        """The tasks that a robot overtakes when it begins this now, by the schedule in force; or as
+        the last one of a coalition, after which the task is not open any more.
+        """
+        own, number = self.order.get(activation), self.numbers.get(activation)
+        if own is None or robot not in self.robots or not self.problem.has_order:
             return []
         me, tasks = self.robots.index(robot), self.problem.tasks
         first = first_tasks(self.problem, self.schedule or ())
@@ -186,10 +195,15 @@ class Lookahead:
             return []
         found = []
         for other, task in enumerate(tasks):
-            if task.is_asked and task.is_before(tasks[number]):
+            if not task.is_asked or (task.level, task.arrival) >= (own.level, own.arrival):
+                continue
+            if number is None:
+                is_overtaken = could_begin(self.problem, self.dispatcher, first, other, me)
+            else:
                 lower, later, _ = overtaken(self.problem, self.dispatcher, first, other)
-                if me in lower or me in later:
-                    found.append(self.opens[other].request.activation)
+                is_overtaken = me in lower or me in later
+            if is_overtaken:
+                found.append(self.opens[other].request.activation)
         return found
 
 

@@ -189,6 +189,24 @@ def overtaken(
     return lower, later, free
 
 
+def could_begin(
+    problem: SchedulingProblem,
+    dispatcher: Dispatcher,
+    first: Mapping[int, int],
+    number: int,
+    robot: int,
+) -> bool:
+    """Whether a task waits that could begin now if this robot, which begins something else, were
+    free for it.
+    """
+    needs = problem.tasks[number].needs
+    own = [each for each, goal in first.items() if goal == number]
+    is_able = any(need.robots and robot in need.work_ms for need in needs)
+    if not is_able or len(own) >= sum(need.robots for need in needs):
+        return False
+    return dispatcher.crew(number, free_for(problem, first, number, [robot])) is not None
+
+
 def _overdue(
     problem: SchedulingProblem, dispatcher: Dispatcher, steps: Sequence[Step], number: int
 ) -> Coalition | None:

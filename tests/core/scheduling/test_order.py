@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.scheduling.dispatch import Dispatcher
-from mrbt_mesh.core.scheduling.order import by_rules, first_tasks, in_order, overtaken
+from mrbt_mesh.core.scheduling.order import by_rules, could_begin, first_tasks, in_order, overtaken
 from mrbt_mesh.core.scheduling.problem import (
     SchedulingNeed,
     SchedulingProblem,
@@ -53,6 +53,15 @@ def test_two_robots_that_begin_at_once_overtake_twice() -> None:
     far = single(2, arrival=0, spare=1)
     of = problem(far, single(0, arrival=1), single(0, arrival=2), robots=2)
     assert 0 in begun(of, 1, 2, 0).values()
+
+
+def test_the_last_robot_of_a_coalition_overtakes_what_it_could_have_begun() -> None:
+    """What it begins is not open any more, and it counts as at work."""
+    of = replace(problem(single(2, 0), single(0, 1), robots=3), at_work=frozenset({0}))
+    dispatcher = Dispatcher(of)
+    assert could_begin(of, dispatcher, {}, 0, 0)
+    assert not could_begin(of, dispatcher, {}, 1, 0), "it cannot do that"
+    assert not could_begin(of, dispatcher, {1: 0}, 0, 0), "another robot does it"
 
 
 def test_a_robot_on_its_way_turns_round_for_priority_alone() -> None:
