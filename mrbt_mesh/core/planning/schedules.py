@@ -440,10 +440,14 @@ def _way(
     table = facts.travel_table(robot)
     if not goal:
         return at, table
-    # How far it has come is not among the facts: on average half of the way is left. Where there is
-    # an order, none counts as done: else to set out would be a reason to go elsewhere, for ever.
+    # How far it has come is not among the facts: on average half of the way is left, and as much to
+    # return. Where there is an order, none of the way counts as done: else to set out would be a
+    # reason to go elsewhere, for ever.
     index, row = places.index(goal), list(table[at])
-    if not has_order:
+    if has_order:
+        half_ms = row[index] // 2
+        row = [way if n == index else max(way, half_ms) for n, way in enumerate(row)]
+    else:
         row[index] //= 2
     return len(places), [*table, row]
 
