@@ -193,12 +193,14 @@ class Agent:
         """Another revision of the mission is in force: compose what it needs, and go on."""
         context, mission = self._context, self._context.facts.declared
         self._was_named |= context.me in self._mission.robots
+        claim, robot = context.work.claim, mission.robots.get(context.me)
+        is_dropped = claim is not None and context.facts.task_of(claim.activation) is None
+        # As the mission before has it: the one in force may have another task of this name.
+        given_up = self._executor.given_up(claim) if claim is not None and is_dropped else []
         self._mission = mission
         context.use(mission)
         context.log("info", "revision_taken_up", number=mission.revision_number)
         context.emit(UseMission(mission))
-        claim, robot = context.work.claim, mission.robots.get(context.me)
-        is_dropped = claim is not None and context.facts.task_of(claim.activation) is None
         if is_dropped:
             context.emit(*context.work.drop())
         if robot is not None:
@@ -209,6 +211,8 @@ class Agent:
         self._compose(now_us)
         if context.is_new:
             return
+        if given_up:
+            context.write([*given_up, context.claim()], now_us)
         if not self._leave_if_removed(now_us):
             said = context.facts.map.get(context.me, records.CLAIM)
             claims = [context.claim()] if is_dropped or said is None else []

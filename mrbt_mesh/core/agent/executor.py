@@ -16,10 +16,12 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.scheduler import Scheduler
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Arguments, Claim, Phase
 from mrbt_mesh.core.facts.store import Fact
+from mrbt_mesh.core.facts.validation import task_of_activation
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import GlobalTask
 from mrbt_mesh.core.mission.names import type_name
@@ -214,15 +216,14 @@ class Executor:
         context.log("info", event, **names, activation=start.activation, **place)
 
     def given_up(self, claim: Claim) -> list[Fact]:
-        """The facts to write when a claim is dropped without an outcome. None if a revision of the
-        mission has no place for it.
+        """The facts to write when a claim is dropped without an outcome, by the mission that this
+        robot follows; none if that has no such step.
         """
         start = self._start_of(claim)
         return start.given_up(claim) if start is not None else []
 
     def _start_of(self, claim: Claim) -> PlainStart | None:
-        tasks = self._context.mission.global_tasks
-        task = tasks.get(claim.global_task) or self._context.facts.task_of(claim.activation)
+        task = task_of_activation(parse_activation(claim.activation), self._context.mission)
         return self._starts.of(task) if task is not None else None
 
     def _type_of(self, local_task: str) -> str:

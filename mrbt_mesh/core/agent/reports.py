@@ -65,12 +65,12 @@ class Reports:
         ends = context.mission.conditions_after_end(**names, success=event.success, reason=reason)
         job = parse_activation(action.activation).job if context.mission.has_blackboard else ""
         conditions = self._changed_conditions([*event.conditions, *ends], job)
-        if conditions:
+        if conditions and context.facts.task_of(action.activation) is not None:
             version = context.replica.next_version
             status = context.facts.status_after(name, context.me, event.success, version)
             values = {condition: record.value for condition, record in conditions.items()}
             facts += facts_of_tick(context.facts, context.me, action.activation, status, values)
-            facts += _condition_facts(conditions)
+        facts += _condition_facts(conditions)
         if work.claim is None and claimed is not None:
             facts.append(context.claim())
         context.write(facts, now_us)

@@ -45,9 +45,9 @@ from mrbt_mesh.core.facts.revisions import Revisions
 from mrbt_mesh.core.facts.stamps import Counts, Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed, task_of_activation
 from mrbt_mesh.core.mission.blackboard import Value
-from mrbt_mesh.core.mission.jobs import OpenJob, place_at, task_of_job, with_jobs
+from mrbt_mesh.core.mission.jobs import OpenJob, place_at, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 
@@ -387,15 +387,12 @@ class TeamFacts:
         return self.activations.get(activation, _NOTHING)
 
     def task_of(self, activation: str) -> GlobalTask | None:
-        """The global task of an activation, None if there is none of that name."""
+        """The global task of an activation, None if the mission in force has no such step."""
         try:
             found = parse_activation(activation)
         except ValueError:
             return None
-        known = self._mission.global_tasks.get(found.subject)
-        if known is not None or not found.job:
-            return known
-        return task_of_job(self.declared, found.node, found.subject)  # not in the tree now
+        return task_of_activation(found, self.declared)
 
     def task(self, activation: str) -> GlobalTask:
         """The global task of an activation that a robot works on, or has."""

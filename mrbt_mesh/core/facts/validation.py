@@ -188,7 +188,7 @@ def _refuse_claim(claim: Claim, mission: Mission, run: str) -> str | None:
     reason = _refuse_name(records.OUTCOME, claim.activation, mission, run)
     if reason is not None:
         return reason
-    task = _task_of(parse_activation(claim.activation), mission)
+    task = task_of_activation(parse_activation(claim.activation), mission)
     if task is None or task.need(claim.local_task) is None:
         return f"{claim.activation!r:.80} needs no {claim.local_task!r:.80}"
     return None
@@ -288,7 +288,7 @@ def _refuse_of_activation(
         if 0 < mission.evaluator.limit(node.index) <= entry.record.number:
             return f"{text!r:.80} has no attempt {entry.record.number}"
     if ACTIVATION_KINDS[kind] == {Kind.ACTION}:
-        task = _task_of(activation, mission)
+        task = task_of_activation(activation, mission)
         return _refuse_of_task(entry, parts, task) if task is not None else "no such task"
     return None
 
@@ -335,7 +335,7 @@ def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
     if not is_of_job or node.kind is not Kind.ACTION:
         if node.subject != activation.subject:
             return False
-    elif _task_of(activation, mission) is None:
+    elif task_of_activation(activation, mission) is None:
         return False
     enclosing_loops, outer = 0, node.parent
     while outer >= 0:
@@ -344,9 +344,16 @@ def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
     return len(activation.attempts) == enclosing_loops
 
 
-def _task_of(activation: Activation, mission: Mission) -> GlobalTask | None:
+def task_of_activation(activation: Activation, mission: Mission) -> GlobalTask | None:
+    """The global task of an activation, None if the mission has no such step. A task of the same
+    name in another step may have other policies.
+
+    `mission`: as its file declares it. Whether there is such a job does not matter.
+    """
     if activation.job:
         return task_of_job(mission, activation.node, activation.subject)
+    if (activation.node, "") not in mission.evaluator.index_of:
+        return None
     return mission.global_tasks.get(activation.subject)
 
 
