@@ -181,6 +181,7 @@ def test_every_alert_is_fired_here() -> None:
     assert {rule["alert"] for rule in group["rules"]} == FIRING.keys()
 
 
+@pytest.mark.slow
 @needs_promtool
 @pytest.mark.parametrize("alert", FIRING)
 def test_alerts_fire(alert: str, tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ def test_the_cover_is_off_before_and_on_after_everything_else(account: list[Span
         assert max(s.end_s for s in before) < min(s.start_s for s in after)
 
 
+@pytest.mark.slow
 def test_both_c_are_on_the_screws_and_both_move_the_frame(account: list[Span]) -> None:
     for task in ("remove_screws", "remove_cover", "place_cover", "place_screws"):
         used = [s for s in account if s.global_task == task]

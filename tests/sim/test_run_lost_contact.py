@@ -140,12 +140,14 @@ def test_no_step_after_the_time_and_nobody_at_the_place_before(of: str, seed: in
     assert others, "the others have gone on"
 
 
+@pytest.mark.slow
 def test_without_the_rule_both_sides_are_at_one_place() -> None:
     with mock.patch.object(ContactWatch, "may_begin", return_value=True):
         found = [shared_places(*cut("majority", seed)) for seed in range(4)]
     assert any(found)
 
 
+@pytest.mark.slow
 def test_a_robot_that_finishes_ends_its_task_and_begins_no_other() -> None:
     world = World(contact("team", "finish"))
     block = partition({"A1"}, set(ROBOTS) - {"A1"})
@@ -154,6 +156,7 @@ def test_a_robot_that_finishes_ends_its_task_and_begins_no_other() -> None:
     assert last.at_s < 5 + AFTER_S + 4 + 3 * STEP_S, "a way and its work at most"
 
 
+@pytest.mark.slow
 def test_a_robot_that_returns_performs_its_local_task_and_works_again_later() -> None:
     world = World(contact("team", "return", ", return: park"))
     block = partition({"A1"}, set(ROBOTS) - {"A1"})
@@ -167,6 +170,7 @@ def test_a_robot_that_returns_performs_its_local_task_and_works_again_later() ->
     assert not result.observer.facts.members["A1"].member.pending
 
 
+@pytest.mark.slow
 def test_a_robot_without_an_operator_holds_and_the_team_goes_on_without_it() -> None:
     world = World(contact("operator", "hold"))
     here = [(float(at_s), Command(robot, ATTEND)) for at_s in range(1, 15) for robot in ROBOTS]

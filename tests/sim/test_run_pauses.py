@@ -100,6 +100,7 @@ def test_what_a_robot_hears_first_after_a_pause_comes_before_its_next_step(
         assert any('"grants_ran_out"' in line for line in found.result.effect_log)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [EXCLUSIVE, PLACE], ids=["exclusive", "place"])
 @pytest.mark.parametrize("seed", seeds(100))
 def test_what_waits_may_show_only_the_begin_of_a_pause(text: str, seed: int) -> None:

@@ -11,6 +11,7 @@ MS = 1_000
 SECOND_US = 1_000_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_us", [0, 5 * MS, 80 * MS])
 @pytest.mark.parametrize("name", ["vehicle_repair", "dispense", "explore"])
 def test_a_mission_ends_as_it_should(run: Run, name: str, delay_us: int) -> None:
@@ -18,6 +19,7 @@ def test_a_mission_ends_as_it_should(run: Run, name: str, delay_us: int) -> None
     assert result.summary["faults"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_us", [5 * MS, 80 * MS])
 def test_robots_that_die_while_others_plan_are_replaced(run: Run, delay_us: int) -> None:
     schedule: list[tuple[int, Fault]] = [

@@ -108,6 +108,7 @@ def test_back_to_the_mission_before() -> None:
     assert done(result) == ["weld(1)", "look(1)", "weld(2)"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dies", ["A1", "A2", "E1"])
 def test_a_robot_dies_at_the_proposal_and_comes_back(dies: str) -> None:
     """It takes up the revision before it joins, from the journal or from the others."""
@@ -161,6 +162,7 @@ def test_a_program_without_the_function_is_named() -> None:
     assert "its program does not fit" in revisions.void_reason(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [282, 1169, 1226])
 def test_chaos_with_revisions_that_once_broke_an_invariant(
     monkeypatch: pytest.MonkeyPatch, seed: int

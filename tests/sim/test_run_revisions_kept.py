@@ -191,6 +191,7 @@ GIVEN = ((3.0, Operate("E1", "borrowed/E1", "at_once")), (3.5, submit("one", "gi
 RETURNED = (20.0, Operate("E1", "borrowed/E1", "returned"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changed",
     [

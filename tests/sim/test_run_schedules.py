@@ -30,6 +30,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scheduler, "evaluations_of", lambda _: EVALUATIONS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(3))
 def test_a_team_works_where_most_proposals_are_lost(seed: int) -> None:
     mission, program = example("depot")
@@ -70,6 +71,7 @@ class Liar(Scheduler):
         self._context.write([(records.SCHEDULE, Proposal(tuple(steps)))], now_us)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(3))
 def test_false_proposals_do_not_harm_the_team(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     mission, program = example("depot")
@@ -86,6 +88,7 @@ def test_false_proposals_do_not_harm_the_team(seed: int, monkeypatch: pytest.Mon
     assert result.duration_us <= honest.duration_us + 2 * SECOND_US, f"seed {seed}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(3))
 def test_both_halves_of_a_team_work_on_and_then_have_one_schedule(seed: int) -> None:
     mission, program = example("depot")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import load_program
@@ -20,6 +22,7 @@ TIMING = Timing(heartbeat_us=10_000_000, detection_us=60_000_000)
 MOST_FACTS = 200
 
 
+@pytest.mark.slow
 def test_nothing_wears_out(tmp_path: Path) -> None:
     mission = load_mission(write_mission(tmp_path))
     found = simulate(

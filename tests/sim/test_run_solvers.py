@@ -41,6 +41,7 @@ def story(result: SimulationResult) -> tuple[Any, ...]:
     return result.result, result.duration_us, result.events, plans
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("schedule", at_size(quick=[SCHEDULE], gate=[SCHEDULE, ()]))
 def test_robots_with_different_solvers_make_the_same_plans(schedule: Any) -> None:
     mission, program = example("vehicle_repair")
@@ -87,6 +88,7 @@ def plain_repair() -> SimulationResult:
     return simulate(mission, program, seed=3, inspect=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", at_size(quick=list(BROKEN)[:3], gate=list(BROKEN)))
 def test_a_robot_with_a_broken_solver_plans_as_the_others_and_says_so_once(kind: str) -> None:
     solver, reason = BROKEN[kind]
@@ -168,6 +170,7 @@ def at_work(result: SimulationResult) -> list[Span]:
 KILLS = [((5 * SECOND_US, f.Kill("R3")),), ()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1))
 @pytest.mark.parametrize("kills", at_size(quick=KILLS[:1], gate=KILLS))
 def test_a_team_keeps_its_side_constraints_all_the_time(seed: int, kills: Any) -> None:

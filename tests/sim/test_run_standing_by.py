@@ -41,6 +41,7 @@ def told(result: SimulationResult) -> list[tuple[int, str | None]]:
     return [(round(each["from_s"]), each["result"]) for each in rounds]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", seeds(5))
 def test_three_damages_three_rounds(seed: int) -> None:
     result = run(seed=seed)
@@ -103,6 +104,7 @@ def test_a_team_that_cannot_repair_the_next_damage_is_blocked() -> None:
     assert result.result == "blocked"
 
 
+@pytest.mark.slow
 def test_who_leaves_while_the_team_stands_by_does_not_end_it() -> None:
     result = run((29, Leave("A2")))
     assert [r for _, r in told(result)] == ["success"] * 3

@@ -161,6 +161,7 @@ def test_who_starts_again_hears_the_team_before_it_joins() -> None:
         assert len({each.facts.map.digest() for each in team.living()}) == 1
 
 
+@pytest.mark.slow
 def test_neighbours_that_die_together_are_all_found() -> None:
     robots = 20
     team = started(robots, NO_TOKENS)

@@ -128,6 +128,7 @@ def outcomes(tree: NodeSpec, program: RobotProgram, chances: Mapping[str, float]
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TREES)
 @pytest.mark.parametrize("program", [fixed, exponential], ids=["fixed", "exponential"])
 def test_success_and_duration_are_those_of_the_closed_form(

@@ -51,6 +51,7 @@ def test_without_faults_all_stop_by_themselves_and_nothing_is_reported(run: Run,
     assert 23 < result.summary["duration_s"] < 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ["A1", "A2", "B1", "B2"])
 @pytest.mark.parametrize("seed", seeds(10))
 def test_any_a_or_b_may_be_killed_at_any_moment(run: Run, robot: str, seed: int) -> None:

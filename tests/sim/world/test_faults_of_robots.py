@@ -304,6 +304,7 @@ def test_a_capability_lost_from_the_beginning_is_lost(run: Run) -> None:
 DOSERS = ("D1", "D2", "M1", "M2", "M3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robots", [("D1",), DOSERS], ids=["one", "all"])
 @pytest.mark.parametrize(
     "how",

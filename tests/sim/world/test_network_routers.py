@@ -47,6 +47,7 @@ def deaths(result: SimulationResult) -> list[str]:
     return [line for line in log if "robot_dead" in line]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "network"), [*((seed, TWO) for seed in range(3)), (6, SLOW_TOKENS), (7, NO_TOKENS)]
 )

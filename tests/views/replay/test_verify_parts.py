@@ -70,6 +70,7 @@ def proved(verdict: Verification) -> Verification:
     return verdict
 
 
+@pytest.mark.slow
 def test_parts_together_are_the_whole_recording(run: Recorded) -> None:
     """The same states at all times, whether it has parts or not."""
     paths = {first_part(path) for path in robot_files(run.whole)}

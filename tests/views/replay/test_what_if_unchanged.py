@@ -72,6 +72,7 @@ def course(record: RunRecord, from_us: int) -> Iterator[tuple[Any, int]]:
         yield (record.result,), record.ended_us - from_us
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_goes_on_as_it_did_from_any_moment(tmp_path: Path, name: str) -> None:
     mission, seed, schedule = RUNS[name]

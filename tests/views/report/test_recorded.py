@@ -57,6 +57,7 @@ def physical(result: SimulationResult) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
+@pytest.mark.slow
 def test_utilisation_is_what_the_programs_did(
     ran: tuple[SimulationResult, RunReport, Path],
 ) -> None:

@@ -330,6 +330,7 @@ async def test_without_colours_everything_is_still_told(monkeypatch: pytest.Monk
         assert "┏━ robots━━" in on_screen(app)[2], "so has the pane that keys go to"
 
 
+@pytest.mark.slow
 async def test_a_recording_is_played_forwards_and_back(tmp_path: Path) -> None:
     await asyncio.to_thread(
         record_example, tmp_path, "vehicle_repair", 7, [(12 * SECOND, Kill("A1"))]

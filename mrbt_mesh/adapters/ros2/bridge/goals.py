@@ -138,7 +138,7 @@ class GoalKeeper(ServerKeeper):
         stale = self._stale.get(goal_id)
         if stale is None or code not in (UNKNOWN_GOAL, TERMINATED):
             return effects
-        # The cancellation may have come before the goal.
+        # The cancellation may have come before the goal, which is there after AGAIN_S.
         if stale.is_accepted or now_s - stale.since_s >= 2 * AGAIN_S:
             effects += self._dropped(goal_id, now_s)
         return effects

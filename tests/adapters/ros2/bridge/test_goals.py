@@ -30,6 +30,8 @@ from mrbt_mesh.adapters.ros2.bridge.server import (
 )
 
 ONE, TWO = b"1" * 16, b"2" * 16
+# A goal is at its server by then. A cancellation that came before it is sent again.
+ARRIVES_S = AGAIN_S
 
 
 def ready() -> GoalKeeper:
@@ -177,6 +179,7 @@ class Servers(RuleBasedStateMachine):
         self.is_up, self.told = False, (False, "has not been found")
         self.count = 0
         self.mail: list[ServerEffect] = []
+        self.sent: list[tuple[SendGoal, float]] = []
         self.deliver(AskLife())
 
     def take(self, effects: Iterable[ServerEffect]) -> None:
@@ -194,6 +197,7 @@ class Servers(RuleBasedStateMachine):
                     # One at a time, and only what is wanted.
                     assert self.goal_of[effect.run] == effect.goal_id
                     assert effect.run == self.wanted
+                    self.sent.append((effect, self.now_s))
                 if not isinstance(effect, AskLife) or effect not in self.mail:
                     self.mail.append(effect)
 
@@ -201,6 +205,10 @@ class Servers(RuleBasedStateMachine):
         for _ in range(round(seconds / 0.1)):
             self.now_s += 0.1
             self.take(self.keeper.tick(self.now_s))
+            late = [sent for sent, at_s in self.sent if self.now_s - at_s >= ARRIVES_S]
+            for goal in [effect for effect in self.mail if effect in late]:
+                self.mail.remove(goal)
+                self.deliver(goal)
 
     def deliver(self, effect: ServerEffect) -> None:
         """What a server that is alive does with what is sent to it."""
