@@ -172,23 +172,22 @@ def lines(
     changes: RevisionChanges, blocked: Sequence[str], survived: Mapping[str, str]
 ) -> list[str]:
     """What a revision changes, and what its team then survives, for people."""
-    from mrbt_mesh.core.bt.activation import parse_activation
+    from mrbt_mesh.core.planning.revised import step_name, step_names
 
     def subjects(activations: Sequence[str]) -> str:
-        parts = map(parse_activation, activations)
-        names = (each.subject + (f" of {each.job}" if each.job else "") for each in parts)
-        return ", ".join(dict.fromkeys(names))
+        return ", ".join(step_names(activations))
 
     def works(those: Sequence[tuple[str, str, str]]) -> str:
-        return ", ".join(f"{robot}: {local_task} for {task}" for robot, task, local_task in those)
+        return ", ".join(f"{robot}: {task} for {step_name(step)}" for robot, step, task in those)
 
     found = {
         "stays done": subjects(changes.kept),
+        "stays failed": subjects(changes.kept_failed),
         "goes on": works(changes.going_on),
         "begins again": subjects(changes.begun_again),
         "exclusive, again": subjects(changes.repeated),
         "is cancelled": works(changes.cancelled),
-        "is forgotten": subjects(changes.dropped),
+        "no longer counts": subjects(changes.dropped),
         "new tasks": ", ".join(changes.new_tasks),
         "new robots": ", ".join(changes.new_robots),
         "robots that leave": ", ".join(changes.removed_robots),

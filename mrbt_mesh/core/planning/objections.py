@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -18,7 +17,7 @@ from mrbt_mesh.core.planning.ahead import tasks_ahead
 from mrbt_mesh.core.planning.capabilities import Capabilities, workers
 from mrbt_mesh.core.planning.consistency import could_be_met
 from mrbt_mesh.core.planning.demands import Demand
-from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under
+from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, step_name, step_names
 
 # Loops without a limit ask for tasks for ever.
 MOST_AHEAD = 200
@@ -49,11 +48,9 @@ def objections(
 
 
 def _repeated(changes: RevisionChanges) -> Iterator[str]:
-    for name in changes.repeated:
-        activation = parse_activation(name)
-        of_job = f" of job {activation.job}" if activation.job else ""
+    for name in step_names(changes.repeated):
         yield (
-            f"{activation.subject}{of_job} is exclusive and was begun, and would be begun again: "
+            f"{name} is exclusive and was begun, and would be begun again: "
             f"leave its task and what guards it as they are, or use {REPEAT}"
         )
 
@@ -74,10 +71,10 @@ def _without_force(
     if leaving:
         names, are = ", ".join(leaving), "is" if len(leaving) == 1 else "are"
         yield f"{names} {are} alive and would leave: keep {names} in it, or use {FORCE}"
-    for robot, task, _ in changes.cancelled:
+    for robot, step, _ in changes.cancelled:
         yield (
-            f"{robot} works on {task}, which would be cancelled: wait until that has ended, or use "
-            f"{FORCE}"
+            f"{robot} works on {step_name(step)}, which would be cancelled: wait until that has "
+            f"ended, or use {FORCE}"
         )
     lacking, known = _lacking(facts_under(facts, mission), alive), _lacking(facts, alive)
     for task, text in lacking.items():

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
-from mrbt_mesh.core.bt.tree import Node, Status
+from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import Claim, Decision, Phase
 from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
-from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS
-from mrbt_mesh.core.mission.jobs import OpenJob, arguments_in, type_at
+from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, task_of_activation
+from mrbt_mesh.core.mission.jobs import OpenJob, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd, performance
+from mrbt_mesh.core.mission.names import bound
 
 
 @dataclass(frozen=True)
 class RevisionChanges:
-    """All sorted. `kept`: activations with outcomes that stay. `begun_again`: those whose outcomes
-    are lost, of global tasks that the revision begins anew; `dropped`: of those that it does not
-    have there. `repeated`: those of `exclusive` tasks that are done, may be done, or are in doubt,
-    and would be begun anew. `going_on` and `cancelled`: (robot, global task, local task) of robots
-    at work. `lost_jobs`: open jobs for which it has no type, or other arguments. `ended_jobs`: open
-    jobs that end with it, and whether they succeed or fail. `result`: how the mission ends with it.
+    """All sorted. `kept` and `kept_failed`: activations with outcomes that stay, the latter without
+    a success. `begun_again`: those whose outcomes do not count, of steps that the revision begins
+    anew; `dropped`: of steps that it does not have. `repeated`: for each step whose task is or was
+    `exclusive` and that it begins anew, an activation that is done, may be done, or is in doubt.
+    `new_tasks`: steps that it adds, by name. `going_on` and `cancelled`: (robot, activation, local
+    task) of robots at work. `lost_jobs`: open jobs for which it has no type, or other arguments.
+    `ended_jobs`: open jobs that end with it, and whether they succeed or fail. `result`: how the
+    mission ends with it.
     """
 
     kept: tuple[str, ...]
+    kept_failed: tuple[str, ...]
     begun_again: tuple[str, ...]
     dropped: tuple[str, ...]
     repeated: tuple[str, ...]
@@ -41,8 +45,28 @@ class RevisionChanges:
     result: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data."""
-        return {n: v if isinstance(v, str) else list(v) for n, v in vars(self).items()}
+        """Plain data, with the names of steps for their activations."""
+        data = {n: v if isinstance(v, str) else list(v) for n, v in vars(self).items()}
+        of_steps = ("kept", "kept_failed", "begun_again", "dropped", "repeated")
+        data |= {name: step_names(data[name]) for name in of_steps}
+        for name, works in (("going_on", self.going_on), ("cancelled", self.cancelled)):
+            data[name] = [[robot, step_name(step), task] for robot, step, task in works]
+        return data
+
+
+def step_names(activations: Iterable[str]) -> list[str]:
+    """The names of the steps of activations, each once."""
+    return [*dict.fromkeys(map(step_name, activations))]
+
+
+def step_name(activation: str) -> str:
+    """The global task of an activation, and its job if it has one."""
+    found = parse_activation(activation)
+    return _name_of(found.subject, found.job)
+
+
+def _name_of(subject: str, job: str) -> str:
+    return f"{subject} of {job}" if job else subject
 
 
 def facts_under(facts: TeamFacts, mission: Mission) -> TeamFacts:
@@ -73,13 +97,8 @@ def revision_changes(
     after, before = facts_under(facts, mission), facts.declared
     evaluation = after.mission.evaluator.evaluate(after)
     requested = {request.activation for request in evaluation.requests}
-    kept = sorted(name for name, said in after.activations.items() if said.has_outcome)
-    fresh = _Fresh(facts, mission)
-    again: list[str] = []
-    dropped: list[str] = []
-    for name, said in sorted(facts.activations.items()):
-        if said.has_outcome and not after.has_outcome(name):
-            (again if fresh.task(said.activation) else dropped).append(name)
+    ended_here = {name: said for name, said in after.activations.items() if _has_ended(said)}
+    steps = _Steps(facts, mission, after, alive)
     going_on: list[tuple[str, str, str]] = []
     cancelled: list[tuple[str, str, str]] = []
     for robot in sorted(facts.claims):
@@ -90,18 +109,19 @@ def revision_changes(
             after.members[robot].member.capabilities, claim.local_task
         )
         goes_on = claim.activation in requested and able
-        (going_on if goes_on else cancelled).append((robot, claim.global_task, claim.local_task))
+        (going_on if goes_on else cancelled).append((robot, claim.activation, claim.local_task))
     ended_before = {end.job for end in facts.mission.evaluator.evaluate(facts).job_ends}
     ended = {end.job: end.success for end in evaluation.job_ends if end.job not in ended_before}
     is_over = mission.ends is MissionEnd.ONCE and evaluation.status is not Status.RUNNING
     return RevisionChanges(
-        tuple(kept),
-        tuple(again),
-        tuple(dropped),
-        tuple(sorted(fresh.repeated(after))),
+        tuple(sorted(name for name, said in ended_here.items() if _is_done(said))),
+        tuple(sorted(name for name, said in ended_here.items() if not _is_done(said))),
+        tuple(sorted(steps.begun_again())),
+        tuple(sorted(steps.dropped())),
+        tuple(sorted(steps.repeated())),
         tuple(going_on),
         tuple(cancelled),
-        tuple(sorted(mission.global_tasks.keys() - before.global_tasks.keys())),
+        tuple(sorted(steps.new())),
         tuple(sorted(mission.robots.keys() - before.robots.keys())),
         tuple(sorted(before.robots.keys() - mission.robots.keys())),
         tuple(_lost_jobs(facts, mission)),
@@ -110,46 +130,97 @@ def revision_changes(
     )
 
 
-class _Fresh:
-    """The actions of a revision that no mission before had: nothing of them is done."""
+class _Step(NamedTuple):
+    """Steps that are one for the operator: the same task with the same arguments, in the same job
+    (empty: in the tree of the team), whatever guards it.
+    """
 
-    def __init__(self, facts: TeamFacts, mission: Mission) -> None:
-        known = facts.declared.revision
-        first = len(facts.declared.tree.nodes) if known is None else known.next_node
-        self._facts = facts
-        self._mission = mission
-        self._nodes = [node for node in mission.tree.actions() if node.number >= first]
+    subject: str
+    job: str
 
-    def task(self, activation: Activation) -> GlobalTask | None:
-        """The global task of an activation, if it is that of such an action, in the same job."""
-        for node in self._nodes:
-            if self._is_of(node, activation):
-                kind = type_at(self._mission, node.index)
-                tasks = self._mission.global_tasks if kind is None else kind.global_tasks
-                return tasks.get(node.subject) or self._mission.global_tasks[node.subject]
-        return None
 
-    def _is_of(self, node: Node, activation: Activation) -> bool:
-        kind = type_at(self._mission, node.index)
-        if kind is None or not activation.job:
-            return kind is None and not activation.job and node.subject == activation.subject
-        jobs = self._facts.jobs
-        known = jobs.known.get(activation.job) if jobs is not None else None
-        if known is None or known.job is None or known.job.type != kind.name or known.has_ended:
-            return False
-        values = arguments_in(node.subject, activation.subject)
-        given = dict(zip((p.name for p in kind.parameters), known.job.arguments, strict=False))
-        return values is not None and all(given.get(n) == value for n, value in values.items())
+class _Steps:
+    """What a revision begins, by steps, and what was done of these, also in earlier missions."""
 
-    def repeated(self, after: TeamFacts) -> Iterator[str]:
-        """The activations of exclusive tasks that were begun, are nothing after the revision, and
-        would be begun anew.
-        """
+    def __init__(
+        self,
+        facts: TeamFacts,
+        mission: Mission,
+        after: TeamFacts,
+        alive: Collection[str] | None,
+    ) -> None:
+        self._facts, self._mission, self._after, self._alive = facts, mission, after, alive
+        self._before, self._now = _numbers(facts, facts.declared), _numbers(facts, mission)
+        self._known: dict[_Step, dict[str, ActivationFacts]] = {}
         for name, said in self._all().items():
-            if name in after.activations or (task := self.task(said.activation)) is None:
+            step = _Step(said.activation.subject, said.activation.job)
+            self._known.setdefault(step, {})[name] = said
+        # Nodes of which something counts with the revision, by number and job.
+        begun = (each.activation for each in after.activations.values() if _is_begun(each))
+        self._begun = {(each.node, each.job) for each in begun}
+        self._fresh = {step: self._fresh_numbers(step) for step in self._now}
+
+    def begun_again(self) -> Iterator[str]:
+        """The activations with outcomes that count no more, of steps that begin anew."""
+        return (name for step, fresh in self._fresh.items() if fresh for name in self._lost(step))
+
+    def dropped(self) -> Iterator[str]:
+        """The activations with outcomes that count now, of steps that it does not have."""
+        for step in self._known.keys() - self._now.keys():
+            yield from (name for name in self._lost(step) if name in self._facts.activations)
+
+    def new(self) -> Iterator[str]:
+        """The steps that were not in the tree before, or fewer times, and of which nothing is done
+        that counts no more.
+        """
+        for step, fresh in self._fresh.items():
+            lost = {self._known[step][name].activation.node for name in self._lost(step)}
+            is_more = len(self._now[step]) > len(self._before.get(step, ()))
+            if is_more and len(fresh) > len(lost):
+                yield _name_of(*step)
+
+    def repeated(self) -> Iterator[str]:
+        """Of each exclusive step that begins anew an activation that was begun. It is exclusive if
+        its task is, or was when it was begun.
+        """
+        for step, fresh in self._fresh.items():
+            tasks = [self._task(self._mission, number, step) for number in fresh]
+            is_exclusive = any(task is not None and task.exclusive for task in tasks)
+            known = sorted(self._known.get(step, {}).items()) if fresh else ()
+            begun = [
+                name
+                for name, said in known
+                if _may_be_done(said) or (is_exclusive and _has_success(said))
+            ]
+            begun += self._at_work(step, is_exclusive) if fresh else []
+            yield from begun[:1]
+
+    def _fresh_numbers(self, step: _Step) -> list[int]:
+        """The nodes of a step that the tree in force does not have, and of which nothing counts."""
+        before = self._before.get(step, ())
+        return [n for n in self._now[step] if n not in before and (n, step.job) not in self._begun]
+
+    def _lost(self, step: _Step) -> list[str]:
+        known = self._known.get(step, {})
+        ended = [name for name, said in known.items() if _has_ended(said)]
+        return [name for name in ended if not _has_ended_in(self._after, name)]
+
+    def _at_work(self, step: _Step, is_exclusive: bool) -> Iterator[str]:
+        """What robots have begun of a step whose task is exclusive, or becomes so."""
+        for robot in sorted(self._facts.claims):
+            claim = self._facts.valid_claim(robot)
+            is_alive = self._alive is None or robot in self._alive
+            if claim is None or claim.phase is not Phase.RUNNING or not is_alive:
                 continue
-            if _may_be_done(said) or (task.exclusive and _has_success(said)):
-                yield name
+            held = parse_activation(claim.activation)
+            task = self._facts.task_of(claim.activation)
+            if (held.subject, held.job) == step and (is_exclusive or (task and task.exclusive)):
+                yield claim.activation
+
+    def _task(self, mission: Mission, number: int, step: _Step) -> GlobalTask | None:
+        return task_of_activation(
+            Activation(self._facts.run, number, step.subject, (), 0, step.job), mission
+        )
 
     def _all(self) -> dict[str, ActivationFacts]:
         """All activations that are known, also those of earlier missions."""
@@ -160,6 +231,42 @@ class _Fresh:
                 said = found.setdefault(name, ActivationFacts(parse_activation(name)))
                 said.add(entry)
         return found | self._facts.activations
+
+
+def _numbers(facts: TeamFacts, mission: Mission) -> dict[_Step, list[int]]:
+    """The numbers of the nodes of each step of a mission, with those of the jobs that are open."""
+    found: dict[_Step, list[int]] = {}
+    jobs = [known for known in facts.jobs if known.end is None] if facts.jobs is not None else []
+    for node in mission.tree.actions():
+        kind = type_at(mission, node.index)
+        if kind is None:
+            found.setdefault(_Step(node.subject, ""), []).append(node.number)
+            continue
+        names = [each.name for each in kind.parameters]
+        for known in jobs:
+            if known.job is not None and known.job.type == kind.name:
+                values = dict(zip(names, known.job.arguments, strict=False))
+                step = _Step(bound(node.subject, values), known.id)
+                found.setdefault(step, []).append(node.number)
+    return found
+
+
+def _has_ended(said: ActivationFacts) -> bool:
+    """Whether a robot has ended here, or an operator has decided that it is done."""
+    return said.has_outcome or said.is_decided(Decision.DONE)
+
+
+def _has_ended_in(facts: TeamFacts, activation: str) -> bool:
+    said = facts.activations.get(activation)
+    return said is not None and _has_ended(said)
+
+
+def _is_begun(said: ActivationFacts) -> bool:
+    return _has_ended(said) or _may_be_done(said)
+
+
+def _is_done(said: ActivationFacts) -> bool:
+    return said.is_decided(Decision.DONE) or _has_success(said)
 
 
 def _may_be_done(said: ActivationFacts) -> bool:

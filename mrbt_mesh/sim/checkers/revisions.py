@@ -40,10 +40,14 @@ class Revised:
             before.map.merge(each for each in entries if each.parts[0] not in MISSION_KINDS)
         told = revision_changes(before, facts.declared)
         self._run.checks["I11"] += 1
-        lost = [n for n in told.kept if not (facts.has_outcome(n) or _has_ended(facts, n))]
+        lost = [
+            n
+            for n in (*told.kept, *told.kept_failed)
+            if not (facts.has_outcome(n) or _has_ended(facts, n))
+        ]
         left = [name for name in (*told.begun_again, *told.dropped) if facts.has_outcome(name)]
         at_work = {
-            (robot, claim.global_task, claim.local_task)
+            (robot, claim.activation, claim.local_task)
             for robot in facts.claims
             if (claim := facts.valid_claim(robot)) is not None and is_at_work(claim)
         }
