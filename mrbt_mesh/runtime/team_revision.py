@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import anyio
+import anyio.abc
 
 from mrbt_mesh.core.agent.commands import CHECK_REVISION
 from mrbt_mesh.core.agent.reviser import size_problem
@@ -17,7 +18,7 @@ from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.revisions import RevisionError, revise
 from mrbt_mesh.core.planning.objections import not_feasible, objections
 from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, lone
 from mrbt_mesh.plugins import ANALYSES
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import TeamClient
@@ -131,26 +132,55 @@ async def take_up(
     client, number = TeamClient(watcher), revision.revision_number
     if not client.robots:
         raise RevisionRefusedError("no robot of the team is heard")
-    text, is_forced = compile_mission(revision), consent.is_forced
-    try:
-        await client.propose(number, text, is_forced, consent.repeats_exclusive)
-    except (CommandRefusedError, TimeoutError) as error:
-        raise RevisionRefusedError(str(error)) from None
     awaited: list[str] = []
+    late = ""
     try:
         with anyio.move_on_after(timeout_s):
-            await _until_in_force(watcher, number, awaited, say)
+            await _propose(client, revision, consent, awaited, say)
             return
+    except CommandRefusedError as error:
+        raise RevisionRefusedError(str(error)) from None
+    except TimeoutError as error:
+        late = str(error)
+        proposed = watcher.observer.facts.revisions.proposed(number)
+        if proposed is not None and proposed.text != compile_mission(revision):
+            raise RevisionRefusedError(late) from None  # another client's, which may go on
     except anyio.get_cancelled_exc_class():
         with anyio.move_on_after(WITHDRAW_S, shield=True):
             await withdraw(watcher, number)
         raise
-    late = f"waited for {', '.join(awaited) or 'a majority of the robots'}"
+    if not late:
+        waited_for = ", ".join(awaited) or "a majority of the robots"
+        late = f"not in force after {timeout_s:g} s, waited for {waited_for}"
     is_withdrawn, answer = await withdraw(watcher, number)
     if not is_withdrawn and await _is_in_force(watcher, revision):
         say(f"in force, though not within {timeout_s:g} s")
         return
-    raise RevisionRefusedError(f"not in force after {timeout_s:g} s, {late}: {answer}")
+    raise RevisionRefusedError(f"{late}: {answer}")
+
+
+async def _propose(
+    client: TeamClient,
+    revision: Mission,
+    consent: Consent,
+    awaited: list[str],
+    say: Callable[[str], None],
+) -> None:
+    """Propose a revision and wait until it is in force. A robot that leaves by it may be gone
+    before it has answered, so no answer is awaited once the revision is in force.
+    """
+    number, text = revision.revision_number, compile_mission(revision)
+
+    async def wait(group: anyio.abc.TaskGroup) -> None:
+        await _until_in_force(client.watcher, revision, text, awaited, say)
+        group.cancel_scope.cancel()
+
+    try:
+        async with anyio.create_task_group() as group:
+            group.start_soon(wait, group)
+            await client.propose(number, text, consent.is_forced, consent.repeats_exclusive)
+    except BaseExceptionGroup as error:
+        raise lone(error) from None
 
 
 async def withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
@@ -174,20 +204,31 @@ async def _is_in_force(watcher: Watcher, revision: Mission) -> bool:
 
 
 async def _until_in_force(
-    watcher: Watcher, number: int, awaited: list[str], say: Callable[[str], None]
+    watcher: Watcher,
+    revision: Mission,
+    text: str,
+    awaited: list[str],
+    say: Callable[[str], None],
 ) -> None:
-    """Wait until all robots act by a revision; `awaited`: the robots without which they do not."""
-    observer, said = watcher.observer, ""
+    """Wait until all robots act by a revision; `awaited`: the robots without which they do not.
+
+    `text`: the revision compiled, by which it is told from another one with its number.
+    """
+    observer, said, number = watcher.observer, "", revision.revision_number
     while True:
         revisions, robots = observer.facts.revisions, observer.membership.members()
-        in_force = observer.facts.declared.revision_number
-        if in_force >= number and revisions.all_act_by(in_force, robots):
+        declared = observer.facts.declared
+        in_force, proposed = declared.revision_number, revisions.proposed(number)
+        is_known = proposed is not None and proposed.text == text
+        is_in_force = in_force > number or declared.digest == revision.digest
+        if is_in_force and revisions.all_act_by(in_force, robots):
             return
-        if in_force < number and (reason := revisions.void_reason(number)):
+        if is_known and in_force < number and (reason := revisions.void_reason(number)):
             raise RevisionRefusedError(reason)
-        awaited[:] = revisions.awaited(number, in_force, robots)
-        text = f"waiting for {', '.join(awaited)}" if awaited else "all hold it"
-        if text != said:
-            say(text)
-            said = text
+        if is_known or is_in_force:
+            awaited[:] = revisions.awaited(number, in_force, robots)
+            news = f"waiting for {', '.join(awaited)}" if awaited else "all hold it"
+            if news != said:
+                say(news)
+                said = news
         await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
