@@ -33,6 +33,12 @@ def load_program(reference: str) -> RobotProgram:
     The file's folder stays on `sys.path`, so that it may import its neighbours, also later.
     Raises ProgramError with the remedy, and with the line where the file itself fails.
     """
+    path, name = program_file(reference)
+    return _pick(_import_file(path), path, name)
+
+
+def program_file(reference: str) -> tuple[Path, str]:
+    """The file of a program, and the program's name in it. Raises ProgramError if there is none."""
     match = _REFERENCE.fullmatch(reference)
     if match is None:
         raise ProgramError(f"{reference!r}: expected a Python file, e.g. robot.py or robot.py:name")
@@ -42,7 +48,7 @@ def load_program(reference: str) -> RobotProgram:
         raise ProgramError(f"{path}: {text}")
     if not path.is_file():
         raise ProgramError(f"{path}: not a file; give the Python file itself")
-    return _pick(_import_file(path), path, name)
+    return path, name
 
 
 def require_program(

@@ -72,12 +72,16 @@ def revise(
              mrbt revise new.yaml
     """
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.program_loader import program_file
     from mrbt_mesh.runtime.team_revision import Consent
 
     if withdraw is (new is not None):
         raise InputError("give the new mission's file, or --withdraw")
     after = load_mission(new) if new is not None else None
     address, consent = team.find_running(), Consent(force, repeat_exclusive)
+    # A robot that joins later loads it. Robots on other machines have files of their own.
+    if after is not None and after.program is not None and address.run_dir is not None:
+        program_file(after.program)
 
     async def act(watcher: Watcher) -> int:
         if not watcher.observer.membership.members():

@@ -74,8 +74,10 @@ def _check(before: Mission, after: Mission) -> None:
     for name, condition in sorted(after.conditions.items()):
         known = before.conditions.get(name)
         if known is not None and known.to_json() != condition.to_json():
+            is_condition = condition.values is None and known.values is None
+            what = f"condition {name}" if is_condition else f"entry {name} of the blackboard"
             raise RevisionError(
-                f"condition {name} is declared otherwise than in the mission that runs: keep it as "
+                f"{what} is declared otherwise than in the mission that runs: keep it as "
                 "it is there, or declare one of another name"
             )
 

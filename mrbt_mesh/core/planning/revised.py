@@ -15,7 +15,7 @@ from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, task_of_activation
 from mrbt_mesh.core.mission.jobs import OpenJob, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd, performance
-from mrbt_mesh.core.mission.names import bound
+from mrbt_mesh.core.mission.names import THIS_JOB, bound
 
 
 @dataclass(frozen=True)
@@ -242,10 +242,10 @@ def _numbers(facts: TeamFacts, mission: Mission) -> dict[_Step, list[int]]:
         if kind is None:
             found.setdefault(_Step(node.subject, ""), []).append(node.number)
             continue
-        names = [each.name for each in kind.parameters]
         for known in jobs:
-            if known.job is not None and known.job.type == kind.name:
-                values = dict(zip(names, known.job.arguments, strict=False))
+            job = known.job
+            if job is not None and job.type == kind.name and not kind.problem(job.arguments):
+                values = {THIS_JOB: known.id} | kind.values_of(job.arguments)
                 step = _Step(bound(node.subject, values), known.id)
                 found.setdefault(step, []).append(node.number)
     return found

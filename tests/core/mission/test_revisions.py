@@ -93,6 +93,23 @@ def test_a_condition_keeps_its_declaration() -> None:
         revise(BEFORE, mission("join(1)", default="true"))
 
 
+ENTRIES = """
+mission: m
+local_tasks: {w: {work: 1}}
+blackboard: {n: {min: 0, max: %d, default: 0}}
+robot_types: {r: {capabilities: {w: 1}}}
+robots: {A1: r}
+global_tasks: {t: {needs: {w: {}}}}
+tree: {Sequence: [{Condition: "n < 5"}, t]}
+"""
+
+
+def test_an_entry_of_the_blackboard_keeps_its_declaration() -> None:
+    before, after = (mission_from_yaml(ENTRIES % most, "m.yaml", Path()) for most in (20, 5))
+    with pytest.raises(RevisionError, match="entry n of the blackboard is declared otherwise"):
+        revise(before, after)
+
+
 def test_back_and_forth() -> None:
     """The numbers of the first mission come back, those that were used between are for others."""
     other = revise(BEFORE, mission("{Sequence: [check(3), join(1)]}"))
