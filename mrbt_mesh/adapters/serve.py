@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mrbt_mesh.cli.command import PATH, PORT, SUCCESS, MrbtCommand, end_process
+from mrbt_mesh.cli.command import PATH, PORT, SUCCESS, MrbtCommand
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
@@ -59,7 +59,7 @@ def serve(
     access = token_access(tokens) if tokens is not None else None
     address, options = team.find_running(), ViewerOptions(host, port)
     anyio.run(_serve, address, options, access, rmf, as_json)
-    end_process(SUCCESS)
+    raise SystemExit(SUCCESS)
 
 
 async def _serve(

@@ -140,7 +140,15 @@ class LateGroup(click.Group):
                     formatter.write_dl([(f"{names:{width}}", text) for names, text in rows.items()])
 
     def main(self, *args: Any, **extra: Any) -> NoReturn:
-        run(super().main, *args, **extra)
+        """Without arguments it is the program `mrbt`, which ends here, however its command ends."""
+        try:
+            run(super().main, *args, **extra)
+        except BaseException as error:
+            if args or extra or "zenoh" not in sys.modules:
+                raise
+            if not isinstance(error, SystemExit):
+                sys.excepthook(*sys.exc_info())
+            end_process(error.code if isinstance(error, SystemExit) else FAILURE)
 
 
 def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
@@ -171,12 +179,16 @@ def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
     raise SystemExit(code)
 
 
-def end_process(code: int) -> NoReturn:
-    """End a process that had a Zenoh session: closing one can take 10 s, so do not wait."""
+def end_process(code: Any) -> NoReturn:
+    """End a process that had a Zenoh session, with the code of a SystemExit.
+
+    To close a session can take 10 s. And its threads may call Python while the interpreter ends,
+    which aborts the process.
+    """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()
-    os._exit(code)
+    os._exit(code if isinstance(code, int) else SUCCESS if code is None else FAILURE)
 
 
 # -- parameters -------------------------------------------------------------------------------

@@ -22,6 +22,7 @@ import signal
 import sys
 from typing import Any, NoReturn
 
+from mrbt_mesh.cli.command import end_process
 from mrbt_mesh.cli.main import main
 
 # Modules that a robot loads before it has read its mission.
@@ -108,9 +109,7 @@ def _become_robot(request: dict[str, Any]) -> NoReturn:
         code = error.code
     except BaseException:  # whatever it was, this process must not go on as its parent does
         sys.excepthook(*sys.exc_info())
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(code if isinstance(code, int) else 0 if code is None else 1)
+    end_process(code)
 
 
 if __name__ == "__main__":

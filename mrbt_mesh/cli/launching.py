@@ -12,7 +12,7 @@ from typing import NoReturn
 import anyio
 import click
 
-from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS, end_process
+from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS
 from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews
@@ -105,7 +105,7 @@ def run_team(
     Output that cannot be written ends no robot.
     """
     lose_output_rather_than_end()
-    end_process(anyio.run(_run, run_dir, mission, show, views, guide))
+    raise SystemExit(anyio.run(_run, run_dir, mission, show, views, guide))
 
 
 async def _detached(team: Team) -> int:

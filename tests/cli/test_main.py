@@ -215,3 +215,38 @@ def test_the_readme_shows_the_example_as_it_is() -> None:
     shown = (ROOT / "README.md").read_text().partition("```yaml\n")[2].partition("```")[0]
     read = YAML(typ="safe").load
     assert read(shown) == read(Path(EXPLORE))
+
+
+# -- how the process ends ---------------------------------------------------------------------
+
+# Threads of Zenoh may call Python while the interpreter ends, which aborts the process.
+SCRIPT_WITH_SESSION = """
+import atexit, sys
+from mrbt_mesh.cli.command import fail
+from mrbt_mesh.cli.main import COMMANDS, LateGroup
+atexit.register(print, "the interpreter ends")
+
+def act():
+    import zenoh
+    END
+
+LateGroup({}, {}, COMMANDS, name="mrbt", callback=act, invoke_without_command=True).main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("end", "code"),
+    [
+        ("fail('too few have it', 1)", 1),
+        ("raise SystemExit(3)", 3),
+        ("return", 0),
+        ("raise ValueError('a bug')", 1),
+        ("raise KeyboardInterrupt", 1),
+    ],
+)
+def test_after_a_session_the_process_ends_without_the_interpreter(end: str, code: int) -> None:
+    script = SCRIPT_WITH_SESSION.replace("END", end)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (code, ""), done.stderr

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, end_process, refuse
+from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, refuse
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.errors import InputError
 
@@ -81,7 +81,7 @@ def drill(
         console.print(render_total(runs))
         if stopped:
             errors.print("stopped by the operator before the end", style="red")
-    end_process(FAILURE if stopped or not all(run.is_green for run in runs) else SUCCESS)
+    raise SystemExit(FAILURE if stopped or not all(run.is_green for run in runs) else SUCCESS)
 
 
 def _chosen(paths: tuple[Path, ...], only_quick: bool) -> list[Drill]:

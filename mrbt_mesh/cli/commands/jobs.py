@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fail
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
@@ -206,4 +206,4 @@ def _with_client(team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]])
         fail(str(error), FAILURE)
     except KeyboardInterrupt:
         status = SUCCESS
-    end_process(status)
+    raise SystemExit(status)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, end_process, fail
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
@@ -353,7 +353,7 @@ def with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> No
             await watcher.catch_up(CONNECT_TIMEOUT_S)
             return await act(watcher)
 
-    end_process(anyio.run(attach))
+    raise SystemExit(anyio.run(attach))
 
 
 def nobody(watcher: Watcher) -> str:
@@ -433,4 +433,4 @@ def join(
         fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
     note_command(found, "join", f"{robot} joined")
     report(as_json, team.info.team, [robot], "join", f"{robot} joined")
-    end_process(SUCCESS)
+    raise SystemExit(SUCCESS)

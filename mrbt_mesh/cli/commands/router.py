@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 import click
 
-from mrbt_mesh.cli.command import PATH, SUCCESS, MrbtCommand, end_process
+from mrbt_mesh.cli.command import PATH, SUCCESS, MrbtCommand
 from mrbt_mesh.cli.network import endpoints_option
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.runtime.settings import WARNING
@@ -83,4 +83,4 @@ def _route(config: Any, as_json: bool) -> NoReturn:
             click.echo(f"running; robots of this network: --router {locator}")
     over.wait()
     router.close()
-    end_process(SUCCESS)
+    raise SystemExit(SUCCESS)

@@ -10,7 +10,6 @@ from mrbt_mesh.cli.command import (
     EXIT_OF_RESULT,
     PATH,
     MrbtCommand,
-    end_process,
     refuse,
 )
 from mrbt_mesh.cli.commands.agent import METRICS
@@ -69,7 +68,7 @@ def watch(
         refuse("of a recording: give --record as well", "--record-beats")
     if team.run_dir is None and team.mission is None:
         if not (exports or metrics or record) and (name := watching.machine_view(views)):
-            end_process(anyio.run(watching.show_machine, name, views, show))
+            raise SystemExit(anyio.run(watching.show_machine, name, views, show))
         watching.wait_for_a_run()
     found = team.run_directory()
     if found is not None and not views.viewers:
@@ -91,4 +90,4 @@ def watch(
         record=RecordTo(record, record_beats) if record is not None else None,
         past=watching.past_of(processes),
     )
-    end_process(anyio.run(session.follow if views.viewers else session.run))
+    raise SystemExit(anyio.run(session.follow if views.viewers else session.run))

@@ -16,7 +16,6 @@ from mrbt_mesh.cli.command import (
     SUCCESS,
     CommandGroup,
     FiniteNumber,
-    end_process,
     refuse,
 )
 from mrbt_mesh.cli.options import (
@@ -117,7 +116,7 @@ def replay(
             click.echo("\n".join(f"wrote {path}" for path in written))
     elif web:
         anyio.run(serve, player, other, at or 0.0, speed, host, port, as_json)
-        end_process(SUCCESS)
+        raise SystemExit(SUCCESS)
     elif other is not None:
         refuse("--beside compares whole runs: give --web as well", "--at", "--speed")
         compare(player, other, as_json)
