@@ -18,6 +18,7 @@ import anyio
 from mrbt_mesh.core.agent.operator_desk import (
     CONFLICT,
     CONTENDED,
+    INVALID,
     NOT_READY,
     CommandStep,
     command_version,
@@ -127,16 +128,25 @@ class OperatorCall:
         """Have enough robots check the command, so that nothing of one that is refused is written;
         returns as `_round`. If another client commands the same at the same time, one gives up.
         """
-        while True:
-            try:
-                return await self._round(CommandStep.CHECK, entry, {})
-            except CommandRefusedError as refusal:
-                if refusal.cause != CONTENDED:
-                    raise
-            for robot in self.robots():
-                with anyio.move_on_after(AGAIN_S):
-                    await self.ask(robot, CommandStep.GIVE_UP, entry, False)
-            await anyio.sleep(AGAIN_S * (1 + secrets.randbelow(10)) / 4)
+        try:
+            return await self._round(CommandStep.CHECK, entry, {})
+        except CommandRefusedError as refusal:
+            await self._give_up(entry)
+            if refusal.cause != CONTENDED:
+                raise
+        await anyio.sleep(AGAIN_S * (1 + secrets.randbelow(10)) / 4)
+        return entry.version.incarnation.counter
+
+    async def _give_up(self, entry: Entry) -> None:
+        """Free what robots have reserved."""
+
+        async def ask(robot: str) -> None:
+            await self.ask(robot, CommandStep.GIVE_UP, entry, False)
+
+        with anyio.move_on_after(AGAIN_S):
+            async with anyio.create_task_group() as group:
+                for robot in self.robots():
+                    group.start_soon(ask, robot)
 
     async def _round(
         self, step: CommandStep, entry: Entry, takers: dict[str, dict[str, Any]]
@@ -145,6 +155,7 @@ class OperatorCall:
         known if another command has been given since.
         """
         refused: dict[str, CommandRefusedError] = {}
+        final = set[str]()  # Those that refuse it for good.
         # Robot -> when to ask it again if it has not taken or refused the step by then.
         ask_at_s: dict[str, float] = {}
         later: list[int] = []
@@ -154,31 +165,33 @@ class OperatorCall:
         async def ask(robot: str) -> None:
             ask_at_s[robot] = anyio.current_time() + ANSWER_S
             answer = _checked(await self.ask(robot, step, entry, self._passes_on(robot, entry)))
-            if answer is None or answer.get("cause") == NOT_READY:
+            if answer is None or _is_put_off(answer, step):
                 ask_at_s[robot] = anyio.current_time() + AGAIN_S
             elif "refused" in answer:
                 refused[robot] = CommandRefusedError(answer["refused"], answer["cause"])
+                if _is_final(answer, step):
+                    final.add(robot)
+                ask_at_s[robot] = anyio.current_time() + AGAIN_S
             elif not answer["taken"]:
                 later.append(max(answer["stamp"], (answer["newest"] or [0])[0]))
             elif needs_journal and not answer["kept"]:
                 self._unkept.add(robot)
             else:
                 takers[robot] = answer
+                refused.pop(robot, None)
             news.set()
 
         refusal: CommandRefusedError | None = None
         async with anyio.create_task_group() as group:
             while not later and not self._are_enough(takers) and refusal is None:
                 now_s = anyio.current_time()
-                for robot in sorted(
-                    {*self.robots()} - takers.keys() - refused.keys() - self._unkept
-                ):
+                for robot in sorted({*self.robots()} - takers.keys() - final - self._unkept):
                     if ask_at_s.get(robot, now_s) <= now_s:
                         group.start_soon(ask, robot)
                 with anyio.move_on_after(AGAIN_S):
                     await news.wait()
                 news = anyio.Event()
-                refusal = self._refusal(refused, takers)
+                refusal = self._refusal(step, refused, final, takers, ask_at_s)
             if not later and refusal is None:
                 await self._rest(ask_at_s, takers)
             group.cancel_scope.cancel()
@@ -199,14 +212,41 @@ class OperatorCall:
                 await anyio.sleep(REST_S / 30)
 
     def _refusal(
-        self, refused: dict[str, CommandRefusedError], takers: Collection[str]
+        self,
+        step: CommandStep,
+        refused: dict[str, CommandRefusedError],
+        final: Collection[str],
+        takers: Collection[str],
+        asked: Collection[str],
     ) -> CommandRefusedError | None:
-        """A conflict decides at once; other refusals once too few robots are left to take it."""
+        """A conflict decides at once; other refusals once too few robots are left to take it.
+
+        What one robot has written is in force once the others hear of it: so it is refused only if
+        it has lost for good, or if no robot that was asked may have written it.
+        """
+        if step is CommandStep.WRITE:
+            is_malformed = any(each.cause == INVALID for each in refused.values())
+            if final:
+                return refused[min(final)]
+            if takers or not (is_malformed or refused.keys() >= {*asked}):
+                return None
         conflicts = [each for each in refused.values() if each.cause == CONFLICT]
         left = {*self.robots(), *self.needs, *takers} - refused.keys()
         if conflicts or self._are_enough(left):
             return next(iter(conflicts), None)
         return next(iter(refused.values()), None)
+
+
+def _is_put_off(answer: dict[str, Any], step: CommandStep) -> bool:
+    """Whether the robot may take the step a moment later."""
+    cause = answer.get("cause")
+    return cause == NOT_READY or (cause == CONTENDED and step is CommandStep.WRITE)
+
+
+def _is_final(refusal: dict[str, Any], step: CommandStep) -> bool:
+    """Whether the robot will not take the step, even if another one has."""
+    is_lost = refusal["cause"] == CONFLICT and not refusal.get("may_win")
+    return is_lost or step is CommandStep.CHECK
 
 
 def _not_answered(robots: Sequence[str]) -> str:

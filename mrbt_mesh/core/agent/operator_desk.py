@@ -96,11 +96,14 @@ class OperatorDesk:
     def __init__(self, context: Context, rules: Rules) -> None:
         self._context = context
         self._rules = rules
-        # Entry -> its id and values, and until when it is reserved for these.
-        self._reserved: dict[str, tuple[list[Any], int]] = {}
+        # Entry -> its values, until when it is reserved for these, and by which version.
+        self._reserved: dict[str, tuple[list[Any], int, Version]] = {}
 
     def take(self, body: Any, now_us: int) -> dict[str, Any] | AwaitedAnswer:
-        """Answer a client. A refusal is `{"refused": why, "cause": ...}`."""
+        """Answer a client. A refusal is `{"refused": why, "cause": ..., "may_win": ...}`: whether
+        the command would replace what it conflicts with if another robot has taken it already.
+        """
+        entry = None
         try:
             step, entry, passes_on = self._read(body)
             if step is CommandStep.GIVE_UP:
@@ -108,7 +111,15 @@ class OperatorDesk:
                 return {}
             return self._take(step, entry, passes_on, now_us)
         except RefusalError as refusal:
-            return {"refused": str(refusal), "cause": refusal.cause}
+            may_win = entry is not None and self._would_replace(entry)
+            return {"refused": str(refusal), "cause": refusal.cause, "may_win": may_win}
+
+    def _would_replace(self, entry: Entry) -> bool:
+        """Whether it would be in force here if another robot had taken it."""
+        held = self._context.facts.map.get(OPERATORS, entry.name)
+        if isinstance(entry.record, FirstCommand):
+            return held is not None and entry.version < held.version
+        return held is None or entry.version > held.version
 
     def _read(self, body: Any) -> tuple[CommandStep, Entry, bool]:
         context = self._context
@@ -172,17 +183,18 @@ class OperatorDesk:
 
     def _reserve(self, entry: Entry, now_us: int) -> None:
         wanted = entry.value[:1]
-        values, until_us = self._reserved.get(entry.name, (wanted, 0))
+        values, until_us, _ = self._reserved.get(entry.name, (wanted, 0, entry.version))
         if now_us < until_us and values != wanted:
             raise RefusalError("another client commands this at the same time", CONTENDED)
         self._reserved.pop(entry.name, None)
-        self._reserved[entry.name] = wanted, now_us + RESERVED_US
+        self._reserved[entry.name] = wanted, now_us + RESERVED_US, entry.version
         while len(self._reserved) > MAX_RESERVED:
             del self._reserved[next(iter(self._reserved))]
 
     def _give_up(self, entry: Entry) -> None:
-        values, _ = self._reserved.get(entry.name, (None, 0))
-        if values == entry.value[:1]:
+        """What was reserved by a later version stays: this may arrive late."""
+        values, _, version = self._reserved.get(entry.name, (None, 0, entry.version))
+        if values == entry.value[:1] and version <= entry.version:
             del self._reserved[entry.name]
 
     def _write(self, entry: Entry, passes_on: bool, now_us: int) -> None:
