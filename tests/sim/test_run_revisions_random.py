@@ -4,6 +4,7 @@ rules of docs/how-to/revise.md (`tests.support.revision_model`).
 
 from __future__ import annotations
 
+import copy
 import random
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,13 +19,14 @@ from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.jobs import type_at
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.planning import revised
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import Operate, Revise
 from tests.support.effort import seeds
-from tests.support.revision_files import File, changed, random_file, text_of
+from tests.support.revision_files import File, changed, guarded, random_file, text_of
 from tests.support.revision_model import TEAM, FileJob, Identities, may_have
 
 S = 1_000_000
@@ -49,8 +51,11 @@ class Story:
 def story_of(seed: int) -> Story:
     pick = random.Random(f"revisions/{seed}")
     story = Story(seed)
-    add(story, random_file(pick), pick)
-    first = story.files[0]
+    first, is_there_and_back = random_file(pick), pick.random() < 0.3
+    if is_there_and_back:
+        for task in first["global_tasks"].values():
+            task["exclusive"] = pick.random() < 0.4
+    add(story, first, pick)
     robots = sorted(first["robots"])
     for number in range(pick.randint(2, 6)):
         kind = pick.choice(sorted(first["jobs"]))
@@ -65,13 +70,19 @@ def story_of(seed: int) -> Story:
             for more_s, hold in ((0.01, "held"), (25 - at_s, "released")):
                 change = Operate(robot, f"job_hold/{job.id}", hold)
                 story.faults.append((at_s + more_s, change))
-    for number in range(pick.randint(1, 3)):
+    for number in range(2 if is_there_and_back else pick.randint(1, 3)):
         before = story.files[-1] if pick.random() < 0.7 else pick.choice(story.files)
-        version = add(story, changed(before, pick), pick)
-        at_s = 6.0 + 5 * number + pick.uniform(0, 4)
+        if is_there_and_back:
+            after = guarded(first, pick) if not number else copy.deepcopy(first)
+        else:
+            is_back = number and pick.random() < 0.3
+            after = copy.deepcopy(story.files[-2]) if is_back else changed(before, pick)
+        version = add(story, after, pick)
+        at_s = (3.0 + 9 * number if is_there_and_back else 6.0 + 5 * number) + pick.uniform(0, 4)
         text = compile_mission(story.missions[version])
         story.proposed_s.append((at_s, version))
-        story.faults.append((at_s, Revise(pick.choice(robots), text, True)))
+        is_forced = pick.random() < 0.7
+        story.faults.append((at_s, Revise(pick.choice(robots), text, is_forced)))
     if pick.random() < 0.3:
         at_s, robot = pick.uniform(4, 20), pick.choice(robots)
         story.faults += [(at_s, Kill(robot)), (at_s + 6, Restart(robot))]
@@ -105,11 +116,11 @@ def run(story: Story, monkeypatch: pytest.MonkeyPatch, inspect: bool = False) ->
     program.local_task("*")(work)
     program.travel(drive)
     in_force: list[tuple[float, int]] = []
-    revised = RunRecord.revised
+    revise_record = RunRecord.revised
 
     def noted(record: RunRecord, mission: Mission, now_us: int) -> None:
         in_force.append((now_us / S, mission.parameters["version"]))
-        revised(record, mission, now_us)
+        revise_record(record, mission, now_us)
 
     monkeypatch.setattr(RunRecord, "revised", noted)
     result = simulate(
@@ -212,6 +223,12 @@ def test_a_random_revision_keeps_what_the_guide_says(
     assert not found, (seed, found)
 
 
+def only_steps_that_were_never_known(steps: revised._Steps, step: revised._Step) -> list[int]:
+    known = steps._facts.declared.revision
+    first = len(steps._facts.declared.tree.nodes) if known is None else known.next_node
+    return [number for number in steps._now[step] if number >= first]
+
+
 def declared_values_count(parts: revisions._Parts, index: int) -> str:
     kind = type_at(parts._mission, index)
     return repr(kind and (kind.name, kind.parameters))
@@ -220,4 +237,9 @@ def declared_values_count(parts: revisions._Parts, index: int) -> str:
 def test_a_deliberate_bug_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps count as others if the type declares other values."""
     monkeypatch.setattr(revisions._Parts, "_type_name", declared_values_count)
-    assert any(run(story_of(seed), monkeypatch) for seed in (1, 10))
+    assert any(run(story_of(seed), monkeypatch) for seed in (0, 10))
+
+
+def test_steps_that_never_began_must_be_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(revised._Steps, "_fresh_numbers", only_steps_that_were_never_known)
+    assert any(run(story_of(seed), monkeypatch) for seed in (1, 22))

@@ -115,6 +115,14 @@ def changed(file: File, pick: random.Random) -> File:
     return found
 
 
+def guarded(file: File, pick: random.Random) -> File:
+    """Every tree behind a condition that holds: all its steps are others."""
+    found = copy.deepcopy(file)
+    for holder, key, _ in _trees(found):
+        holder[key] = {"Sequence": [{"Condition": pick.choice(CONDITIONS)}, holder[key]]}
+    return found
+
+
 def _trees(file: File) -> list[tuple[Any, Any, bool]]:
     """Where trees are: what has each, under which key, and whether it is that of a type."""
     found: list[tuple[Any, Any, bool]] = [(file["tree"]["Parallel"]["children"], 0, False)]
@@ -204,6 +212,9 @@ def _other_task(file: File, pick: random.Random) -> None:
     change = pick.random()
     if change < 0.5:
         need["max"] = need.get("max", 1) % 3 + 1
+    elif change < 0.65:
+        policy = pick.choice(["simultaneous", "preemptive"])
+        task[policy] = not task.get(policy, False)
     elif change < 0.8:
         task["failure"] = "paper" if task.get("failure") != "paper" else "resilient"
     else:

@@ -114,9 +114,11 @@ class _Reader:
         local = self._file["local_tasks"][split_call(need)[0]]
         at = local.get("at", "").replace("$p", values[0])
         most = bounds.get("max", bounds["min"])
-        policies = task.get("failure", "resilient"), task.get("exclusive", False)
+        is_exclusive = task.get("exclusive", False)
+        others = [task.get(each, False) for each in ("simultaneous", "preemptive")]
+        policies = task.get("failure", "resilient"), is_exclusive, others
         what = (name, values, need, bounds["min"], most, policies, at)
-        return need, most, policies[1], repr(what)
+        return need, most, is_exclusive, repr(what)
 
     def _by_position(self, text: str) -> str:
         for number, name in enumerate(self._parameters, 1):
@@ -224,23 +226,22 @@ class Identities:
         ]
 
     def repeated_by(self, file: File, jobs: Sequence[FileJob]) -> list[str]:
-        """The exclusive steps of these jobs that were done, and that a file begins again."""
-        known, after = len(self.all_steps), self._copy()
+        """The steps of these jobs that a file begins again, of tasks that are or were exclusive:
+        the tree in force lacks them, and the same task was done under whatever guards.
+        """
+        after, present = self._copy(), {identity for identity, _ in self.steps}
         after.take_up(file)
-        present = {identity for identity, _ in after.steps}
         found = []
         for job in jobs:
-            lost = {
-                (step.of(job.argument), step.is_exclusive)
-                for identity, step in self.all_steps.items()
-                if self.done[identity, job.id] and identity not in present
-            }
+            done = [
+                (known.of(job.argument), known.is_exclusive)
+                for identity, known in self.all_steps.items()
+                if self.done[identity, job.id]
+            ]
             for identity, step in after._of(job):
                 name = step.of(job.argument)
-                was_done = {(name, True), (name, step.is_exclusive or None)} & lost
-                if identity >= known and (
-                    was_done or (step.is_exclusive and (name, False) in lost)
-                ):
+                was_done = (name, True) in done or (step.is_exclusive and (name, False) in done)
+                if was_done and identity not in present and not self.done[identity, job.id]:
                     found.append(f"{name} of {job.id}")
         return found
 
