@@ -83,6 +83,7 @@ class Damage:
 class Signature:
     """A signature over all messages before it, the last of which is of `until_us` and has the
     `check`; `content`: what it must be for. `number` is its own. `is_end`: nothing follows it.
+    Without messages before it, `until_us` is its own time, which it signs too.
     """
 
     number: int
@@ -304,9 +305,14 @@ def _joined(parts: list[Recording]) -> Recording:
         return first
     begins = [0, *(state_end(part.records) for part in parts[1:])]
     damage = [each for part in parts for each in part.damage]
+    signed = [each for part in parts for each in part.signatures]
     for part, begin in zip(parts[1:], begins[1:], strict=True):
         if not begin:
             damage.append(Damage(part.metadata.after_number + 1, "it begins without a state"))
+    for part in parts[1:]:
+        if any(each.is_end and each.number <= part.metadata.after_number for each in signed):
+            text = "a part was added behind its signed end"
+            damage.append(Damage(part.metadata.after_number + 1, text))
     rows = [(part.records, begin) for part, begin in zip(parts, begins, strict=True)]
     return replace(
         last,
@@ -314,7 +320,7 @@ def _joined(parts: list[Recording]) -> Recording:
         metadata=first.metadata,
         records=RecordedMessages.joined(rows),
         damage=tuple(damage),
-        signatures=tuple(each for part in parts for each in part.signatures),
+        signatures=tuple(signed),
         parts=tuple(parts),
     )
 
@@ -388,6 +394,8 @@ class _Reading:
         self._check = b""
         self._number = 0
         self._epoch_ns = 0
+        # Whether a signature says that the recording ends with it.
+        self._has_ended = False
         # Behind this byte there are only zeros.
         self._solid = self._end_of_data()
 
@@ -563,6 +571,8 @@ class _Reading:
         self._number = number = number if fits is None else fits
         if fits is None:
             self._say(number, f"the message on {topic} was changed: its check does not fit")
+        if self._has_ended:
+            self._say(number, f"a message on {topic} was added behind its signed end")
         try:
             if topic not in CHANNELS:
                 raise ValueError("there is no such channel")
@@ -582,7 +592,9 @@ class _Reading:
         """Raises ValueError."""
         by, is_end, signature = content["by"], content["end"], read_bytes(content["signature"])
         times_us = self.records.times_us
-        until_us = times_us[-1] if times_us else 0
+        # The first signature is over no message: it proves when it was made.
+        until_us = times_us[-1] if times_us else (at_ns - self._epoch_ns) // 1_000
+        self._has_ended |= is_end
         wanted = signed_content(number - 1, check, is_end, at_ns)
         self.signatures.append(Signature(number, by, until_us, is_end, check, wanted, signature))
 

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording import mcap_file
-from mrbt_mesh.recording.channels import CHANNELS, DROPPED, POSITIONS
+from mrbt_mesh.recording.channels import CHANNELS, DROPPED, POSITIONS, SIGNATURES
+from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import RunMetadata
 from mrbt_mesh.recording.reader import (
     EmptyRecordingError,
@@ -102,6 +103,30 @@ def test_a_file_cut_off_before_its_first_record_is_empty(content: bytes) -> None
         for zeros in TAILS:
             with pytest.raises(EmptyRecordingError, match="cut off before its first record"):
                 parsed(content[:cut] + bytes(zeros))
+
+
+@pytest.mark.parametrize("ends_again", [False, True])
+def test_nothing_follows_a_signed_end(tmp_path: Path, ends_again: bool) -> None:
+    """Whatever is added there, torn or closed, the checks may be right and the time the same."""
+    path, keys = tmp_path / "a.mcap", keys_of("A")["A"]
+    recording, encoder = RecordingWriter(path, BEGUN), MessageEncoder(BEGUN)
+    dropped = {"number": 1, "author": "A", "name": "condition/c"}
+    for topic in (DROPPED, SIGNATURES, DROPPED, SIGNATURES)[: 4 if ends_again else 3]:
+        data = dropped if topic == DROPPED else encoder.sign(keys, True, 0)
+        encoder.encode(topic, 0, data)
+        recording.write(topic, 0, data)
+    recording.close()
+    texts = [(each.number, each.text) for each in parsed(path.read_bytes()).damage]
+    assert texts[0] == (3, "a message on /dropped was added behind its signed end")
+
+
+def test_a_signature_over_nothing_proves_its_own_time(tmp_path: Path) -> None:
+    """The clock of a robot counts from the start of its computer."""
+    path, up_us = tmp_path / "a.mcap", 15_982_000_000
+    recording = RecordingWriter(path, BEGUN, keys=keys_of("A")["A"])
+    recording.flush(up_us)
+    recording.abandon()
+    assert [each.until_us for each in parsed(path.read_bytes()).signatures] == [up_us]
 
 
 def test_zeros_alone_are_an_empty_recording() -> None:

@@ -155,6 +155,16 @@ def without_last_plans(count: int) -> Edit:
     return edit
 
 
+def behind_end(topic: str) -> Edit:
+    """With the last such message once more, behind everything."""
+
+    def edit(file: Recording, cast: Cast) -> Records:
+        again = file.records[_places(file, cast, topic, {})[-1]]
+        return [*file.records, replace(again, at_us=file.records[-1].at_us)]
+
+    return edit
+
+
 def lacking(name: str = "") -> Forge:
     """Without a file."""
 
@@ -261,6 +271,9 @@ FORGERIES: dict[str, Forgery] = {
         in_file(twice(ACTIONS, event="started")),
         RECORD,
         "an action starts, and the end of .* is missing",
+    ),
+    "a message behind the signed end": Forgery(
+        in_file(behind_end(LIFE)), "added behind its signed end", "added behind its signed end"
     ),
     "a robot's file removed": Forgery(lacking(), "B1: no recording of its life", "no recording"),
     "the observer's file removed": Forgery(

@@ -130,8 +130,6 @@ class TeamCheck:
             check.counts["recording_signatures"] += 1
             if not self._is_owners(check.recording.metadata.robot, each):
                 check.add_to(each.number, f"what was recorded before was not signed by {each.by}")
-            elif last is not None and last.is_end:
-                check.add_to(each.number, "it goes on after its end")
             else:
                 last = each
         return last
