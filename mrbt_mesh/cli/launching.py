@@ -70,6 +70,7 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
         raise InputError(
             f"{found.path} is a run {how} keys, and can only be continued so: --insecure"
         )
+    found.remove_summary()
     options = replace(info.options, team=before.team, run=before.run)
     found.save(replace(info, options=options, robots=_in_good_standing(found, info)))
     remember(found)
@@ -166,7 +167,7 @@ async def _run(
         try:
             await team.start_all()
             path, beats = observer_file(run_dir.path), options.record_beats
-            record = RecordTo(path, beats, options.speed, options.keep_bytes)
+            record = RecordTo(path, beats, options.speed, options.keep_bytes, has_summary=True)
             to = record if info.record else None
             address = address_of(run_dir)
             session = Session(address, team, show, views, record=to, overload=too_many, guide=guide)

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 # Of everything here. A reader refuses recordings with another one.
-FORMAT = "5"
+FORMAT = "6"
 
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
 STATUSES, ACTIONS, LIFE, ROBOTS = "/statuses", "/actions", "/life", "/robots"
 ROBOT_TREES = "/robot_trees"
 FAULTS, DEATHS, BEATS = "/faults", "/deaths", "/beats"
-SIGNATURES, HEADS, PARTS = "/signatures", "/heads", "/parts"
+SIGNATURES, HEADS, PARTS, REVOKED = "/signatures", "/heads", "/parts", "/revoked"
 POSITIONS, SCENE, MAP = "/positions", "/scene", "/map"
 
 SCHEMAS = Path(__file__).with_name("foxglove_schemas")

@@ -8,15 +8,20 @@ A long recording goes on in ROBOT.part2.mcap and so on; its first parts may be g
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import itertools
 import os
 import re
-from collections.abc import Iterable
+import stat
+from collections.abc import Iterable, Iterator
 from glob import escape
 from pathlib import Path
 from typing import BinaryIO
 
 # A step writes little; a page of facts is some hundred kilobytes.
 BUFFER_BYTES = 1 << 20
+READ_BYTES = 1 << 16
 FOLDER, OBSERVERS, SUFFIX = "recordings", "run", ".mcap"
 _PART = re.compile(r"\.part([1-9][0-9]{0,8})$")
 
@@ -41,15 +46,33 @@ def open_new(path: Path) -> BinaryIO:
     Its folder is made. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    number = 1
     while True:
-        name = path.name if number == 1 else f"{path.stem}.{number}{path.suffix}"
-        try:
-            if not parts_of(path.with_name(name)):
-                return open(path.with_name(name), "xb", BUFFER_BYTES, opener=_for_owner)
-        except FileExistsError:
-            pass
-        number += 1
+        with contextlib.suppress(FileExistsError):
+            return open_part(next(each for each in _numbered(path) if not parts_of(each)))
+
+
+def open_part(path: Path) -> BinaryIO:
+    """Open a file that is not there yet, for its owner alone. Raises OSError."""
+    return open(path, "xb", BUFFER_BYTES, opener=_for_owner)
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read it. Raises OSError, also for a pipe, to which nobody may ever write."""
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "it is no regular file")
+    return open(path, "rb", READ_BYTES)
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    """The files that the recordings of several processes have, in their order."""
+    yield path
+    for number in itertools.count(2):
+        yield path.with_name(f"{path.stem}.{number}{path.suffix}")
+
+
+def earlier_files(path: Path) -> list[Path]:
+    """The first parts, which may be gone, of the recordings of earlier processes by this name."""
+    return list(itertools.takewhile(parts_of, _numbered(path)))
 
 
 def part_path(path: Path, number: int) -> Path:

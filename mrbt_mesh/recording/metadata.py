@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
@@ -20,6 +20,22 @@ _TRUTH = {"true": True, "false": False}
 _TIMES = tuple(each.name for each in fields(Timing))
 
 
+class NamedRecording(NamedTuple):
+    """What another file says of a recording: it had a message of this number and check (in
+    hexadecimal) then. `name`: of the file of its first part.
+    """
+
+    name: str
+    number: int
+    check: str
+
+
+def parse_named(text: str) -> tuple[NamedRecording, ...]:
+    """Some of them as JSON; raises ValueError, TypeError or RecursionError for anything else."""
+    rows = [(str(name), int(number), str(check)) for name, number, check in json.loads(text)]
+    return tuple(NamedRecording(*row) for row in rows)
+
+
 @dataclass(frozen=True)
 class RunMetadata:
     """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.
@@ -27,6 +43,10 @@ class RunMetadata:
     `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
     are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: by how much
     simulated robots are faster. `is_observed`: what launched the robots records their run too.
+    `has_summary`: this is that record, and its observer writes summary.json at its end.
+
+    `earlier`: the recordings that were there when this one was begun: its owner's earlier ones; of
+    an observer also those of the robots.
 
     A long recording has several parts: `part` is the number of this one, `after_number` and
     `after_check` are those of the last message of the part before, and `kept_from` was the first
@@ -48,6 +68,8 @@ class RunMetadata:
     after_number: int = 0
     after_check: str = ""
     kept_from: int = 1
+    has_summary: bool = False
+    earlier: tuple[NamedRecording, ...] = ()
 
     @property
     def team_digest(self) -> str:
@@ -83,6 +105,8 @@ class RunMetadata:
             "after_check": self.after_check,
             "kept_from": str(self.kept_from),
             "is_observed": str(self.is_observed).lower(),
+            "has_summary": str(self.has_summary).lower(),
+            "earlier": json.dumps(self.earlier),
         }
 
     @staticmethod
@@ -112,6 +136,8 @@ class RunMetadata:
                 int(values["after_number"]),
                 values["after_check"],
                 int(values["kept_from"]),
+                _TRUTH[values["has_summary"]],
+                parse_named(values["earlier"]),
             )
         except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"its metadata are damaged: {error!r}") from None

@@ -172,6 +172,8 @@ class Player:
             self._robot(data["robot"], data, at_us)
         elif record.topic == channels.ROBOT_TREES:
             self._tree_ticked(data["robot"])
+        elif record.topic == channels.REVOKED:
+            self.observer.facts.set_revoked(frozenset(data["robots"]))
         elif record.topic == channels.PLANS and not self.state.is_skipping:
             self._planned(data, at_us)
         elif record.topic == channels.PARTS and self.state.plan is not None:

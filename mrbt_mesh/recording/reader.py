@@ -13,7 +13,8 @@ import re
 import struct
 import weakref
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cache
@@ -34,7 +35,13 @@ from mrbt_mesh.recording.channels import (
     PARTS,
     SIGNATURES,
 )
-from mrbt_mesh.recording.folder import first_part, number_of_part, parts_of
+from mrbt_mesh.recording.folder import (
+    READ_BYTES,
+    first_part,
+    number_of_part,
+    open_regular,
+    parts_of,
+)
 from mrbt_mesh.recording.messages import (
     CHECK_BYTES,
     first_check,
@@ -43,9 +50,8 @@ from mrbt_mesh.recording.messages import (
     signed_content,
     to_json,
 )
-from mrbt_mesh.recording.metadata import RunMetadata
+from mrbt_mesh.recording.metadata import NamedRecording, RunMetadata
 
-BUFFER_BYTES = 1 << 16
 CHECK_LENGTH = len(',"check":""}') + 2 * CHECK_BYTES
 _CHECK = re.compile(rb',"check":"([0-9a-f]{%d})"\}' % (2 * CHECK_BYTES))
 
@@ -163,6 +169,14 @@ class RecordedMessages(Sequence[RecordedMessage]):
         """Those of some channels; the others are not read."""
         return (self[index] for index, topic in enumerate(self.topics) if topic in topics)
 
+    def check_of(self, number: int) -> str:
+        """The check of the message of this number; empty if it is not there."""
+        index = bisect_left(self._numbers, number)
+        if index == len(self) or self._numbers[index] != number:
+            return ""
+        found = _CHECK.search(self._text(index)[-CHECK_LENGTH:])
+        return found[1].decode() if found is not None else ""
+
     def _text(self, index: int) -> bytes:
         index %= len(self)
         begin = max(each for each in self._files if each <= index)
@@ -242,6 +256,16 @@ class Recording:
         """The name of the file with the message of this number."""
         names = (each.name for each in self.parts if each.metadata.after_number < number)
         return [self.name, *names][-1]
+
+    def has(self, number: int, check: str) -> bool:
+        """Whether it has the message of this number and check; that before the first one is over
+        the metadata.
+        """
+        if self.parts:
+            return any(part.has(number, check) for part in self.parts)
+        if number == self.metadata.after_number:
+            return first_check(self.metadata.to_values()).hex() == check
+        return self.records.check_of(number) == check
 
     @property
     def begins_late(self) -> str:
@@ -330,9 +354,34 @@ def state_end(records: RecordedMessages) -> int:
     return records.topics.index(PARTS) + 1 if PARTS in records.topics else 0
 
 
+def named(files: Iterable[Path], run: str) -> tuple[NamedRecording, ...]:
+    """How far the recordings with these first parts, which may be gone, have been written; those
+    of other runs, and that hold nothing or cannot be read, are left out. Nothing but their last
+    messages is read.
+    """
+    found = []
+    for path in files:
+        for part in reversed(parts_of(path)):
+            last = _last_message(part, run)
+            if last is not None:
+                found.append(NamedRecording(path.name, last[0], last[1].hex()))
+                break
+    return tuple(found)
+
+
+def _last_message(path: Path, run: str) -> tuple[int, bytes] | None:
+    try:
+        reading = _Reading(open_regular(path), checks_schemas=False)
+        reading.skip()
+    except (OSError, struct.error, ValueError):
+        return None
+    is_of_run = reading.metadata is not None and reading.metadata.get("run") == run
+    return reading.last if is_of_run else None
+
+
 def _read_file(path: Path, checks_schemas: bool) -> Recording:
     try:
-        file = path.open("rb", buffering=BUFFER_BYTES)
+        file = open_regular(path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
     return _read(file, path, checks_schemas)
@@ -407,7 +456,7 @@ class _Reading:
     def _end_of_data(self) -> int:
         end = self.size
         while end:
-            begin = max(0, end - BUFFER_BYTES)
+            begin = max(0, end - READ_BYTES)
             self._file.seek(begin)
             found = self._file.read(end - begin).rstrip(b"\0")
             if found:
@@ -439,6 +488,24 @@ class _Reading:
         ):
             self.note_damage_at(end)
         return end
+
+    def skip(self) -> None:
+        """Go to the last whole message; those before it are not read."""
+        begin, frame, last = self._begin(), mcap_file.FRAME, (0, 0)
+        while self.metadata is not None and begin + frame.size <= self._solid:
+            self._file.seek(begin)
+            opcode, length = frame.unpack(self._file.read(frame.size))
+            end = begin + frame.size + length
+            if opcode != mcap_file.MESSAGE or end > self._solid:
+                break
+            last, begin = (begin + frame.size, length), end
+        if last[1]:
+            self._file.seek(last[0])
+            content = self._file.read(last[1])
+            found = _CHECK.search(content[-CHECK_LENGTH:])
+            if found is not None:
+                self._number = mcap_file.MESSAGE_FIELDS.unpack_from(content)[1]
+                self._check = bytes.fromhex(found[1].decode())
 
     def note_damage_at(self, place: int) -> None:
         """Nothing is understood from this byte on, though more was written."""
@@ -531,7 +598,7 @@ class _Reading:
         self._file.seek(place)
         before = b""
         # The file may have grown since.
-        while block := self._file.read(min(BUFFER_BYTES, self.size - self._file.tell())):
+        while block := self._file.read(min(READ_BYTES, self.size - self._file.tell())):
             if _CHECK.search(before + block) is not None:
                 return True
             before = block[-CHECK_LENGTH:]

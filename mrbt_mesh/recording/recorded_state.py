@@ -65,9 +65,8 @@ class RecordedState:
                 if self.facts.map.get(data["author"], data["name"]) is None:
                     raise ValueError(f"{data['author']}'s {data['name']} is dropped, but not there")
                 self.facts.map.drop(data["author"], data["name"])
-            case channels.ALIVE:
-                alive = data["robots"].items()
-                self.alive = {robot: read_incarnation(text) for robot, text in alive}
+            case channels.ALIVE | channels.REVOKED:
+                self._members(record.topic, data)
             case channels.PLANS:
                 self.plan = data
             case channels.STATUSES:
@@ -83,6 +82,14 @@ class RecordedState:
             case channels.POSITIONS:
                 self._moved(data)
         return None
+
+    def _members(self, topic: str, data: Mapping[str, Any]) -> None:
+        """Who counts for plans, and who not any more."""
+        if topic == channels.ALIVE:
+            alive = data["robots"].items()
+            self.alive = {robot: read_incarnation(text) for robot, text in alive}
+        else:
+            self.facts.set_revoked(frozenset(data["robots"]))
 
     def _robot(self, topic: str, data: Mapping[str, Any]) -> None:
         if topic == channels.ROBOTS:
@@ -135,6 +142,7 @@ class RecordedState:
         """All of it as plain data."""
         return {
             **team_state(self.facts, self.alive, self.plan),
+            "revoked": sorted(self.facts.revoked),
             "statuses": self.statuses,
             "action": None if self.action is None else {**self.action, "percent": self.percent},
             "robots": {robot: self.robots[robot] for robot in sorted(self.robots)},

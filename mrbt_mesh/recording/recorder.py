@@ -32,6 +32,7 @@ class Recorder:
         self._use(mission)
         self._plans = 0
         self._alive: dict[str, Incarnation] = {}
+        self._revoked: frozenset[str] = frozenset()
         self._heads: dict[str, RecordingHead] = {}
         self._changes = 0
         # Whether the last plan is that of the facts and the alive set as they are.
@@ -53,6 +54,7 @@ class Recorder:
         if self._facts.declared is not self._mission:
             self._use(self._facts.declared)
         self._is_settled = False
+        self._add_revoked()
         for old, new in changes:
             self._changes += 1
             topic = channels.DROPPED if new is None else channels.FACTS
@@ -61,6 +63,13 @@ class Recorder:
     def _add(self, topic: str, data: Mapping[str, Any]) -> None:
         """Note a message between the changes of facts around it."""
         self._waiting.append((topic, 0, data))
+
+    def _add_revoked(self) -> None:
+        """Note whose facts say nothing any more, before what follows from that."""
+        if self._facts.revoked != self._revoked:
+            self._revoked = self._facts.revoked
+            self._is_settled = False
+            self._add(channels.REVOKED, {"robots": sorted(self._revoked)})
 
     def _add_alive(self, alive: Mapping[str, Incarnation]) -> None:
         """Note the alive set, if it is another one."""
@@ -71,6 +80,7 @@ class Recorder:
 
     def _add_plan(self, plan: Plan, alive: Mapping[str, Incarnation]) -> None:
         """Note a plan, and the alive set that it was made for."""
+        self._add_revoked()
         self._add_alive(alive)
         self._plans += 1
         digest = self._facts.map.digest()

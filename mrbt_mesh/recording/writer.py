@@ -30,7 +30,7 @@ from mrbt_mesh.recording.channels import (
     SCENE,
     SIGNATURES,
 )
-from mrbt_mesh.recording.folder import BUFFER_BYTES, open_new, part_path
+from mrbt_mesh.recording.folder import open_new, open_part, part_path
 from mrbt_mesh.recording.messages import MessageEncoder, pack_fact
 from mrbt_mesh.recording.metadata import RunMetadata
 
@@ -166,7 +166,7 @@ class RecordingWriter:
         self._kept[number] = self._file.tell()
         self._file.close()
         obsolete = self._obsolete()
-        self._file = part_path(self._first, number + 1).open("xb", buffering=BUFFER_BYTES)
+        self._file = open_part(part_path(self._first, number + 1))
         metadata = replace(
             self._metadata,
             part=number + 1,

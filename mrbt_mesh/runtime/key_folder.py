@@ -23,6 +23,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import open_regular
 from mrbt_mesh.runtime.member_keys import (
     PUBLIC_BYTES,
     SECRET_BYTES,
@@ -145,7 +146,8 @@ class KeyFolder:
     def manifest(self, authority: bytes | None = None) -> Manifest:
         """The manifest; raises ManifestError if it is not signed by this authority."""
         try:
-            text = self.manifest_path.read_text()
+            with open_regular(self.manifest_path) as file:
+                text = file.read().decode()
         except (OSError, UnicodeDecodeError):
             raise KeysError(
                 f"{self.path} holds no {MANIFEST_FILE}: make a team's keys with `mrbt keys init`"

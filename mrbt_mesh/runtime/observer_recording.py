@@ -8,8 +8,10 @@ from pathlib import Path
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import earlier_files, first_parts, robot_files
 from mrbt_mesh.recording.metadata import OBSERVER, RunMetadata
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder
+from mrbt_mesh.recording.reader import named
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES
@@ -21,12 +23,14 @@ class RecordTo:
     """Where an observer records; with `beats` also every heartbeat.
 
     `speed`: how many times faster simulated robots work. `limit_bytes`: the recording ends there.
+    `has_summary`: the observer writes summary.json at the end of the run.
     """
 
     path: Path
     beats: bool = False
     speed: float = 1.0
     limit_bytes: int = DEFAULT_KEEP_BYTES
+    has_summary: bool = False
 
 
 def observer_recording(
@@ -38,7 +42,15 @@ def observer_recording(
     """Begin to record what an observer hears; raises InputError if that cannot be."""
     if to is None:
         return None
-    metadata = replace(observer_metadata(observer, run, keys is not None), speed=to.speed)
+    metadata = replace(
+        observer_metadata(observer, run, keys is not None),
+        speed=to.speed,
+        has_summary=to.has_summary,
+        earlier=named(
+            [*earlier_files(to.path), *first_parts(robot_files(to.path.parent))],
+            run,
+        ),
+    )
     try:
         writer = RecordingWriter(to.path, metadata, to.limit_bytes, beats=to.beats, keys=keys)
     except OSError as error:

@@ -13,7 +13,9 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.recording.folder import earlier_files
 from mrbt_mesh.recording.metadata import RunMetadata
+from mrbt_mesh.recording.reader import named
 from mrbt_mesh.recording.recorder import Recorder
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
@@ -70,6 +72,7 @@ def robot_recording(
         has_keys=config.keys is not None,
         speed=options.speed,
         is_observed=options.while_locked is not None,
+        earlier=named(earlier_files(path), config.run),
     )
     try:
         writer = RecordingWriter(path, metadata, options.keep_bytes, beats=beats, keys=config.keys)

@@ -49,6 +49,7 @@ from mrbt_mesh.runtime.robot_options import RobotOptions
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
+SIGNATURE_FILE = "summary.signature"
 REVISION_FILE = "revision.json"
 DEATHS_FILE, COMMANDS_FILE = "deaths.json", "commands.jsonl"
 _STATE = "MRBT_STATE_DIR"
@@ -360,6 +361,15 @@ class RunDir:
         except (OSError, ValueError):
             return None
         return data if is_of_now else None
+
+    def remove_summary(self) -> None:
+        """The run goes on: it has no end any more. Raises RunDirError."""
+        for name in (SUMMARY_FILE, SIGNATURE_FILE):
+            try:
+                (self.path / name).unlink(missing_ok=True)
+            except OSError as error:
+                text = f"{self.path / name} cannot be removed: {error.strerror or error}"
+                raise RunDirError(text) from error
 
     def write_summary(self, summary: Mapping[str, Any]) -> None:
         """Write summary.json; raises RunDirError."""

@@ -1,5 +1,5 @@
 """The signature of a run's summary.json, by the observer that wrote it; it also covers how many
-commands had been noted then.
+commands had been noted then, and the recordings that were there.
 """
 
 from __future__ import annotations
@@ -8,18 +8,20 @@ import json
 from dataclasses import dataclass
 
 from mrbt_mesh.core.membership.keys import Keys, Role
+from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
+from mrbt_mesh.recording.metadata import NamedRecording, parse_named
+from mrbt_mesh.recording.reader import named
 from mrbt_mesh.runtime.command_log import head_of, read_commands
 from mrbt_mesh.runtime.key_folder import KeyFolder
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
 from mrbt_mesh.runtime.run_dir import (
     COMMANDS_FILE,
+    SIGNATURE_FILE,
     SUMMARY_FILE,
     RunDir,
     RunDirError,
     write_atomically,
 )
-
-SIGNATURE_FILE = "summary.signature"
 
 
 def sign_summary(run_dir: RunDir) -> None:
@@ -31,43 +33,59 @@ def sign_summary(run_dir: RunDir) -> None:
     try:
         summary = (run_dir.path / SUMMARY_FILE).read_bytes()
         commands = head_of(read_commands(run_dir.path / COMMANDS_FILE))
-        write_atomically(path, signature_of(keys, run_dir.info().run, summary, commands))
+        files = first_parts([*observer_files(run_dir.path), *robot_files(run_dir.path)])
+        run = run_dir.info().run
+        covered = Covered(run, commands, named(files, run))
+        write_atomically(path, signature_of(keys, summary, covered))
     except OSError as error:
         raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error
 
 
 @dataclass(frozen=True)
+class Covered:
+    """What is signed beside the summary: the run, the hash of the last command noted then, and how
+    far the recordings in the run directory had been written.
+    """
+
+    run: str
+    commands: str = ""
+    recordings: tuple[NamedRecording, ...] = ()
+
+    def content(self, summary: bytes) -> bytes:
+        """What is signed."""
+        text = json.dumps([self.run, self.commands, self.recordings])
+        return b"mrbt summary\0" + text.encode() + b"\0" + summary
+
+
+@dataclass(frozen=True)
 class SignedSummary:
-    """What the signature's file has: `commands` is the hash of the last command noted then."""
+    """What the signature's file has."""
 
     by: str
-    commands: str
+    covered: Covered
     signature: bytes
 
-    def is_for(self, manifest: Manifest, run: str, summary: bytes) -> bool:
-        """Whether an operator or observer of the team has signed this summary of this run."""
-        content = _content(run, summary, self.commands)
+    def is_for(self, manifest: Manifest, summary: bytes) -> bool:
+        """Whether an operator or observer of the team has signed this summary."""
+        content = self.covered.content(summary)
         roles = (Role.OPERATOR, Role.OBSERVER)
         return any(was_signed(manifest, self.by, content, self.signature, role) for role in roles)
 
 
-def signature_of(keys: Keys, run: str, summary: bytes, commands: str = "") -> str:
+def signature_of(keys: Keys, summary: bytes, covered: Covered) -> str:
     """The content of the signature's file."""
-    signature = keys.sign(_content(run, summary, commands)).hex()
-    return json.dumps({"by": keys.name, "commands": commands, "signature": signature}) + "\n"
+    signature = keys.sign(covered.content(summary)).hex()
+    data = {"by": keys.name, "commands": covered.commands, "recordings": covered.recordings}
+    return json.dumps({**data, "signature": signature}) + "\n"
 
 
-def parse_signature(text: str) -> SignedSummary:
+def parse_signature(text: str, run: str) -> SignedSummary:
     """The inverse of `signature_of`; raises ValueError."""
     try:
         data = json.loads(text)
-        found = SignedSummary(
-            str(data["by"]), str(data["commands"]), bytes.fromhex(data["signature"])
-        )
+        recordings = parse_named(json.dumps(data["recordings"]))
+        covered = Covered(run, str(data["commands"]), recordings)
+        found = SignedSummary(str(data["by"]), covered, bytes.fromhex(data["signature"]))
     except (TypeError, KeyError, RecursionError) as error:
         raise ValueError(f"it is malformed: {error!r}") from None
     return found
-
-
-def _content(run: str, summary: bytes, commands: str) -> bytes:
-    return b"mrbt summary\0" + json.dumps([run, commands]).encode() + b"\0" + summary

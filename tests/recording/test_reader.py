@@ -84,10 +84,10 @@ def test_metadata_that_say_something_strange(tmp_path: Path, field: str, text: s
 
 def test_another_format_is_refused(content: bytes) -> None:
     changed = content.replace(
-        b"\x06\x00\x00\x00format\x01\x00\x00\x005", b"\x06\x00\x00\x00format\x01\x00\x00\x009"
+        b"\x06\x00\x00\x00format\x01\x00\x00\x006", b"\x06\x00\x00\x00format\x01\x00\x00\x009"
     )
     assert changed != content
-    with pytest.raises(RecordingError, match="its format is 9, this version of mrbt reads 5"):
+    with pytest.raises(RecordingError, match="its format is 9, this version of mrbt reads 6"):
         parse_recording(changed, Path("x"))
 
 

@@ -112,7 +112,8 @@ class TeamFacts:
         # Robots that an earlier mission named, and the one in force does not: they have left.
         self.removed_robots: frozenset[str] = frozenset()
         self._begin(mission)
-        self._revoked: frozenset[str] = frozenset()
+        # Authors whose facts say nothing: see `set_revoked`.
+        self.revoked: frozenset[str] = frozenset()
         self.map.subscribe(self._index)
 
     def _begin(self, mission: Mission) -> None:
@@ -159,9 +160,9 @@ class TeamFacts:
 
     def set_revoked(self, authors: frozenset[str]) -> None:
         """Facts of these authors, whose keys were revoked, say nothing from now on."""
-        if authors == self._revoked:
+        if authors == self.revoked:
             return
-        self._revoked = authors
+        self.revoked = authors
         self.revisions = Revisions()
         self._begin(self.declared)
         self.changes += 1
@@ -514,7 +515,7 @@ class TeamFacts:
         if self.declared.revision is not None and new.parts[0] not in records.MISSION_KINDS:
             record = believed(new, self.declared, self.run)
             self._see_stamp(new)
-        if new.author in self._revoked:
+        if new.author in self.revoked:
             record = None
         if record is None:
             if old is not None and was_believed:

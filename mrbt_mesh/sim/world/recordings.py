@@ -7,9 +7,10 @@ from pathlib import Path
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.recording.folder import observer_file, robot_file
+from mrbt_mesh.recording.folder import earlier_files, observer_file, robot_file
 from mrbt_mesh.recording.metadata import OBSERVER, RunMetadata
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder
+from mrbt_mesh.recording.reader import named
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.sim.world.setup import Setup
@@ -32,7 +33,13 @@ class Recordings:
         found = RunMetadata.of(setup.mission, robot, setup.run, setup.timing, 0, __version__)
         keys = setup.agents.keys.get(robot)
         has_keys = keys is not None
-        metadata = replace(found, speed=setup.speed, has_keys=has_keys, is_observed=True)
+        metadata = replace(
+            found,
+            speed=setup.speed,
+            has_keys=has_keys,
+            is_observed=True,
+            earlier=named(earlier_files(path), setup.run),
+        )
         return RecordingWriter(path, metadata, setup.agents.record_limit_bytes, keys=keys)
 
     def begin(self, view: AgentView, now_us: int) -> RobotRecorder:

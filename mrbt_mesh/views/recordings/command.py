@@ -29,7 +29,7 @@ from mrbt_mesh.cli.options import (
 from mrbt_mesh.plugins import require
 
 file_argument = click.argument("file", metavar="FILE.mcap", type=PATH, help="A recording.")
-GAPS = ("unsigned", "robot", "observer", "end", "summary", "commands")
+GAPS = ("unsigned", "robot", "observer", "named", "end", "summary", "commands")
 WHAT_IF = tuple(name for name in FAULTS if name != "performance")
 
 

@@ -17,10 +17,11 @@ from mrbt_mesh.runtime.run_dir import (
     KEYS_FOLDER,
     MISSION_FILE,
     REVISION_FILE,
+    SIGNATURE_FILE,
     SUMMARY_FILE,
 )
-from mrbt_mesh.runtime.summary_signature import SIGNATURE_FILE, parse_signature
-from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
+from mrbt_mesh.runtime.summary_signature import parse_signature
+from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary, missing_summary
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
 _CHECKED = {
@@ -86,6 +87,8 @@ def check_files(
     if files.summary is not None:
         contradictions, gaps = check_summary(files.summary, recordings, manifest)
         findings += contradictions
+    elif manifest is not None:
+        gaps += missing_summary(recordings)
     run, team_digest = recordings[0].metadata.run, recordings[0].metadata.team_digest
     for name, text in files.missions.items():
         findings += [_finding(name, each) for each in _mission(name, text, team_digest, missions)]
@@ -96,7 +99,7 @@ def check_files(
         if each.problem
     ]
     if manifest is not None:
-        findings += [_finding(COMMANDS_FILE, each) for each in _end_of_commands(files)]
+        findings += [_finding(COMMANDS_FILE, each) for each in _end_of_commands(files, run)]
         gaps += _unsigned(noted)
     return findings, gaps, noted
 
@@ -117,15 +120,15 @@ def _mission(name: str, text: str, team_digest: str, missions: Collection[str]) 
         yield "it is no revision of the mission that was in force in the recordings"
 
 
-def _end_of_commands(files: RunDirFiles) -> Iterator[str]:
+def _end_of_commands(files: RunDirFiles, run: str) -> Iterator[str]:
     """The summary's signature has the last line that was there then."""
     if files.summary is None or not files.summary.signature:
         return
     try:
-        signed = parse_signature(files.summary.signature)
+        signed = parse_signature(files.summary.signature, run)
     except ValueError:
         return  # a finding of the summary
-    if signed.commands not in heads(files.commands):
+    if signed.covered.commands not in heads(files.commands):
         yield f"it lacks lines that were there when {SUMMARY_FILE} was signed"
 
 

@@ -30,7 +30,7 @@ from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedF
 
 # How many plans are kept: robots make the same one at about the same time.
 KEPT_PLANS = 200
-_Cause = tuple[bytes, tuple[tuple[str, Incarnation], ...]]
+_Cause = tuple[bytes, frozenset[str], tuple[tuple[str, Incarnation], ...]]
 
 
 class PlanAgain:
@@ -42,7 +42,7 @@ class PlanAgain:
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
         """The plan for these facts, with these robots alive."""
-        key = (facts.map.digest(), tuple(sorted(alive.items())))
+        key = (facts.map.digest(), facts.revoked, tuple(sorted(alive.items())))
         if key not in self._made:
             self._made[key] = make_plan(facts, alive, default_solver)
             if len(self._made) > KEPT_PLANS:

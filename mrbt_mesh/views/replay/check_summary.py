@@ -11,6 +11,7 @@ from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError
 from mrbt_mesh.runtime.member_keys import Manifest
 from mrbt_mesh.runtime.summary_signature import parse_signature
+from mrbt_mesh.views.replay.check_named import check_named, not_covered
 from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
 
 FILE = "summary.json"
@@ -31,13 +32,15 @@ def check_summary(
     is signed, in a team with keys.
     """
     findings, gaps = [], []
-    run = recordings[0].metadata.run
     if manifest is not None and not summary.signature:
         text = "it has no signature"
         gaps.append(Gap(GapKind.SUMMARY, FILE, text, "give summary.signature as it was written"))
-    elif manifest is not None and not _is_signed(manifest, run, summary):
-        text = "it is not what was signed in summary.signature"
-        findings.append(RecordingFinding(FILE, 0, 0, text))
+    elif manifest is not None:
+        for each in _signed(summary, recordings, manifest):
+            if isinstance(each, Gap):
+                gaps.append(each)
+            else:
+                findings.append(each)
     observers = [each for each in recordings if not each.metadata.robot]
     if len(observers) == 1:
         for text in _differing(summary.content, observers[0]):
@@ -45,11 +48,31 @@ def check_summary(
     return findings, gaps
 
 
-def _is_signed(manifest: Manifest, run: str, summary: SummaryFile) -> bool:
+def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
+    """There must be one if its observer has come to its end."""
+    for each in recordings:
+        if each.metadata.has_summary and any(signed.is_end for signed in each.signatures):
+            text = f"it is missing, and was written at the end of {each.name}"
+            yield Gap(GapKind.SUMMARY, FILE, text, "give it, with summary.signature")
+
+
+def _signed(
+    summary: SummaryFile, recordings: Sequence[Recording], manifest: Manifest
+) -> Iterator[Gap | RecordingFinding]:
+    """It is what was signed, at the end of the newest recordings and with all that are named."""
     try:
-        return parse_signature(summary.signature).is_for(manifest, run, summary.content)
+        found = parse_signature(summary.signature, recordings[0].metadata.run)
+        is_signed = found.is_for(manifest, summary.content)
     except ValueError:
-        return False
+        is_signed = False
+    if not is_signed:
+        text = "it is not what was signed in summary.signature"
+        yield RecordingFinding(FILE, 0, 0, text)
+        return
+    yield from check_named(FILE, found.covered.recordings, recordings)
+    for each in not_covered(found.covered, recordings):
+        text = "it is of an earlier end of the run: it was signed before this recording began"
+        yield RecordingFinding(FILE, 0, 0, text, (each.name,))
 
 
 def _differing(content: bytes, recording: Recording) -> Iterator[str]:
@@ -71,5 +94,5 @@ def _differing(content: bytes, recording: Recording) -> Iterator[str]:
         for task, row in recorded["global_tasks"].items():
             if tasks[task] != row:
                 yield f"{task} is {tasks[task]}, in the recording {row}"
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         yield f"it is malformed: {error!r}"

@@ -16,8 +16,9 @@ from mrbt_mesh.recording.messages import read_incarnation
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, Signature
 from mrbt_mesh.recording.writer import SIGN_US
 from mrbt_mesh.runtime.member_keys import Manifest, was_signed
+from mrbt_mesh.views.replay.check_named import check_named
 from mrbt_mesh.views.replay.check_recording import RecordingCheck
-from mrbt_mesh.views.replay.findings import Gap, GapKind, ProvedRecording
+from mrbt_mesh.views.replay.findings import Gap, GapKind, ProvedRecording, RecordingFinding
 
 _WITHOUT = "start the team without --insecure (simulated runs have no keys)"
 _WITHOUT_KEYS = "give --keys, a folder with the team's manifest"
@@ -33,6 +34,7 @@ class TeamCheck:
     manifest: Manifest | None
     proved: list[ProvedRecording] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
+    findings: list[RecordingFinding] = field(default_factory=list)
 
     def run(self) -> None:
         """Find what is proved, and what is not."""
@@ -41,9 +43,11 @@ class TeamCheck:
             remedy = _WITHOUT_KEYS if has_keys else _WITHOUT
             self._gap(GapKind.UNSIGNED, "all recordings", "no signature was checked", remedy)
         self._doubled()
+        self._earlier()
         for check in self.checks:
             self._name(check)
             self._parts(check.recording)
+            self._revoked(check)
             self._recording(check)
         metadata = [check.recording.metadata for check in self.checks]
         if all(each.robot for each in metadata) and any(each.is_observed for each in metadata):
@@ -78,6 +82,18 @@ class TeamCheck:
                     check.add_to(0, text)
                     break
 
+    def _earlier(self) -> None:
+        """Those that were there when others began: each is named once."""
+        recordings, known = [check.recording for check in self.checks], set[str]()
+        for recording in recordings:
+            for each in check_named(recording.name, recording.metadata.earlier, recordings):
+                if isinstance(each, Gap):
+                    if each.of not in known:
+                        self.gaps.append(each)
+                    known.add(each.of)
+                else:
+                    self.findings.append(each)
+
     def _parts(self, recording: Recording) -> None:
         """Parts that were kept when the last one began, and are not here."""
         last = recording.parts[-1].metadata if recording.parts else recording.metadata
@@ -86,6 +102,15 @@ class TeamCheck:
                 f"part {last.kept_from} of it is missing: it was kept when part {last.part} began"
             )
             self._gap(GapKind.END, recording.name, text, "give all its parts")
+
+    def _revoked(self, check: RecordingCheck) -> None:
+        """Only the manifest revokes a key; one that has another key since was replaced."""
+        members = self.manifest.members if self.manifest is not None else {}
+        for each in check.recording.records.of(channels.REVOKED) if members else ():
+            for robot in each.data["robots"]:
+                member = members.get(robot)
+                if member is not None and not member.is_revoked and not member.former:
+                    check.add(each, f"the key of {robot} was not revoked")
 
     # -- one recording --------------------------------------------------------------------------
 
@@ -154,18 +179,19 @@ class TeamCheck:
             remedy = "give the whole file; what the power or a full disk cut off is lost"
             self._gap(GapKind.END, recording.name, _with_torn(text, recording), remedy)
             return "no end"
-        at_us, by = found[0]
+        at_us, by, begun_us = found[0]
         timing = recording.metadata.timing
-        silent_us = at_us - last_us - timing.max_detection_us - SIGN_US
-        if silent_us > CLOCKS_US:
-            text = f"it ends {(at_us - last_us) / 1e6:.1f} s before {by} noticed the end of {robot}"
+        # One that began later has not looked before: all may have ended at once.
+        silent_us = at_us - max(last_us, begun_us)
+        if silent_us - timing.max_detection_us - SIGN_US > CLOCKS_US:
+            text = f"it ends {silent_us / 1e6:.1f} s before {by} noticed the end of {robot}"
             self._gap(GapKind.END, recording.name, text, "give the whole file")
         at_s = (at_us - _unix_us(recording, recording.begin_us)) / 1e6
-        others = ", ".join(sorted({name for _, name in found}))
+        others = ", ".join(sorted({name for _, name, _ in found}))
         return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
 
-    def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str]]:
-        """(Unix time, file): other recordings in which this life of a robot is over."""
+    def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str, int]]:
+        """(Unix time, file, when that began): others in which this life of a robot is over."""
         robot = recording.metadata.robot
         for check in self.checks:
             other = check.recording
@@ -184,7 +210,8 @@ class TeamCheck:
                     # When it was noticed is not known if that was in a part that is not kept.
                     is_known = each.number > check.state_until
                     end_us = _unix_us(recording, recording.records[-1].at_us)
-                    yield _unix_us(other, each.at_us) if is_known else end_us, other.name
+                    at_us = _unix_us(other, each.at_us) if is_known else end_us
+                    yield at_us, other.name, _unix_us(other, other.begin_us)
                     break
 
     # -- what robots have said of their recordings --------------------------------------------

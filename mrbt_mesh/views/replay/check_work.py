@@ -16,6 +16,8 @@ from mrbt_mesh.views.replay.checked_recording import CheckedRecording
 from mrbt_mesh.views.replay.findings import ProvedTakeover
 
 Place = tuple[str, str]
+# What plans follow from.
+_CAUSES = (channels.FACTS, channels.DROPPED, channels.ALIVE, channels.REVOKED)
 
 
 class WorkCheck:
@@ -57,7 +59,7 @@ class WorkCheck:
         if record.at_us != self._step_us:
             self._step_us, self._held = record.at_us, self._claimed_place()
         is_own = record.data.get("author") == self._me and record.data.get("name") == CLAIM
-        changes = record.topic in (channels.FACTS, channels.DROPPED, channels.ALIVE)
+        changes = record.topic in _CAUSES
         if self._planned is not None and changes and not is_own:
             planned, self._planned = self._planned, None
             if record.at_us > planned.at_us:

@@ -47,13 +47,14 @@ class ProvedRecording:
 
 
 class GapKind(enum.StrEnum):
-    """What is not proved: signatures, a robot's recording, the observer's, an end, summary.json,
-    commands.jsonl.
+    """What is not proved: signatures, a robot's recording, the observer's, one that other files
+    name, an end, summary.json, commands.jsonl.
     """
 
     UNSIGNED = "unsigned"
     ROBOT = "robot"
     OBSERVER = "observer"
+    NAMED = "named"
     END = "end"
     SUMMARY = "summary"
     COMMANDS = "commands"

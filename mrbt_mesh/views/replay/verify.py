@@ -61,7 +61,7 @@ def verify(
         check.add(fact, f"{fact.author}'s {fact.name} is written before the time for it")
     team = TeamCheck(checks, manifest)
     team.run()
-    findings = [each for check in checks for each in check.findings]
+    findings = [*team.findings, *(each for check in checks for each in check.findings)]
     commands: Sequence[NotedCommand] = ()
     if files is not None:
         missions = {each.metadata.mission_digest for each in recordings}

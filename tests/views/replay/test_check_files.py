@@ -12,7 +12,7 @@ from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.runtime.command_log import head_of
 from mrbt_mesh.runtime.member_keys import Manifest
-from mrbt_mesh.runtime.summary_signature import signature_of
+from mrbt_mesh.runtime.summary_signature import Covered, signature_of
 from mrbt_mesh.views.replay.check_files import RunDirFiles, read_run_dir_files
 from mrbt_mesh.views.replay.check_summary import SummaryFile
 from mrbt_mesh.views.replay.findings import GapKind
@@ -34,7 +34,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 def files_of(run: Run, commands: bytes | None, signed: bytes | None) -> RunDirFiles:
     """With a summary that was signed when the commands were `signed`."""
     key = keys_of("R1", "R2", observer="eye")["eye"]
-    text = signature_of(key, run[0][0].metadata.run, run[2], head_of(signed))
+    text = signature_of(key, run[2], Covered(run[0][0].metadata.run, head_of(signed)))
     mission = {"mission.json": compile_mission(example("explore")[0])}
     return RunDirFiles(SummaryFile(run[2], text), commands, mission)
 
@@ -82,3 +82,15 @@ def test_files_that_nothing_signs_are_named(run: Run, tmp_path: Path) -> None:
     verdict = verify(*run[:2], files)
     assert verdict.no_evidence == files.others
     assert any("the end of commands.jsonl is not proved" in each for each in verdict.notes)
+
+
+def test_a_summary_that_was_written_is_missed(run: Run) -> None:
+    recordings, manifest, _ = run
+    observer = recordings[-1]
+    ended = replace(observer, metadata=replace(observer.metadata, has_summary=True))
+    assert found(run, RunDirFiles()) == []
+    verdict = verify([*recordings[:-1], ended], manifest, RunDirFiles())
+    assert [(gap.kind, gap.of) for gap in verdict.gaps] == [(GapKind.SUMMARY, "summary.json")]
+    killed = replace(ended, signatures=())
+    gaps = verify([*recordings[:-1], killed], manifest, RunDirFiles()).gaps
+    assert GapKind.SUMMARY not in [gap.kind for gap in gaps]

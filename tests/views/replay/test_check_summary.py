@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.recording.reader import Recording
+from mrbt_mesh.recording.metadata import NamedRecording
+from mrbt_mesh.recording.reader import Recording, named
 from mrbt_mesh.runtime.member_keys import Manifest
-from mrbt_mesh.runtime.summary_signature import signature_of
+from mrbt_mesh.runtime.summary_signature import Covered, signature_of
 from mrbt_mesh.views.replay.check_files import RunDirFiles
 from mrbt_mesh.views.replay.check_summary import SummaryFile
 from mrbt_mesh.views.replay.verify import verify
@@ -31,7 +33,14 @@ def found(run: Run, content: bytes, signature: str) -> list[str]:
 
 
 def signed(run: Run, content: bytes, by: str = "eye") -> str:
-    return signature_of(keys_of("R1", "R2", observer="eye")[by], run[0][0].metadata.run, content)
+    return covering(run, content, (), by)
+
+
+def covering(
+    run: Run, content: bytes, recordings: tuple[NamedRecording, ...], by: str = "eye"
+) -> str:
+    covered = Covered(run[0][0].metadata.run, "", recordings)
+    return signature_of(keys_of("R1", "R2", observer="eye")[by], content, covered)
 
 
 def test_a_signed_summary_is_proved(run: Run) -> None:
@@ -54,3 +63,29 @@ def test_a_stolen_key_does_not_hide_another_result(run: Run) -> None:
     assert "its result is failure, that of the recording success" in text
     (text,) = found(run, b"{}", signed(run, b"{}"))
     assert "it is malformed" in text
+
+
+def test_a_summary_of_an_earlier_end_is_named(run: Run) -> None:
+    """With its honest signature, beside the recordings of the run that went on."""
+    recordings, manifest, content = run
+    *robots, observer = recordings
+    at_end = named([each.path for each in recordings], observer.metadata.run)
+    assert found(run, content, covering(run, content, at_end)) == []
+    earlier = replace(observer.metadata, earlier=at_end[:1])
+    later = [*robots, replace(observer, metadata=earlier)]
+    signature = covering(run, content, at_end[:-1])
+    verdict = verify(later, manifest, RunDirFiles(SummaryFile(content, signature)))
+    (text,) = map(str, verdict.findings)
+    assert text.startswith("summary.json: it is of an earlier end of the run")
+
+
+def test_a_recording_that_the_summary_names_is_missed(run: Run) -> None:
+    content = run[2]
+    lost = NamedRecording("R1.2.mcap", 40, "0" * 32)
+    (text,) = found(run, content, covering(run, content, (lost,)))
+    assert text.startswith("R1.2.mcap: it is missing, and summary.json names it")
+
+
+def test_a_deeply_nested_summary_is_malformed(run: Run) -> None:
+    content = b"[" * 100_000
+    assert any("malformed" in text for text in found(run, content, signed(run, content)))

@@ -1,0 +1,51 @@
+"""Recordings that other files of a run name must be here, as far as they were written then.
+
+A recording names those that were there when it began, and summary.json those of the whole run. So
+no part of a run that was continued can be taken away, or put in the place of a newer one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from mrbt_mesh.recording.folder import first_part
+from mrbt_mesh.recording.metadata import NamedRecording
+from mrbt_mesh.recording.reader import Recording
+from mrbt_mesh.runtime.summary_signature import Covered
+from mrbt_mesh.views.replay.findings import Gap, GapKind, RecordingFinding
+
+_REMEDY = "give all recordings of the run"
+
+
+def check_named(
+    by: str, named: Sequence[NamedRecording], recordings: Sequence[Recording]
+) -> Iterator[Gap | RecordingFinding]:
+    """What is not as the file `by` names it: a gap if it is missing, a change if it is another."""
+    for each in named:
+        here = [r for r in recordings if first_part(r.path).name == each.name]
+        if any(_has(recording, each) for recording in (*here, *recordings)):
+            continue
+        if not here:
+            yield Gap(GapKind.NAMED, each.name, f"it is missing, and {by} names it", _REMEDY)
+        elif all(each.number > recording.last[0] for recording in here):
+            text = f"it ends at record {here[-1].last[0]}, and {by} names its record {each.number}"
+            yield Gap(GapKind.NAMED, each.name, text, "give the whole file")
+        else:
+            text = "what was recorded until here is not what was there before"
+            yield RecordingFinding(each.name, each.number, 0, text, (by,))
+
+
+def not_covered(covered: Covered, recordings: Sequence[Recording]) -> Iterator[Recording]:
+    """The recordings that go on after others, and were not there when a summary was signed."""
+    for recording in recordings:
+        is_named = any(_has(recording, each) for each in covered.recordings)
+        if recording.metadata.earlier and not is_named:
+            yield recording
+
+
+def _has(recording: Recording, named: NamedRecording) -> bool:
+    """Whether it has what is named, or had it in a part that is not kept."""
+    is_kept = recording.metadata.part == 1 or named.number > recording.metadata.after_number
+    if is_kept:
+        return recording.has(named.number, named.check)
+    return first_part(recording.path).name == named.name
