@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT_S = 10.0
 JOIN_TIMEOUT_S = 30.0
 ATTEND_S = 1.0
+NOT_STOPPED = (
+    "a silent robot stops when it hears one that has stopped; they stay 10 s for it, after that "
+    "it may go on alone: `mrbt kill` it"
+)
 
 
 def report(as_json: bool, team: str, robots: Iterable[str], command: str, result: str) -> None:
@@ -232,7 +236,8 @@ def _team_command(name: str, text: str) -> click.Command:
     @click.command(
         name,
         cls=MrbtCommand,
-        help=f"{text}\n\nIt goes to all robots at once. Status 1 if fewer than a majority have it."
+        help=f"{text}\n\nIt goes to all robots at once. Status 1 if fewer than a majority have it, "
+        "or it came too late."
         f"\n\nExample: mrbt {name}",
     )
     @team_options
@@ -241,8 +246,10 @@ def _team_command(name: str, text: str) -> click.Command:
         async def order(client: TeamClient) -> str:
             done: Acknowledged = await getattr(client, name)()
             order = done.state.get("order")
-            what = name if order == name else f"{name} came too late, {order}"
-            return done.text(f"{what} is the team's command")
+            if order != name:
+                fail(done.text(f"{name} came too late: {order} is the team's command"), FAILURE)
+            text = done.text(f"{name} is the team's command")
+            return f"{text}; {NOT_STOPPED}" if done.silent and order == "abort" else text
 
         _operate(team, as_json, order)
 

@@ -460,6 +460,7 @@ class Agent:
             joining.alone_until_us if joining is not None else None,
             joining.yields_until_us if joining is not None else None,
             starts_us,
+            self._lifecycle.stops_us,
             done_us + context.config.timing.heartbeat_us if done_us is not None else None,
         )
         ahead_us = [at for at in deadlines_us if at is not None and at > now_us]

@@ -13,15 +13,19 @@ from mrbt_mesh.core.facts.records import Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.joining import Joining
-from mrbt_mesh.core.membership.timing import HeartbeatSchedule
+from mrbt_mesh.core.membership.timing import SECOND_US, HeartbeatSchedule
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.plan import Plan
+
+# After an abort robots stay until a silent one was not heard for so long: it may be frozen, and
+# would go on alone when it wakes.
+ABORT_STAY_US = 10 * SECOND_US
 
 
 class Lifecycle:
     """Joins, joins again after self-fencing, and stops once the mission is over.
 
-    `done_us`: since when all report the mission's result.
+    `done_us`: since when all report the mission's result. `stops_us`: when it stops then.
     """
 
     def __init__(
@@ -38,6 +42,7 @@ class Lifecycle:
         self._duplicates = duplicates
         self._schedule = schedule
         self.done_us: int | None = None
+        self.stops_us: int | None = None
 
     def resume(self, life: ResumedLife, now_us: int) -> None:
         """Go on with a life that was recorded: hear the others first, as after a pause."""
@@ -122,8 +127,15 @@ class Lifecycle:
     ) -> None:
         context = self._context
         context.emit(*context.work.drop())
+        # If it hears nobody any more, it waits as one that has just started.
+        alone_after_us = context.config.alone_after_us if expected else 0
         context.joining = Joining(
-            context.config.timing, expected, now_us, first, keeps_life=keeps_life
+            context.config.timing,
+            expected,
+            now_us,
+            first,
+            alone_after_us=alone_after_us,
+            keeps_life=keeps_life,
         )
         self._duplicates.restart()
         self._planner.forget()
@@ -180,6 +192,7 @@ class Lifecycle:
         None while the team stands by.
         """
         context = self._context
+        self.stops_us = None
         if plan is None or not self._is_everybody_done(plan):
             self.done_us = None
         elif self.done_us is None:
@@ -187,8 +200,11 @@ class Lifecycle:
             event = "stands_by" if self._stands_by(plan) else "mission_over"
             context.log("info", event, result=plan.result.name.lower())
         elif context.config.exit_when_done and not self._stands_by(plan):
-            beat_us = context.config.timing.heartbeat_us
-            return plan.result if now_us >= self.done_us + beat_us else None
+            self.stops_us = self.done_us + context.config.timing.heartbeat_us
+            heard_us = context.membership.silent_since_us()
+            if plan.command is TeamOrder.ABORT and heard_us is not None:
+                self.stops_us = max(self.stops_us, heard_us + ABORT_STAY_US)
+            return plan.result if now_us >= self.stops_us else None
         return None
 
     def _stands_by(self, plan: Plan) -> bool:

@@ -390,6 +390,11 @@ class Membership:
             if peer.report.has_joined
         )
 
+    def silent_since_us(self) -> int | None:
+        """When a robot that is dead by now was heard last, the latest of them."""
+        dead = (peer for peer in self.peers.values() if peer.state is State.DEAD)
+        return max((peer.last_heard_us for peer in dead), default=None)
+
     def clock_offsets_us(self) -> list[int]:
         """By how much the wall clocks of healthy robots are ahead of this robot's monotonic clock,
         as far as they were heard. Each is too small by the time that its heartbeat took.
