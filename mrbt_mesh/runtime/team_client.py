@@ -60,6 +60,8 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 
 CONNECT_TIMEOUT_S = 10.0
 CLOCKS_TIMEOUT_S = 10.0
+# What a fact can hold of a Unix time, far after any that robots take.
+MAX_UNIX_US = 1 << 53
 NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
 ASK_AGAIN_S = 0.01
 # Change of a job -> its field and value.
@@ -173,9 +175,7 @@ class TeamClient:
             raise JobRefusedError(text)
         usual = mission.jobs[kind]
         found = usual.priority if priority is None else priority
-        if isinstance(found, bool) or abs(found) > MAX_PRIORITY:
-            text = f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}"
-            raise JobRefusedError(text)
+        _check_priority(found)
         content = [kind, *arguments], found, _as_given(not_before), _as_given(deadline)
         not_before_us = 0 if not_before is None else await self._unix_us(not_before)
         if deadline is None and usual.deadline_us is not None:
@@ -183,6 +183,14 @@ class TeamClient:
             deadline_us = max(now_us, not_before_us) + usual.deadline_us
         else:
             deadline_us = 0 if deadline is None else await self._unix_us(deadline)
+        for field, given, unix_us in (
+            ("not_before", not_before, not_before_us),
+            ("deadline", deadline, deadline_us),
+        ):
+            if given is not None and unix_us <= 0:
+                raise JobRefusedError(f"{field}: before 1970; give a time from now on")
+            if unix_us > MAX_UNIX_US:
+                raise JobRefusedError(f"{field}: at most a year from now")
         hashed = hash_of(json.dumps(content))
         values = [kind, list(arguments), found, not_before_us, deadline_us, hashed]
         done = await self._command_job(JOB, name, values, operator, safe)
@@ -197,6 +205,7 @@ class TeamClient:
         Returns once a majority has it in their journals. Raises as `submit`.
         """
         if change == "priority":
+            _check_priority(priority)
             return (await self._command_job(JOB_PRIORITY, job_id, priority, operator)).state
         if change not in _CHANGES:
             known = ", ".join((*_CHANGES, "priority"))
@@ -371,6 +380,13 @@ class TeamClient:
             CALL_TIMEOUT_S,
         )
         return await call.carry_out(observer.facts.max_stamp + 1)
+
+
+def _check_priority(priority: Any) -> None:
+    """Raises JobRefusedError for what is no priority."""
+    if isinstance(priority, bool) or not isinstance(priority, int) or abs(priority) > MAX_PRIORITY:
+        text = f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}"
+        raise JobRefusedError(text)
 
 
 def _ended_long_ago(job_id: str) -> JobRow:

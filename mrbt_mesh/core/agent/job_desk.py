@@ -85,8 +85,9 @@ class _JobDesk:
         team_us = clock.team_us(now_us) if clock is not None else None
         if team_us is None:
             raise RefusalError(f"{context.me} has not read its clock yet", NOT_READY)
-        if max(job.not_before_us, job.deadline_us) > team_us + MAX_JOB_US:
-            raise RefusalError("its times are at most a year from now")
+        for field, at_us in (("not_before", job.not_before_us), ("deadline", job.deadline_us)):
+            if at_us > team_us + MAX_JOB_US:
+                raise RefusalError(f"{field}: at most a year from now, by the team's clocks")
         if job.deadline_us and job.deadline_us <= max(team_us, job.not_before_us):
             is_past = job.deadline_us <= team_us
             past = "has passed, by the team's clocks"

@@ -5,15 +5,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 from collections.abc import Callable
 from dataclasses import asdict
-from datetime import timedelta
-from typing import Annotated, Any
+from datetime import datetime, timedelta
+from typing import Annotated, Any, TypeAlias
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+)
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
@@ -28,8 +38,31 @@ from mrbt_mesh.views.web.problem import PROBLEMS, RETRY
 
 MAX_BODY_BYTES = 65_536
 CHANGES = ("cancel", "hold", "release", "priority")
+STATES = ("held", "waiting", "running", "succeeded", "failed", "cancelled", "expired")
 # To the whole team.
 ORDERS = ("pause", "resume", "abort")
+
+
+# Pydantic alone takes many other texts, some with a meaning that mrbt's own times do not have.
+_TIME = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
+_DURATION = re.compile(
+    r"P(?=.)(\d+Y)?(\d+M)?(\d+W)?(\d+D)?(T(?=.)(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?", re.ASCII
+)
+
+
+_PARSER: TypeAdapter[datetime | timedelta] = TypeAdapter(AwareDatetime | timedelta)
+
+
+def _strict_time(given: Any) -> datetime | timedelta | None:
+    if given is None:
+        return None
+    with contextlib.suppress(ValidationError):
+        if isinstance(given, str) and (_TIME.fullmatch(given) or _DURATION.fullmatch(given)):
+            return _PARSER.validate_python(given)
+    raise ValueError("a time (2026-05-04T14:30:00+02:00) or a duration (PT10M) is expected")
+
+
+Time: TypeAlias = Annotated[AwareDatetime | timedelta | None, BeforeValidator(_strict_time)]
 
 
 class _Body(BaseModel):
@@ -43,10 +76,10 @@ class Submission(_Body):
     arguments: dict[str, str | int] = {}
     id: str = Field(default="", description="Chosen by the client; empty: by the server.")
     priority: int | None = Field(default=None, description="Larger goes first.")
-    not_before: AwareDatetime | timedelta | None = Field(
+    not_before: Time = Field(
         default=None, description="When it may begin: a time, or how long from now (PT10M)."
     )
-    deadline: AwareDatetime | timedelta | None = Field(
+    deadline: Time = Field(
         default=None, description="When it expires, likewise; null: as its type says."
     )
     safe: Annotated[int, Field(ge=1)] | None = Field(
@@ -140,6 +173,9 @@ class Api:
 
     async def _jobs(self, request: Request, _: str) -> Response:
         states = request.query_params.getlist("state")
+        for state in states:
+            if state not in STATES:
+                raise HTTPException(422, f"state: {state:.80} is none of {', '.join(STATES)}")
         rows = [row for row in self._client.jobs if not states or row.state in states]
         return JSONResponse([asdict(row) for row in rows])
 
@@ -201,12 +237,15 @@ class Api:
 
 
 async def limited_body(request: Request, limit_bytes: int) -> bytes:
-    """The body of a request; raises HTTPException 413 if it is longer."""
+    """The body of a request; raises HTTPException 413 if it is longer, 400 if it ends early."""
     body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > limit_bytes:
-            raise HTTPException(413, f"the body is longer than {limit_bytes} bytes")
+    try:
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > limit_bytes:
+                raise HTTPException(413, f"the body is longer than {limit_bytes} bytes")
+    except ClientDisconnect:
+        raise HTTPException(400, "the body is not complete") from None  # nobody reads this
     return body
 
 

@@ -14,6 +14,7 @@ from mrbt_mesh.views.model.job_types import JobTypeView
 from mrbt_mesh.views.web.api import (
     CHANGES,
     ORDERS,
+    STATES,
     Acknowledgement,
     HoldRequest,
     Nothing,
@@ -32,7 +33,6 @@ MODELS = {
     "Priority": Priority,
     "Nothing": Nothing,
 }
-STATES = ("held", "waiting", "running", "succeeded", "failed", "cancelled", "expired")
 SUMMARIES = {
     "cancel": "Cancel a job; what is being done is stopped",
     "hold": "Hold a job until it is released; no further step of it begins",
