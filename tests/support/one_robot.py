@@ -36,8 +36,7 @@ def desk(
     assert context.facts.jobs is not None
     if clock_us is not None:
         context.wall_clock.read(clock_us, 0)
-    jobs = job_rules(context, context.facts.jobs)
-    rules = {**team_rules(context), **Reviser(context).rules(), **jobs}
+    rules = {**team_rules(context), **Reviser(context).rules(), **job_rules(context)}
     return OperatorDesk(context, rules), context
 
 

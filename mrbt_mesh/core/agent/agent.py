@@ -143,7 +143,7 @@ class Agent:
         self._wall_clock = clock = context.wall_clock
         self._job_clock: JobClock | None = None
         if jobs is not None and clock is not None:
-            self._job_clock = JobClock(context.facts, jobs, clock)
+            self._job_clock = JobClock(context.facts, clock)
         self._handlers: dict[type[Input], Callable[[Any, int], object]] = {
             inputs.MessageReceived: inbound.take,
             inputs.TokenChanged: inbound.take,

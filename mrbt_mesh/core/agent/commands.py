@@ -58,10 +58,9 @@ class Commands:
             REFUSALS: self._refusals,
             CHECK_REVISION: reviser.check,
         }
-        jobs = context.facts.jobs
         rules = {**team_rules(context), **decision_rules(context), **reviser.rules()}
-        if jobs is not None:
-            rules |= job_rules(context, jobs)
+        if context.facts.jobs is not None:
+            rules |= job_rules(context)
         self._desk = OperatorDesk(context, rules)
 
     def carry_out(self, body: Any, now_us: int) -> Answer | AwaitedAnswer:

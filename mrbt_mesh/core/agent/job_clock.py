@@ -19,12 +19,17 @@ from mrbt_mesh.core.planning.job_ends import job_end
 class JobClock:
     """The times of the jobs that one robot knows."""
 
-    def __init__(self, facts: TeamFacts, jobs: Jobs, clock: WallClock) -> None:
+    def __init__(self, facts: TeamFacts, clock: WallClock) -> None:
         self._facts = facts
-        self._jobs = jobs
         self._clock = clock
         # (Unix time, job, whether it expires then); it may have ended meanwhile.
         self._times: list[tuple[int, str, bool]] = []
+
+    @property
+    def _jobs(self) -> Jobs:
+        """Those of now: when a key is revoked, facts are read anew."""
+        assert self._facts.jobs is not None
+        return self._facts.jobs
 
     def passed(self, now_us: int) -> list[Fact]:
         """The facts to write for all times that have passed."""

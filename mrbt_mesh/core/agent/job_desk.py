@@ -26,9 +26,9 @@ MAX_OPEN = 20_000
 MAX_JOB_US = 366 * 86_400 * 1_000_000
 
 
-def job_rules(context: Context, jobs: Jobs) -> Rules:
+def job_rules(context: Context) -> Rules:
     """The rules of all fields of jobs."""
-    desk = _JobDesk(context, jobs)
+    desk = _JobDesk(context)
     change = FieldRule(desk.state, desk.check_change)
     return {
         records.JOB: FieldRule(desk.state, desk.check_new, desk.is_known),
@@ -39,9 +39,15 @@ def job_rules(context: Context, jobs: Jobs) -> Rules:
 
 
 class _JobDesk:
-    def __init__(self, context: Context, jobs: Jobs) -> None:
+    def __init__(self, context: Context) -> None:
         self._context = context
-        self._jobs = jobs
+
+    @property
+    def _jobs(self) -> Jobs:
+        """Those of now: when a key is revoked, facts are read anew."""
+        jobs = self._context.facts.jobs
+        assert jobs is not None
+        return jobs
 
     def state(self, name: str) -> dict[str, Any]:
         """The state of a job as plain data; without one if no job has this id."""

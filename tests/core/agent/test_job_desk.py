@@ -9,6 +9,7 @@ import pytest
 from mrbt_mesh.core.agent.commands_on_disk import MAX_WAITING, AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Reply
+from mrbt_mesh.core.agent.job_clock import JobClock
 from mrbt_mesh.core.agent.operator_desk import (
     MAX_AHEAD,
     RESERVED_US,
@@ -21,7 +22,7 @@ from mrbt_mesh.core.facts.records import JOB_END, JobArchive, JobEnd, JobState
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from tests.support.commands import command, submission
 from tests.support.keys import keys_of
-from tests.support.one_robot import desk
+from tests.support.one_robot import NOW_US, desk
 
 S = 1_000_000
 JOB = submission("a", "inspect", "shelf_1", content=7)
@@ -224,3 +225,21 @@ def test_a_malformed_command_is_refused(place: int, value: Any) -> None:
     assert "malformed command" in str(found.take(body, 0))
     assert "malformed command" in str(found.take(body[:3], 0))
     assert "malformed command" in str(found.take({}, 0))
+
+
+def test_a_job_that_comes_after_a_revocation_is_taken() -> None:
+    """Facts are read anew then."""
+    found, context = desk()
+    context.facts.set_revoked(frozenset({"D2"}))
+    assert asked(found, JOB)["state"]["state"] == "open"
+    assert asked(found, JOB)["state"]["state"] == "open"
+
+
+def test_a_job_that_comes_after_a_revocation_expires() -> None:
+    found, context = desk()
+    assert context.wall_clock is not None
+    clock = JobClock(context.facts, context.wall_clock)
+    context.wall_clock.compare(60 * S)
+    context.facts.set_revoked(frozenset({"D2"}))
+    asked(found, submission("a", "inspect", "shelf_1", deadline_us=NOW_US + S))
+    assert [name for name, _ in clock.passed(2 * S)] == ["job_end/a"]
