@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import struct
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.recording.mcap_file import MAGIC
 from mrbt_mesh.recording.metadata import RunMetadata
-from mrbt_mesh.recording.reader import RecordingError, parse_recording, read_recording
+from mrbt_mesh.recording.reader import RecordingError, named, parse_recording, read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
 from tests.support.build import action, make_mission, task
 
@@ -109,3 +110,11 @@ def test_no_byte_ends_the_reader(content: bytes, at: int, bits: int) -> None:
 def test_no_bytes_behind_a_recording_end_the_reader(content: bytes, more: bytes) -> None:
     cut = content[: content.rindex(b',"check":"')]
     assert len(parse_recording(cut + more, Path("x")).records) <= 1
+
+
+@pytest.mark.timeout(20)
+def test_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mcap")
+    with pytest.raises(RecordingError, match="it is no regular file"):
+        read_recording(tmp_path / "a.mcap")
+    assert named([tmp_path / "a.mcap"], "r1") == ()

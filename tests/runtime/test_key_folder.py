@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.runtime.key_folder import TEAM_FILE, KeyFolder
+from mrbt_mesh.runtime.key_folder import TEAM_FILE, KeyFolder, KeysError
 
 MEMBERS = {"A": Role.ROBOT, "B": Role.ROBOT, "op": Role.OPERATOR, "eye": Role.OBSERVER}
 
@@ -127,3 +128,10 @@ def test_a_key_from_before_there_were_certificates_says_what_to_do(folder: KeyFo
     assert folder.keys_of("A").name == "A"
     with pytest.raises(InputError, match="mrbt keys add A --replace"):
         folder.certificates_of("A")
+
+
+@pytest.mark.timeout(20)
+def test_a_manifest_that_is_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "manifest.json")
+    with pytest.raises(KeysError, match=r"holds no manifest\.json"):
+        KeyFolder(tmp_path).manifest()

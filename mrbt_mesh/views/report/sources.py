@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.recording.folder import first_part, observer_files, robot_files
-from mrbt_mesh.recording.reader import open_recording
+from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
+from mrbt_mesh.recording.reader import Recording, open_recording
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.report.model import (
@@ -43,7 +44,7 @@ def read_report(paths: Iterable[Path], verify: Verify) -> RunsReport:
     campaigns: list[CampaignReport] = []
     for path in paths:
         if path.is_dir():
-            runs.append(_run_dir(path, verify))
+            runs += _run_dir(path, verify)
         elif path.suffix == ".mcap":
             found = report_recording(open_recording(path), path.stem)
             runs.append(replace(found, proof=_proof(verify(path))))
@@ -59,19 +60,29 @@ def read_report(paths: Iterable[Path], verify: Verify) -> RunsReport:
     return RunsReport(tuple(_named_apart(runs)), tuple(campaigns))
 
 
-def _run_dir(path: Path, verify: Verify) -> RunReport:
+def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
+    """A run, or one for each of its observers if it was continued, in their order."""
     summary = path / SUMMARY_FILE
     data = _json_object(summary) if summary.exists() else None
-    title, file = path.resolve().name, _recording_of(path)
+    title, files = path.resolve().name, _recordings_of(path)
     with _refusing(f"{summary}: is no summary of a run"):
-        if file is not None:
-            found = report_recording(open_recording(file), title)
-            began_unix_s = found.identity.began_unix_s if found.identity is not None else None
+        if files:
+            opened = map(open_recording, sorted(files, key=lambda file: len(file.name)))
+            recordings = sorted(opened, key=_began_unix_us)
             proof = verify(path)
-            commands = tuple(_commands(proof, began_unix_s))
-            return replace(found, proof=_proof(proof), commands=commands)
+            begins = [_began_unix_us(each) / 1e6 for each in recordings]
+            for at, recording in enumerate(recordings):
+                more = f", {recording.name}" if len(recordings) > 1 else ""
+                found = report_recording(recording, f"{title}{more}")
+                began_unix_s = found.identity.began_unix_s if found.identity is not None else None
+                from_s = begins[at] if at else -math.inf
+                until_s = [*begins, math.inf][at + 1]
+                commands = tuple(_commands(proof, began_unix_s, from_s, until_s))
+                yield replace(found, proof=_proof(proof), commands=commands)
+            return
         if data is not None:
-            return report_summary(data, title)
+            yield report_summary(data, title)
+            return
     raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
 
 
@@ -80,28 +91,35 @@ def _proof(found: Verification) -> Proof:
     return Proof(found.files, found.team_key, dict(found.counts), findings, gaps)
 
 
-def _commands(found: Verification, began_unix_s: float | None) -> Iterator[ReportedCommand]:
-    """The commands of a run; a line that was cut off is left out."""
+def _began_unix_us(recording: Recording) -> int:
+    return recording.metadata.epoch_ns // 1_000 + recording.begin_us
+
+
+def _commands(
+    found: Verification, began_unix_s: float | None, from_s: float, until_s: float
+) -> Iterator[ReportedCommand]:
+    """The commands of a run between two times; a line that was cut off is left out."""
     for each in found.commands:
-        if each.unix_s is not None:
+        if each.unix_s is not None and from_s <= each.unix_s < until_s:
             at_s = None if began_unix_s is None else each.unix_s - began_unix_s
             yield ReportedCommand(at_s, each.by, each.command, each.signer)
 
 
-def _recording_of(run_dir: Path) -> Path | None:
-    """The newest recording of an observer, else of a robot: it has most of the run."""
-    files = observer_files(run_dir) or robot_files(run_dir)
-    newest = max(files, key=lambda file: file.stat().st_mtime_ns, default=None)
-    return first_part(newest) if newest is not None else None
+def _recordings_of(run_dir: Path) -> list[Path]:
+    """Those of its observers, else the newest one of a robot: it has most of the run."""
+    if observed := first_parts(observer_files(run_dir)):
+        return observed
+    files = robot_files(run_dir)
+    return first_parts(sorted(files, key=lambda file: file.stat().st_mtime_ns)[-1:])
 
 
 def _drill(data: Mapping[str, Any]) -> RunReport:
     """A drill's run, by its recording where that is still there."""
     title = f"{data['drill']} ({data['transport']})"
-    file = _recording_of(Path(data["run_dir"])) if data["run_dir"] else None
-    if file is None:
+    files = _recordings_of(Path(data["run_dir"])) if data["run_dir"] else []
+    if not files:
         return report_drill(data, title)
-    found = report_recording(open_recording(file), title)
+    found = report_recording(open_recording(files[-1]), title)
     return replace(found, verdict=str(data["color"]), expectations=drill_expectations(data))
 
 

@@ -129,20 +129,20 @@ def test_what_is_no_finding_ends_with_status_2(tmp_path: Path, content: str, pro
     assert problem in " ".join(problems.split())
 
 
-def test_of_a_run_that_was_gone_on_with_the_last_part_is_reported(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_each_part_of_a_run_that_was_continued_is_reported(folder: Path, tmp_path: Path) -> None:
+    """In their order, whatever the times of the files are: they may have been copied."""
     run = tmp_path / "run"
     shutil.copytree(folder / "run", run)
     (run / "summary.json").unlink()
     first = (run / "run.mcap").read_bytes()
     (run / "run.2.mcap").write_bytes(first[: len(first) // 2])
-    os.utime(run / "run.2.mcap", (1, 1))
-    results = []
     for newest in ("run.mcap", "run.2.mcap"):
         os.utime(run / newest)
-        results.append(json.loads(recording("report", str(run), "--json")[1])["runs"][0]["result"])
-    assert results == ["success", "timeout"]
+        runs = json.loads(recording("report", str(run), "--json")[1])["runs"]
+        assert [(each["title"], each["result"]) for each in runs] == [
+            ("run, run.mcap", "success"),
+            ("run, run.2.mcap", "timeout"),
+        ]
 
 
 def test_what_cannot_be_read_or_written_ends_with_status_2(folder: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,6 +89,11 @@ def test_parts_together_are_the_whole_recording(run: Recorded) -> None:
 
 def test_all_parts_are_proved(run: Recorded) -> None:
     assert proved(verify(read_all(run.whole), run.manifest)).notes == ()
+
+
+def test_all_parts_are_for_their_owner_alone(run: Recorded) -> None:
+    files = robot_files(run.whole)
+    assert {stat.S_IMODE(path.stat().st_mode) for path in files} == {0o600}
 
 
 def test_what_is_not_kept_is_mentioned_and_no_accusation(run: Recorded) -> None:
