@@ -3,7 +3,8 @@
     python -m benchmarks.task_order [--streams 200] [--missions 200] [--evaluations 300] [--seed 0]
 
 Streams of jobs with priorities, deadlines and deaths, in the simulator: a judge that was written
-from the documents reads what the robots recorded (`benchmarks.task_order_judge`). With
+from the documents reads what the robots recorded (`benchmarks.task_order_judge`), and another one
+where they were (`benchmarks.task_order_delays`). With
 `--horizon 1` robots make no schedules. Small missions are two or three robots and up to six tasks;
 the least possible makespan is found by trying all schedules.
 """
@@ -24,6 +25,7 @@ from unittest import mock
 import anyio
 
 from benchmarks.report import CORES, in_processes, run_program
+from benchmarks.task_order_delays import Area, delays
 from benchmarks.task_order_judge import Handed, Verdict, judge
 from mrbt_mesh.core.agent import scheduler
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -132,7 +134,8 @@ def stream(seed: int, horizon: int = 100, evaluations: int = 300) -> Verdict:
         place = pick.choice(near if pick.random() < 0.6 else sorted(places))
         deadline_s = at_s + pick.uniform(8, 60) if pick.random() < 0.3 else None
         count = 2 if kind == "pair" else 1
-        job = Handed(f"j{number}", at_s, pick.choice(levels), able[kind], count, deadline_s)
+        what = able[kind], count, deadline_s, place, round(works[kind], 2)
+        job = Handed(f"j{number}", at_s, pick.choice(levels), *what)
         deadline_us = 0 if deadline_s is None else LAUNCH_UNIX_US + round(deadline_s * US)
         value = [kind, [str(number), place], job.priority, 0, deadline_us, number]
         taker = next(name for name in names if name not in killed_s)
@@ -148,7 +151,9 @@ def stream(seed: int, horizon: int = 100, evaluations: int = 300) -> Verdict:
             timeout_us=round((at_s + MARGIN_S) * US),
             inspect=False,
         )
-    return judge(jobs, result.events, killed_s, OVERTAKING)
+    found = judge(jobs, result.events, killed_s, OVERTAKING)
+    found.broken += delays(jobs, result.events, killed_s, Area(places, start, SPEED))
+    return found
 
 
 # -- small missions -------------------------------------------------------------------------------

@@ -31,6 +31,8 @@ class Handed:
     able: frozenset[str]
     count: int = 1
     deadline_s: float | None = None
+    place: str = ""
+    work_s: float = 0.0
 
 
 @dataclass
@@ -91,12 +93,19 @@ def judge(
         if event["event"] in ("start", "begin"):
             begun = float(event["t"]), event["robot"]
             starts.setdefault(job_of(event["activation"]), []).append(begun)
+    given_up: dict[tuple[str, str], list[float]] = {}
+    for event in ordered:
+        if event["event"] == "cancel":
+            key = event["robot"], job_of(event["activation"])
+            given_up.setdefault(key, []).append(float(event["t"]))
     for event in ordered:
         at_s, name, what = float(event["t"]), event["robot"], event["event"]
         robot, job = robots[name], job_of(event["activation"])
         # A coalition that is formed anew goes on with the same.
         is_again = robot.dropped[0] == job and at_s - robot.dropped[1] <= AGREED_S
-        if what == "start" and job != robot.job and not is_again:
+        # What it gives up at once was begun by a plan that news has overtaken.
+        is_brief = any(0 <= gone_s - at_s <= AGREED_S for gone_s in given_up.get((name, job), ()))
+        if what == "start" and job != robot.job and not is_again and not is_brief:
             begun_with = {
                 other: {who for when_s, who in each if 0 <= when_s - at_s <= AGREED_S}
                 for other, each in starts.items()
