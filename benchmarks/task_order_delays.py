@@ -161,7 +161,7 @@ def _waits(idle: Stretch, jobs: Sequence[Handed], ended: Mapping[str, float], ar
     """Whether it may have waited for its partner, at the place of a task for several robots."""
     return any(
         job.count > 1
-        and math.dist(area.places[job.place], idle.at) < 0.01
+        and math.dist(area.places[job.place], idle.at) < 0.5
         and job.at_s < idle.to_s
         and ended.get(job.id, idle.from_s + 1) > idle.from_s
         for job in jobs
