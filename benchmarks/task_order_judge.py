@@ -180,10 +180,11 @@ def _begins(
         on_it = {each for each in living if robots[each].job == other.id}
         at_work = {each for each in robots if robots[each].job and not robots[each].is_on_its_way}
         on_it |= begun_with.get(other.id, set()) - at_work
+        can_begin = len(on_it | (free_for & other.able)) >= other.count
         if other.count > 1:
             # Robots that wait for their partners at its place have recorded nothing yet.
-            on_it |= (free_for & other.able) - {name}
-        can_begin = len(on_it | (free_for & other.able)) >= other.count
+            idle = {each for each in living if not robots[each].job} - busy
+            on_it |= ((free_for | (set() if waits else idle)) & other.able) - {name}
         if not _is_later(own, other) or len(on_it) >= other.count or not can_begin or is_settling:
             continue
         if own.priority < other.priority:
