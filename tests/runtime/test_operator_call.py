@@ -72,7 +72,7 @@ class Robots:
             assert context.wall_clock is not None
             assert context.facts.jobs is not None
             context.wall_clock.read(NOW_US, 0)
-            jobs = job_rules(context, context.facts.jobs)
+            jobs = job_rules(context)
             self.desks[name] = OperatorDesk(context, {**team_rules(context), **jobs})
 
     async def ask(

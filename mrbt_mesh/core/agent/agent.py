@@ -235,7 +235,8 @@ class Agent:
         if context.has_stopped:
             return []
         if now_us > self._deadline_us:
-            self._lifecycle.woke_late(now_us - self._deadline_us, now_us)
+            if self._lifecycle.woke_late(now_us - self._deadline_us, now_us):
+                self._seen = None
             self._deadline_us = now_us
         taken: Sequence[Input] = event.inputs if isinstance(event, inputs.InputBatch) else (event,)
         if context.config.plans_apart:

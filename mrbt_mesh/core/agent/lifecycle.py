@@ -65,10 +65,11 @@ class Lifecycle:
 
     # -- pauses -------------------------------------------------------------------------------
 
-    def woke_late(self, lag_us: int, now_us: int) -> None:
+    def woke_late(self, lag_us: int, now_us: int) -> bool:
         """Self-fencing, and patience with others after this robot itself was slow.
 
-        `lag_us`: by how much it missed its deadline, which is never later than its next beat.
+        `lag_us`: by how much it missed its deadline, which is never later than its next beat. True
+        if it joins again.
         """
         context = self._context
         timing = context.config.timing
@@ -76,11 +77,13 @@ class Lifecycle:
             context.membership.allow_for_own_lag(lag_us, now_us)
             context.replica.anti_entropy.allow_for_own_lag(lag_us)
         silent_us = now_us - self._schedule.last_sent_us
-        if silent_us > timing.fence_us and context.joining is None:
-            if self._has_nothing_to_lose():
-                self._catch_up(silent_us, now_us)
-            else:
-                self._fence(silent_us, now_us)
+        if silent_us <= timing.fence_us or context.joining is not None:
+            return False
+        if self._has_nothing_to_lose():
+            self._catch_up(silent_us, now_us)
+        else:
+            self._fence(silent_us, now_us)
+        return True
 
     def _fence(self, silent_us: int, now_us: int) -> None:
         """Begin a new life: other robots may have taken over this robot's task."""
