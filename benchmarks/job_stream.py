@@ -126,13 +126,16 @@ def drawn(count: int, seconds: float, seed: int) -> tuple[list[Submitted], list[
         if pick.random() < 0.3:
             ahead_us = pick.choice([-1, 1]) * pick.randint(2, 3_600) * US
             steps += [(at_s, SetWallClock("B2", ahead_us)), (back_s, SetWallClock("B2", 0))]
+
+    def up(at_s: float) -> list[str]:
+        return [r for r in robots if not any(a <= at_s <= b for a, b in down[r])]
+
     bursts = [pick.uniform(BEGIN_S, seconds) for _ in range(1 + count // 60)]
     jobs = []
     for number in range(count):
         at_s = pick.uniform(BEGIN_S, seconds)
         if pick.random() < 0.4:
             at_s = pick.choice(bursts) + pick.random()
-        up = [r for r in robots if not any(a <= at_s <= b for a, b in down[r])]
         kind, name = pick.choice(sorted(TASKS)), f"job-{number}"
         job = Submitted(
             name,
@@ -142,9 +145,10 @@ def drawn(count: int, seconds: float, seed: int) -> tuple[list[Submitted], list[
         )
         deadline_us = LAUNCH_UNIX_US + round(job.deadline_s * US)
         value = [kind, [str(pick.randint(1, 9))], 0, 0, deadline_us, number]
-        steps.append((at_s, Operate(pick.choice(up), f"job/{name}", value, "me")))
+        steps.append((at_s, Operate(pick.choice(up(at_s)), f"job/{name}", value, "me")))
         if job.cancelled_s is not None:
-            cancel = Operate(robots[0], f"job_cancelled/{name}", True, "me", tuple(robots[1:]))
+            first, *others = up(job.cancelled_s)
+            cancel = Operate(first, f"job_cancelled/{name}", True, "me", tuple(others))
             steps.append((job.cancelled_s, cancel))
         jobs.append(job)
     return jobs, [(round(at_s * US), fault) for at_s, fault in steps]
