@@ -15,6 +15,7 @@ from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.world.faults import Operate
+from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 
 SECOND_US = 1_000_000
@@ -48,8 +49,11 @@ tree: {Jobs: [job]}
 """
 
 
-def submit(at_s: float, name: str, *arguments: str, priority: int = 0) -> tuple[int, Operate]:
-    value = ["job", list(arguments), priority, 0, 0, 1]
+def submit(
+    at_s: float, name: str, *arguments: str, priority: int = 0, deadline_s: int = 0
+) -> tuple[int, Operate]:
+    deadline_us = LAUNCH_UNIX_US + deadline_s * SECOND_US if deadline_s else 0
+    value = ["job", list(arguments), priority, 0, deadline_us, 1]
     return round(at_s * SECOND_US), Operate("R1", f"job/{name}", value)
 
 
@@ -68,6 +72,16 @@ def travelling(objective: str, jobs: list[Any], until_s: int, seed: int) -> list
 
 def ended(events: list[Any]) -> list[str]:
     return [job_of(each["activation"]) for each in events if each["event"] == "end"]
+
+
+@pytest.mark.parametrize("before_s", [0, 300])
+def test_a_robot_turns_round_for_a_deadline_whether_or_not_there_was_one_before(
+    before_s: int,
+) -> None:
+    """The first deadline makes the team write what time it is, which no search has known before."""
+    first = submit(3, "first", "1", "near", deadline_s=before_s)
+    urgent = submit(3.5, "urgent", "2", "far", deadline_s=18)
+    assert ended(travelling("makespan", [first, urgent], 60, seed=1)) == ["urgent", "first"]
 
 
 @pytest.mark.parametrize("objective", ["makespan", "mean_completion"])

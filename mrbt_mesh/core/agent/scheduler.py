@@ -206,6 +206,8 @@ class Scheduler:
             return True
         if not ahead.numbers.keys() <= before.numbers.keys() or ahead.idle - before.idle:
             return True
+        if ahead.problem.has_deadlines and not before.problem.has_deadlines:
+            return True  # now that the team knows what time it is
         if self._are_rules_as_good or any(
             each.steps for each in self._context.facts.proposals.values()
         ):
