@@ -42,6 +42,6 @@ def _held_names() -> list[str]:
     if path is None:
         return []
     try:
-        return Path(path).read_text().splitlines()
+        return Path(path).read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
         return []

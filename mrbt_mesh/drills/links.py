@@ -34,7 +34,7 @@ def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
     found = []
     for robot in robots:
         try:
-            text = (run_dir / f"{robot}.log").read_text()
+            text = (run_dir / f"{robot}.log").read_text(encoding="utf-8")
         except OSError:
             continue
         # A killed robot's last line may be cut short.

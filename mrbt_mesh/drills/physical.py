@@ -50,7 +50,7 @@ def read_events(path: Path) -> list[dict[str, Any]]:
     """The events so far, whole lines only: one may be half written, as when a disk was full."""
     found = []
     try:
-        for line in path.read_text().splitlines():
+        for line in path.read_text(encoding="utf-8").splitlines():
             with contextlib.suppress(ValueError):
                 found.append(json.loads(line))
     except OSError:

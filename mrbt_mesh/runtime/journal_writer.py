@@ -185,6 +185,6 @@ def processor_wait_s() -> float:
     """
     try:
         files = ("/proc/thread-self/schedstat", "/proc/self/schedstat")
-        return sum(int(Path(file).read_text().split()[1]) for file in files) / 1e9
+        return sum(int(Path(file).read_text(encoding="utf-8").split()[1]) for file in files) / 1e9
     except OSError:
         return 0.0

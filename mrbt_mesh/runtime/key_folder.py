@@ -206,7 +206,7 @@ def _write_secret(path: Path, data: Mapping[str, str]) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with open(descriptor, "w") as file:
+        with open(descriptor, "w", encoding="utf-8") as file:
             file.write(json.dumps(data, indent=1) + "\n")
         temporary.replace(path)
     except OSError as error:
@@ -215,7 +215,7 @@ def _write_secret(path: Path, data: Mapping[str, str]) -> None:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text())
+        found = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise KeysError(f"the key {path} cannot be read: {error.strerror}") from None
     except ValueError:

@@ -18,15 +18,17 @@ HOW_TO_NAME = "--run-dir TEAM"
 
 def remember(run_dir: RunDir) -> None:
     """Make this the newest run of this machine; raises RunDirError."""
-    path = str(run_dir.path.resolve())
+    path = os.fsencode(run_dir.path.resolve())
     try:
         _folder().mkdir(parents=True, exist_ok=True)
-        write_atomically(_folder() / hashlib.sha256(os.fsencode(path)).hexdigest()[:16], path)
+        # Bytes: what a folder is called does not depend on the locale of a command.
+        entry = _folder() / hashlib.sha256(path).hexdigest()[:16]
+        write_atomically(entry, path.decode(errors="surrogateescape"))
     except OSError as error:
         raise RunDirError(f"cannot write the list of runs: {error}") from error
-    for entry, known in _entries()[MOST_KNOWN:]:
+    for old, known in _entries()[MOST_KNOWN:]:
         if not is_running(known):
-            entry.unlink(missing_ok=True)
+            old.unlink(missing_ok=True)
 
 
 def known_runs() -> list[RunDir]:
@@ -87,5 +89,7 @@ def _entries() -> list[tuple[Path, RunDir]]:
     found: list[tuple[int, Path, RunDir]] = []
     for entry in _folder().glob("[!.]*"):
         with contextlib.suppress(OSError):  # another process has removed it
-            found.append((entry.stat().st_mtime_ns, entry, RunDir(Path(entry.read_text()))))
+            found.append(
+                (entry.stat().st_mtime_ns, entry, RunDir(Path(os.fsdecode(entry.read_bytes()))))
+            )
     return [(entry, run_dir) for _, entry, run_dir in sorted(found, key=lambda each: -each[0])]

@@ -177,7 +177,7 @@ def _import_file(path: Path) -> ModuleType:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     # Two robots' files may both be called robot.py.
-    suffix = hashlib.sha256(str(path).encode()).hexdigest()[:12]
+    suffix = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
     spec = importlib.util.spec_from_file_location(f"mrbt_program_{path.stem}_{suffix}", path)
     if spec is None or spec.loader is None:
         raise ProgramError(f"{path}: cannot be imported as Python")

@@ -217,7 +217,7 @@ def write_config(path: Path, config: RouterConfig) -> None:
     """Write a configuration for `zenohd` that only its owner can read; raises InputError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with open(descriptor, "w") as file:
+        with open(descriptor, "w", encoding="utf-8") as file:
             file.write(as_json(router_settings(config)) + "\n")
     except FileExistsError:
         raise InputError(f"{path} exists already: choose another name, or remove it") from None

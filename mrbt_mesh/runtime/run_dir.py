@@ -121,8 +121,8 @@ def write_atomically(path: Path, text: str) -> None:
     """Write a file that is never seen half written. Raises OSError."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with open(temporary, "w", encoding="utf-8", opener=private_opener) as file:
-            file.write(text)
+        with open(temporary, "wb", opener=private_opener) as file:
+            file.write(text.encode(errors="surrogateescape"))
         temporary.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -139,7 +139,7 @@ def identity_of_this_process() -> str:
 def process_in(path: Path) -> psutil.Process | None:
     """The process with the identity in a file, if it runs; another one with its pid is none."""
     try:
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text(encoding="utf-8"))
         process = psutil.Process(data["pid"])
         same = abs(process.create_time() - data["started_unix_s"]) < 1
         return process if same and process.status() != psutil.STATUS_ZOMBIE else None
@@ -173,7 +173,9 @@ class RunDir:
     def is_run_of(self, mission: Mission) -> bool:
         """Whether the mission is the one that it began with, or the one that is in force."""
         paths = self.mission_path, self.path / MISSION_FILE
-        known = (mission_from_compiled(path.read_text(), str(path)) for path in paths)
+        known = (
+            mission_from_compiled(path.read_text(encoding="utf-8"), str(path)) for path in paths
+        )
         return any(replace(each, revision=None).digest == mission.digest for each in known)
 
     @classmethod
@@ -223,7 +225,7 @@ class RunDir:
     def info(self) -> RunInfo:
         """Read run.json; raises RunDirError if it is damaged."""
         try:
-            data: dict[str, Any] = json.loads((self.path / RUN_FILE).read_text())
+            data: dict[str, Any] = json.loads((self.path / RUN_FILE).read_text(encoding="utf-8"))
             places = {
                 robot: Place(place["address"], tuple(place["prefix"]))
                 for robot, place in data["places"].items()
@@ -287,7 +289,7 @@ class RunDir:
         """Why the robot's process has ended by itself; empty if it has not, or runs again."""
         with contextlib.suppress(OSError):
             if self.process(robot) is None:
-                return self._last_words(robot).read_text()
+                return self._last_words(robot).read_text(encoding="utf-8", errors="replace")
         return ""
 
     def _last_words(self, robot: str) -> Path:
@@ -297,7 +299,7 @@ class RunDir:
         """What blocks the robot's event loop now, empty if nothing is known to do so."""
         with contextlib.suppress(OSError):
             if self.process(robot) is not None:
-                return (self.path / f"{robot}.blocked").read_text()
+                return (self.path / f"{robot}.blocked").read_text(encoding="utf-8")
         return ""
 
     def blocked_robots(self) -> list[str]:
@@ -335,7 +337,7 @@ class RunDir:
     def deaths(self, now_us: int) -> list[tuple[str, Incarnation, DeathTimes]]:
         """What was written last, on this machine's clock; empty if nothing was."""
         try:
-            data = json.loads((self.path / DEATHS_FILE).read_text())
+            data = json.loads((self.path / DEATHS_FILE).read_text(encoding="utf-8"))
             written_us = now_us - round((time.time() - data["written_unix_s"]) * 1e6)
             return [unpack_death(row, written_us) for row in data["deaths"]]
         except (OSError, ValueError, KeyError, TypeError):
@@ -356,7 +358,7 @@ class RunDir:
         """The summary of a run that has ended, else None; not that of the run which it resumes."""
         path = self.path / SUMMARY_FILE
         try:
-            data: dict[str, Any] = json.loads(path.read_text())
+            data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
             is_of_now = path.stat().st_mtime >= self.info().started_unix_s
         except (OSError, ValueError):
             return None

@@ -285,7 +285,7 @@ class Team:
             if process.returncode == REFUSED:
                 path, said = self.run_dir.output_path(robot), ""
                 with contextlib.suppress(OSError):
-                    said = path.read_text().strip()
+                    said = path.read_text(encoding="utf-8", errors="replace").strip()
                 found.append(
                     said
                     or f"error: {robot} ended with status {REFUSED} and could not write why to "
@@ -312,7 +312,12 @@ class Team:
             if status in (None, 0, REFUSED, -signal.SIGTERM, -signal.SIGKILL):
                 continue
             with contextlib.suppress(OSError):
-                said = self.run_dir.output_path(robot).read_text().strip().splitlines()
+                said = (
+                    self.run_dir.output_path(robot)
+                    .read_text(encoding="utf-8", errors="replace")
+                    .strip()
+                    .splitlines()
+                )
                 words = [line for line in said if not line.startswith(WARNING)]
                 if words or status != FAILED:
                     last = words[-1] if words else "no word"

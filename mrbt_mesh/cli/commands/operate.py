@@ -437,7 +437,13 @@ def join(
     except TimeoutError:
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
     if code is not None and code != SUCCESS:
-        fail(found.output_path(robot).read_text().strip().rpartition("\n")[2], code)
+        fail(
+            found.output_path(robot)
+            .read_text(encoding="utf-8", errors="replace")
+            .strip()
+            .rpartition("\n")[2],
+            code,
+        )
     note_command(found, "join", f"{robot} joined")
     report(as_json, team.info.team, [robot], "join", f"{robot} joined")
     raise SystemExit(SUCCESS)

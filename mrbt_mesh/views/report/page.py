@@ -51,7 +51,8 @@ def report_html(report: RunsReport) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}: report</title>\n<style>\n{STYLE.read_text()}</style></head>\n"
+        f"<title>{escape(title)}: report</title>\n"
+        f"<style>\n{STYLE.read_text(encoding='utf-8')}</style></head>\n"
         f"<body><main>\n{''.join(parts)}\n</main></body></html>\n"
     )
 
