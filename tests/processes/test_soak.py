@@ -24,7 +24,7 @@ MOST_OF_A_FILE = 4 << 20
 @pytest.mark.soak
 @pytest.mark.timeout(SECONDS + 300)
 def test_a_team_works_on_and_nothing_grows(team: Team, tmp_path: Path) -> None:
-    team.up(write_mission(tmp_path, SPEED), "--timeout", str(SECONDS + 240), speed=1)
+    team.up(write_mission(tmp_path, SPEED), speed=1, timeout_s=SECONDS + 240)
     team.wait_for_event("at_field", event="end", outcome="success")
     pause = threading.Event()
     pause.wait(WARM_S)

@@ -79,10 +79,13 @@ class Team:
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    def up(self, mission: Path = REPAIR, *options: str, speed: float = 10) -> None:
+    def up(
+        self, mission: Path = REPAIR, *options: str, speed: float = 10, timeout_s: float = RUN_S
+    ) -> None:
         """Start a team in the background. Its robots work fast: `hold` what a test must see."""
         command = [sys.executable, "-m", "mrbt_mesh", "up", str(mission), "--headless"]
-        command += ["--run-dir", str(self.run_dir), "--timeout", str(RUN_S), "--speed", str(speed)]
+        command += ["--run-dir", str(self.run_dir), "--timeout", str(timeout_s)]
+        command += ["--speed", str(speed)]
         with (self.folder / "up.out").open("w") as output:
             self._up = subprocess.Popen(
                 [*command, *options],

@@ -54,6 +54,7 @@ class Consistency:
         # Robot -> slot; robots by their numbers.
         self._owner: dict[int, int] = {}
         self._taken = 0
+        self._serves_kept = True
         # Number -> robots that can serve no more slots than that beside those that are kept.
         self._full: dict[int, int] = {}
 
@@ -63,8 +64,9 @@ class Consistency:
         That mapping must not be changed afterwards.
         """
         if pinned is not self._pinned:
-            self._pinned, self._free = pinned, self._team & ~self._masks.of(pinned)
-            self._full.clear()
+            self._follow(pinned)
+        if not self._serves_kept:
+            return False
         first = len(self._keys)
         for demand in demands:
             needed = demand.lower - sum(pinned.get(robot) == key for robot in demand.pinned)
@@ -82,6 +84,16 @@ class Consistency:
                     self._take_back(first)
                     return False
         return True
+
+    def _follow(self, pinned: Mapping[str, int]) -> None:
+        """Other robots are free now: what is kept is matched anew."""
+        self._pinned, self._free = pinned, self._team & ~self._masks.of(pinned)
+        self._full.clear()
+        kept = zip(self._keys, self._wanted, strict=True)
+        self._keys, self._wanted, self._served_by = [], [], []
+        self._owner, self._taken = {}, 0
+        unserved = [slot for slot in kept if self._add(*slot) is not None]
+        self._serves_kept = not unserved
 
     @property
     def matched(self) -> dict[str, int]:
