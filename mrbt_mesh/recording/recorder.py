@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeAlias
 
+from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import Change, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.peer import Peer
@@ -39,7 +40,9 @@ class Recorder:
         self._is_settled = True
         # (topic, number of the change or 0, the fact or the message).
         self._waiting: list[tuple[str, int, Any]] = []
-        self._facts_changed([(None, entry) for entry in facts.map])
+        # Missions come first, as robots take them in: others may have a place only in a revision.
+        known = sorted(facts.map, key=lambda entry: entry.parts[0] not in MISSION_KINDS)
+        self._facts_changed([(None, entry) for entry in known])
         facts.map.subscribe(self._facts_changed)
 
     def _use(self, mission: Mission) -> None:

@@ -36,6 +36,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.planning.job_ends import cancelled_ends
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime import operator_call
 from mrbt_mesh.runtime.operator_call import ANSWER_S, CommandRefusedError, OperatorCall
 from mrbt_mesh.sim.world.clock import VirtualClock, VirtualLoop
 from tests.support.effort import seeds
@@ -48,9 +49,23 @@ NOW_US = 1_000_000_000
 TEAM_FIELDS = ("paused", "aborted")
 
 
+class Draws:
+    """What `secrets` gives to clients, the same in every run."""
+
+    def __init__(self) -> None:
+        self._rng = random.Random(0)
+
+    def token_hex(self, count: int) -> str:
+        return self._rng.randbytes(count).hex()
+
+    def randbelow(self, end: int) -> int:
+        return self._rng.randrange(end)
+
+
 def in_virtual_time(main: Callable[[], Any]) -> None:
     clock = VirtualClock()
-    anyio.run(main, backend_options={"loop_factory": lambda: VirtualLoop(clock)})
+    with mock.patch.object(operator_call, "secrets", Draws()):
+        anyio.run(main, backend_options={"loop_factory": lambda: VirtualLoop(clock)})
 
 
 class Robots:

@@ -233,7 +233,8 @@ Doers = Mapping[SameRobotAs, frozenset[str]]
 
 
 def foreseen_of_all(case: Case) -> Status:
-    """What is foreseen if others are bound to the robots that do a task: the worst of it.
+    """What is foreseen if others are bound to the robots that do a task: the first end that is
+    none with success.
 
     They may be any that could before the faults: some of them may come in between.
     """
@@ -251,7 +252,7 @@ def foreseen_of_all(case: Case) -> Status:
         could = [robot.id for robot in robots if each.local_task in robot.capabilities]
         chosen = itertools.combinations(could, min(count, len(could)))
         choices.append([(each, frozenset(robots)) for robots in chosen])
-    found = {foreseen(case, dict(chosen)) for chosen in itertools.product(*choices)}
+    found = (foreseen(case, dict(chosen)) for chosen in itertools.product(*choices))
     return next((status for status in found if status is not Status.SUCCESS), Status.SUCCESS)
 
 
