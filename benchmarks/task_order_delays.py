@@ -51,6 +51,21 @@ class Area:
         return math.dist(origin, self.places[place]) / self.speed
 
 
+@dataclass(frozen=True)
+class Stream:
+    """What was handed in, what each robot did, when jobs ended and robots were killed."""
+
+    jobs: Sequence[Handed]
+    history: Mapping[str, Sequence[Stretch]]
+    ended: Mapping[str, float]
+    killed_s: Mapping[str, float]
+    area: Area
+
+    def able(self, job: Handed) -> list[str]:
+        """The robots that were never killed and can do a job."""
+        return sorted(job.able - self.killed_s.keys())
+
+
 def delays(
     jobs: Sequence[Handed],
     events: Iterable[Mapping[str, Any]],
@@ -65,6 +80,7 @@ def delays(
         for name, at in area.start.items()
     }
     ended = _ended(jobs, ordered)
+    stream = Stream(jobs, history, ended, killed_s, area)
     quiet = [
         job
         for job in jobs
@@ -74,9 +90,7 @@ def delays(
             job.at_s < at_s + DETECTED_S and at_s < ended[job.id] for at_s in killed_s.values()
         )
     ]
-    found = _idle(quiet, jobs, history, ended, killed_s, area)
-    found += _late(jobs, history, ended, killed_s, area)
-    return found + _turned(jobs, ordered, ended, killed_s)
+    return _idle(quiet, stream) + _late(stream) + _turned(ordered, stream)
 
 
 def _ended(jobs: Sequence[Handed], events: Iterable[Mapping[str, Any]]) -> dict[str, float]:
@@ -115,41 +129,37 @@ def _at(history: Sequence[Stretch], at_s: float) -> Stretch:
     return next((each for each in history if each.from_s <= at_s < each.to_s), history[-1])
 
 
-def _idle(
-    quiet: Sequence[Handed],
-    jobs: Sequence[Handed],
-    history: Mapping[str, Sequence[Stretch]],
-    ended: Mapping[str, float],
-    killed_s: Mapping[str, float],
-    area: Area,
-) -> list[str]:
+def _idle(quiet: Sequence[Handed], stream: Stream) -> list[str]:
     """Robots that had nothing to do for as long as they needed to end a job earlier to which nobody
     was on the way.
     """
     found = []
     for job in quiet:
-        gaps = _gaps(job, history, ended[job.id])
+        gaps = _gaps(job, stream)
         idle = [
             (robot, each)
-            for robot in sorted(job.able - killed_s.keys())
-            for each in history[robot]
-            if each.is_idle and not _waits(each, jobs, ended, area)
+            for robot in stream.able(job)
+            for each in stream.history[robot]
+            if each.is_idle and not _waits(each, stream)
         ]
         for (robot, each), (open_s, taken_s) in product(idle, gaps):
             from_s = max(each.from_s, open_s) + KNOWN_S
-            could_s = from_s + area.way_s(each.at, job.place) + job.work_s
-            if from_s < taken_s and could_s < each.to_s and could_s + SLACK_S < ended[job.id]:
+            could_s = from_s + stream.area.way_s(each.at, job.place) + job.work_s
+            if (
+                from_s < taken_s
+                and could_s < each.to_s
+                and could_s + SLACK_S < stream.ended[job.id]
+            ):
                 text = f"{robot} was idle from {from_s:.2f} and could have ended {job.id}"
-                found.append(f"{text} at {could_s:.2f}, not at {ended[job.id]:.2f}")
+                found.append(f"{text} at {could_s:.2f}, not at {stream.ended[job.id]:.2f}")
     return found
 
 
-def _gaps(
-    job: Handed, history: Mapping[str, Sequence[Stretch]], ended_s: float
-) -> list[tuple[float, float]]:
+def _gaps(job: Handed, stream: Stream) -> list[tuple[float, float]]:
     """From when to when nobody was on the way to a job, or at work on it."""
-    found, open_s = [], job.at_s
-    taken = sorted((s.from_s, s.to_s) for all_ in history.values() for s in all_ if s.job == job.id)
+    found, open_s, ended_s = [], job.at_s, stream.ended[job.id]
+    done = (stretch for each in stream.history.values() for stretch in each)
+    taken = sorted((s.from_s, s.to_s) for s in done if s.job == job.id)
     for from_s, to_s in [*taken, (ended_s, ended_s)]:
         if from_s > open_s:
             found.append((open_s, from_s))
@@ -157,40 +167,34 @@ def _gaps(
     return found
 
 
-def _waits(idle: Stretch, jobs: Sequence[Handed], ended: Mapping[str, float], area: Area) -> bool:
+def _waits(idle: Stretch, stream: Stream) -> bool:
     """Whether it may have waited for its partner, at the place of a task for several robots."""
     return any(
         job.count > 1
-        and math.dist(area.places[job.place], idle.at) < 0.5
+        and math.dist(stream.area.places[job.place], idle.at) < 0.5
         and job.at_s < idle.to_s
-        and ended.get(job.id, idle.from_s + 1) > idle.from_s
-        for job in jobs
+        and stream.ended.get(job.id, idle.from_s + 1) > idle.from_s
+        for job in stream.jobs
     )
 
 
-def _late(
-    jobs: Sequence[Handed],
-    history: Mapping[str, Sequence[Stretch]],
-    ended: Mapping[str, float],
-    killed_s: Mapping[str, float],
-    area: Area,
-) -> list[str]:
+def _late(stream: Stream) -> list[str]:
     """Jobs beside which no other of as much priority was open, for which nobody set out at once, or
     whose deadline was missed, although a robot was free or on its way to a job of less priority.
     """
-    found = []
+    found, jobs, ended = [], stream.jobs, stream.ended
     priorities = {job.id: job.priority for job in jobs}
     for job in jobs:
         at_s = job.at_s + KNOWN_S
-        if job.count > 1 or _is_near_death(at_s, killed_s):
+        if job.count > 1 or _is_near_death(at_s, stream.killed_s):
             continue
         free = [
             stretch
-            for robot in sorted(job.able - killed_s.keys())
-            if (stretch := _at(history[robot], at_s)).is_idle
+            for robot in stream.able(job)
+            if (stretch := _at(stream.history[robot], at_s)).is_idle
             or (stretch.is_way and priorities[stretch.job] < job.priority)
         ]
-        could_s = min((at_s + area.way_s(s.at, job.place) for s in free), default=math.inf)
+        could_s = min((at_s + stream.area.way_s(s.at, job.place) for s in free), default=math.inf)
         could_s += job.work_s
         if any(
             other.id != job.id
@@ -200,7 +204,7 @@ def _late(
             for other in jobs
         ):
             continue
-        begins = [s.from_s for all_ in history.values() for s in all_ if s.job == job.id]
+        begins = [s.from_s for all_ in stream.history.values() for s in all_ if s.job == job.id]
         must_s = math.inf if job.deadline_s is None else job.deadline_s
         if could_s + SLACK_S < must_s < ended.get(job.id, math.inf):
             found.append(f"{job.id} missed {must_s:.2f}, and could have ended at {could_s:.2f}")
@@ -213,16 +217,11 @@ def _is_near_death(at_s: float, killed_s: Mapping[str, float]) -> bool:
     return any(-10 < at_s - dead_s < DETECTED_S + 1 for dead_s in killed_s.values())
 
 
-def _turned(
-    jobs: Sequence[Handed],
-    events: Sequence[Mapping[str, Any]],
-    ended: Mapping[str, float],
-    killed_s: Mapping[str, float],
-) -> list[str]:
+def _turned(events: Sequence[Mapping[str, Any]], stream: Stream) -> list[str]:
     """Robots that turned round to another place more than once before they worked, not for
     priority, from jobs that nobody else then set out for.
     """
-    known = {job.id: job for job in jobs}
+    known = {job.id: job for job in stream.jobs}
     starts = [
         (float(e["t"]), e["robot"], job_of(e["activation"]))
         for e in events
@@ -252,7 +251,11 @@ def _turned(
             for begun_s, who, other in starts
         )
         is_excused = is_taken or known[job].priority > known[gone].priority
-        if is_excused or ended.get(gone, math.inf) < at_s or _is_near_death(at_s, killed_s):
+        if (
+            is_excused
+            or stream.ended.get(gone, math.inf) < at_s
+            or _is_near_death(at_s, stream.killed_s)
+        ):
             continue
         turns.setdefault(robot, []).append(f"{gone} to {job} at {at_s:.2f}")
         if len(turns[robot]) > 1:

@@ -168,7 +168,7 @@ def _begins(
             if not _is_later(known[begun_now], other)
             for each in those
         }
-        # Whoever has no record may wait for a partner who is on its way to something before this.
+        # A robot without a record may wait for a partner that is on its way to an earlier task.
         waits = any(
             each.count > 1
             and not _is_later(each, other)

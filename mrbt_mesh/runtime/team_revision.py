@@ -212,7 +212,7 @@ async def _until_in_force(
 ) -> None:
     """Wait until all robots act by a revision; `awaited`: the robots without which they do not.
 
-    `text`: the revision compiled, by which it is told from another one with its number.
+    `text`: the compiled revision, which tells it from another one of the same number.
     """
     observer, said, number = watcher.observer, "", revision.revision_number
     while True:

@@ -42,7 +42,7 @@ KEPT_ENDS = 500
 KEPT_ARCHIVES = 200
 # How many robots have to write that a job has ended before its other facts are dropped.
 WITNESSES = 2
-# Robots that have worked on fewer of so many jobs that ended last have the first turn.
+# How many of the last ended jobs count, where the robot that has done least goes first.
 COUNTED_ENDS = 100
 _KEPT = f"{records.JOB_END}/", f"{records.JOB_CANCELLED}/"
 
