@@ -106,7 +106,10 @@ def test_what_a_report_tells() -> None:
     assert outcome.ran == {"tests.a.test_b::test_c[0]", "tests.a.test_b::test_e"}
     assert outcome.skipped == {"tests.a.test_b::test_d"}
     assert outcome.reasons == {"no Chromium": 1}
-    assert gate.name_of("tests/a/test_b.py::test_c[0]") == "tests.a.test_b::test_c[0]"
+    assert (
+        gate.name_of("tests/a/test_b.py::test_c[d::e.py/f]") == "tests.a.test_b::test_c[d::e.py/f]"
+    )
+    assert gate.name_of("tests/a/test_b.py::TestC::test_d[0]") == "tests.a.test_b.TestC::test_d[0]"
 
 
 def outcome(status: int = 0, **reasons: int) -> gate.Outcome:

@@ -47,6 +47,7 @@ class Suite:
 
 # They get what the others leave of the processors, so their limit of time is a wider one.
 COMPUTING = ("-n", "2", "--dist", "worksteal", "--timeout", "1200")
+OF_PROCESSES = ("tests/processes", "tests/adapters/ros2/bridge")
 SUITES = (
     Suite("tests", "computing", (*COMPUTING, "-m", "not processes and not docker"), is_nice=True),
     Suite(
@@ -56,7 +57,7 @@ SUITES = (
         {"MRBT_PLAIN": "1"},
         is_nice=True,
     ),
-    Suite("processes", "waiting", ("-n", "3", "-m", "not soak", "tests/processes")),
+    Suite("processes", "waiting", ("-n", "3", "-m", "processes and not soak", *OF_PROCESSES)),
     Suite("browser", "waiting", ("-n", "2", "tests/browser")),
     Suite("docker", "waiting", ("tests/docker",)),
     Suite("environments", "waiting", ("-n", "2", "--dist", "loadgroup", "tests/environments")),
@@ -181,9 +182,11 @@ def collected() -> set[str]:
 
 
 def name_of(node: str) -> str:
-    """`tests/a/test_b.py::test_c[0]` as reports name it: `tests.a.test_b::test_c[0]`."""
-    path, _, test = node.partition("::")
-    return f"{path.removesuffix('.py').replace('/', '.')}::{test}"
+    """`tests/a/test_b.py::TestC::test_d` as reports name it: `tests.a.test_b.TestC::test_d`."""
+    name, bracket, values = node.partition("[")
+    path, *classes, test = name.split("::")
+    place = ".".join([path.removesuffix(".py").replace("/", "."), *classes])
+    return f"{place}::{test}{bracket}{values}"
 
 
 def show(text: str) -> None:
