@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import pytest
 
+from mrbt_mesh.core.engine import DEFINITIONS
+from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.sim.chaos.campaign import Source, run_seed
 from tests.support.mutations import MUTATIONS
 
@@ -48,14 +50,22 @@ CAUGHT = {
 }
 
 
+# Bugs in what only makes plans faster.
+OF_QUICK_PLANS = {"losses_are_overlooked"}
+
+
 @pytest.mark.parametrize("name", CAUGHT)
 def test_a_deliberate_bug_is_caught(name: str) -> None:
     invariant, seeds = CAUGHT[name]
+    is_used = name not in OF_QUICK_PLANS or chosen_engine() is not DEFINITIONS
     for seed in seeds:
         with MUTATIONS[name]():
-            if invariant in run_seed(Source(), seed).invariants:
-                return
-    pytest.fail(f"{name} did not break {invariant} in seeds {seeds}")
+            found = run_seed(Source(), seed).invariants
+        if not is_used:
+            assert not found
+        elif invariant in found:
+            return
+    assert not is_used, f"{name} did not break {invariant} in seeds {seeds}"
 
 
 # Chaos seldom stalls a partner for longer than the usual bound: test_run_coalitions.py does.
