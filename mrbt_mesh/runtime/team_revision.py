@@ -27,7 +27,8 @@ from mrbt_mesh.runtime.watcher import Watcher
 # An operator who interrupts waits no longer for an answer.
 WITHDRAW_S = 2.0
 # How long robots' runtimes may take to look at their programs.
-CHECK_S, CHECK_AGAIN_S = 5.0, 0.1
+# A robot imports its program anew for it, which takes long where many processes share few cores.
+CHECK_S, CHECK_AGAIN_S = 20.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
