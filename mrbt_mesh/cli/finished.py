@@ -34,8 +34,10 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
         summary = _summary(run_dir)
         from mrbt_mesh.runtime.summary_signature import sign_summary
 
-        run_dir.write_summary(summary)
-        sign_summary(run_dir)
+        # Others may do the same now: all show the one that was first.
+        if run_dir.write_first_summary(summary):
+            sign_summary(run_dir)
+        summary = run_dir.summary()
     return summary
 
 
@@ -57,7 +59,8 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     # The last sign of life is the end of a run that has no result.
     last_ns = max(run_dir.alive_mark_ns(robot) for robot in run_dir.robots())
     ended_us = boottime_us() - max(0, time.time_ns() - last_ns) // 1_000
-    tell_past(observer, run_dir.path, info.started_unix_s, ())
+    recorded_us = tell_past(observer, run_dir.path, info.started_unix_s, ())
+    ended_us = max(ended_us, recorded_us or 0)
     result = Team(run_dir, info, mission).result(observer, ended_us)
     summary = run_summary(observer.record, result, ended_us)
     if observer.record.result is None:

@@ -22,8 +22,10 @@ STILL_WRITTEN_US = 10_000_000
 
 def tell_past(
     observer: Observer, run_dir: Path, started_unix_s: float, living: Collection[str]
-) -> None:
+) -> int | None:
     """Tell an observer that hears nothing yet what was recorded of its run, which began then.
+
+    Returns until when it was recorded, in microseconds of this machine's clock; None: not at all.
 
     `living`: the robots whose processes run now; what they and who launched them record is whole
     until now, also where nothing has happened for a while. Where one recording ends, as that of a
@@ -45,6 +47,7 @@ def tell_past(
         record.started_us = round(started_unix_s * 1e6) - _epoch_us()
     if record.result is None:
         observer.watch_from(boottime_us(), record.started_us if until_us is None else until_us)
+    return until_us
 
 
 @dataclass(frozen=True)

@@ -130,6 +130,10 @@ def write_atomically(path: Path, text: str) -> None:
         raise
 
 
+def _summary_text(summary: Mapping[str, Any]) -> str:
+    return json.dumps(summary, indent=2) + "\n"
+
+
 def identity_of_this_process() -> str:
     """The pid and start time of this process, for `process_in`."""
     started_s = psutil.Process().create_time()
@@ -364,6 +368,27 @@ class RunDir:
             return None
         return data if is_of_now else None
 
+    def write_first_summary(self, summary: Mapping[str, Any]) -> bool:
+        """Write summary.json unless there is one of this run; whether it was written.
+
+        Raises RunDirError.
+        """
+        path = self.path / SUMMARY_FILE
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.first")
+        try:
+            write_atomically(temporary, _summary_text(summary))
+            with contextlib.suppress(FileExistsError):
+                os.link(temporary, path)
+                return True
+            if self.summary() is not None:
+                return False
+            temporary.replace(path)  # that of the run which it resumes
+        except OSError as error:
+            raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error
+        finally:
+            temporary.unlink(missing_ok=True)
+        return True
+
     def remove_summary(self) -> None:
         """The run goes on: it has no end any more. Raises RunDirError."""
         for name in (SUMMARY_FILE, SIGNATURE_FILE):
@@ -377,6 +402,6 @@ class RunDir:
         """Write summary.json; raises RunDirError."""
         path = self.path / SUMMARY_FILE
         try:
-            write_atomically(path, json.dumps(summary, indent=2) + "\n")
+            write_atomically(path, _summary_text(summary))
         except OSError as error:
             raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,25 +15,65 @@ from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
+from mrbt_mesh.sim import Kill
 from tests.support.paths import mission_file
+from tests.support.recorded import record_example
+
+# As the simulation of seed 1 is called.
+RUN = "sim1"
 
 
-def test_a_run_that_nobody_watched_has_a_summary(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def run_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDir:
+    """That of a run in which no robot was started."""
     path = mission_file("explore")
     mission = load_mission(path)
     robots = chosen_robots("--robots", None, mission)
     info = new_run(mission, path, robots, RobotOptions(beat_s=1.0, detection_s=5.0))
     monkeypatch.setenv("MRBT_STATE_DIR", str(tmp_path))
-    run_dir = RunDir.create(tmp_path / "run", info, compile_mission(mission))
+    return RunDir.create(
+        tmp_path / "run",
+        replace(info, options=replace(info.options, run=RUN)),
+        compile_mission(mission),
+    )
+
+
+def begin(run_dir: RunDir, robot: str) -> Path:
+    """A robot whose process has gone; the file that says when it lived last."""
+    path = run_dir.path / f"{robot}.process"
+    path.write_text('{"pid": 1, "started_unix_s": 0}')
+    return path
+
+
+def test_a_run_that_nobody_watched_has_a_summary(run_dir: RunDir) -> None:
     assert summary_of_finished(run_dir) is None, "no robot was ever started"
-    (run_dir.path / "R1.process").write_text('{"pid": 1, "started_unix_s": 0}')
+    begin(run_dir, "R1")
     with launched_from_here(run_dir):
         assert summary_of_finished(run_dir) is None, "its launcher will write it"
     found = summary_of_finished(run_dir)
     assert found is not None
     assert (found["result"], found["ended_because"]) == ("blocked", "no robot is left")
     assert run_dir.summary() == found
-    os.utime(run_dir.path / "summary.json", (info.started_unix_s - 1,) * 2)
+    before_s = run_dir.info().started_unix_s - 1
+    os.utime(run_dir.path / "summary.json", (before_s, before_s))
     assert run_dir.summary() is None, "that of the run that this one resumes"
+    found = summary_of_finished(run_dir)
+    assert run_dir.summary() == found is not None
+
+
+def test_a_run_ends_no_earlier_than_what_was_recorded_of_it(run_dir: RunDir) -> None:
+    killed = [(2_000_000, Kill("R1")), (2_500_000, Kill("R2"))]
+    record_example(run_dir.path, "explore", 1, killed)
+    os.utime(begin(run_dir, "R1"), (1.0, 1.0))
+    found = summary_of_finished(run_dir)
+    assert found is not None
+    assert found["duration_s"] == pytest.approx(2.5, abs=1)
+
+
+def test_of_two_that_write_a_summary_both_show_that_of_the_first(run_dir: RunDir) -> None:
+    assert run_dir.write_first_summary({"result": "blocked", "duration_s": 1.0})
+    assert not run_dir.write_first_summary({"result": "blocked", "duration_s": 1.1})
+    assert run_dir.summary() == {"result": "blocked", "duration_s": 1.0}
+    begin(run_dir, "R1")
+    assert summary_of_finished(run_dir) == run_dir.summary()
+    assert not list(run_dir.path.glob(".summary*")), "nothing else is left"

@@ -77,7 +77,7 @@ def test_a_detached_team_that_is_killed_has_a_status(team: Team) -> None:
     assert team.mrbt("status").startswith("the run is over: blocked\n")
     summary = json.loads((team.run_dir / "summary.json").read_text())
     assert (summary["result"], summary["ended_because"]) == ("blocked", "no robot is left")
-    assert summary["duration_s"] < 100
+    assert 0 <= summary["duration_s"] < 100
     assert {row["robots"][0] for row in summary["global_tasks"].values()} == {"R1", "R2"}
     assert {row["state"] for row in summary["robots"].values()} == {"dead"}
     watched = team.command("watch", "--json")
