@@ -215,7 +215,8 @@ parts: $(READY)
 	@for part in $(PARTS); do echo "preparing: $$part"; \
 		$(MAKE) --no-print-directory --silent $$part || echo "CANNOT BE HAD HERE: $$part"; done
 
-# Every suite, all tests of each, in the larger size: tests/support/gate.py. About 35 minutes.
+# Every suite in the larger size, but for what make test runs just so: tests/support/gate.py. About
+# 35 minutes.
 gate: parts
 	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python \
 		$(BIN)/python -m tests.support.gate $(SUITES)

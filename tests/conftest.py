@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import os
 import shutil
@@ -32,6 +33,34 @@ _STATE = "MRBT_STATE_DIR"
 # Tests start hundreds of Pythons: without bytecode each compiles all that it imports anew.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+# Suites of the gate run all that is marked so; make test has some of it, or none.
+_OF_SUITES = ("browser", "docker", "processes", "slow", "soak")
+# Modules that name these try more in the gate (tests/support/effort.py).
+_SIZED = ("tests.support.effort", "hypothesis")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--beyond-quick",
+        action="store_true",
+        help="only tests that `make test` does not run, or of which it tries less",
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what `make test` runs just so, if that is asked for."""
+    if not config.getoption("--beyond-quick"):
+        return
+    is_sized = functools.cache(lambda path: any(n in path.read_text("utf-8") for n in _SIZED))
+    left_out = {
+        item
+        for item in items
+        if not any(item.get_closest_marker(name) for name in _OF_SUITES) and not is_sized(item.path)
+    }
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -1,7 +1,9 @@
-"""The gate (`.ci/run`): every suite at the gate's size, those that wait beside those that compute.
+"""The gate: every suite at the gate's size, those that wait beside those that compute.
 
     python -m tests.support.gate              # all suites
     python -m tests.support.gate browser      # some
+
+`.ci/run` calls it after `make test`, and what that has run just so is not run again.
 
 Suites of one lane run one after the other. Output is in build/gate/, and of a suite that fails it
 is shown. At the end: a table of suites, what was skipped and why, and tests that no suite has run.
@@ -49,7 +51,12 @@ class Suite:
 COMPUTING = ("-n", "2", "--dist", "worksteal", "--timeout", "1200")
 OF_PROCESSES = ("tests/processes", "tests/adapters/ros2/bridge")
 SUITES = (
-    Suite("tests", "computing", (*COMPUTING, "-m", "not processes and not docker"), is_nice=True),
+    Suite(
+        "tests",
+        "computing",
+        (*COMPUTING, "--beyond-quick", "-m", "not processes and not docker"),
+        is_nice=True,
+    ),
     Suite(
         "plain",
         "computing",
@@ -169,8 +176,8 @@ def table(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
 
 
 def collected() -> set[str]:
-    """Every test there is at this size, as reports name them."""
-    command = [sys.executable, "-m", "pytest", "--collect-only", "-q"]
+    """Every test there is at this size but those that `make test` has run, as reports name them."""
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "--beyond-quick"]
     command += ["-o", "addopts=--import-mode=importlib"]
     done = subprocess.run(
         command, cwd=ROOT, env=os.environ | SIZE, capture_output=True, text=True, check=False
