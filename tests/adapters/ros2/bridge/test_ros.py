@@ -203,16 +203,13 @@ async def test_a_node_has_to_be_active(servers: Servers, tmp_path: Path) -> None
 async def test_servers_that_are_killed_are_lost_and_found_again(
     servers: Servers, tmp_path: Path
 ) -> None:
-    """What DDS tells after 20 s: here all three are lost as soon as they do not answer."""
+    """All three are lost when they do not answer, whatever DDS tells of them, and when."""
     async with connected(tmp_path) as (_, told):
         for _ in range(2):
             count = len(told.said)
-            killed_s = anyio.current_time()
             servers.kill()
             for name in ("work", "ask", "command"):
                 await told.until("lose_capability", name, after=count)
-            # Far from what DDS takes, whatever this machine is busy with.
-            assert anyio.current_time() - killed_s < 15
             servers.start()
             for name in ("work", "ask", "command"):
                 await told.until("restore_capability", name, after=count)
