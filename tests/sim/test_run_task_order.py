@@ -9,7 +9,7 @@ from typing import Any
 import anyio
 import pytest
 
-from benchmarks.task_order import program_of
+from benchmarks.small_missions import program_of
 from benchmarks.task_order_judge import job_of
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.formats.build import mission_from_yaml

@@ -32,8 +32,9 @@ from mrbt_mesh.core.scheduling.search import search, search_steps
 # a second is enough for the first number of these, some 8 ms for the second one. By the third one,
 # a problem is so small that this is worth while.
 MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
-# Few tasks have few orders: more evaluations per pair of tasks find nothing new.
-MIN_EVALUATIONS, EVALUATIONS_PER_PAIR = 50, 25
+# Few tasks have few orders: more evaluations per pair of tasks, or than these at all, find nothing
+# new.
+MIN_EVALUATIONS, EVALUATIONS_PER_PAIR, ENOUGH_EVALUATIONS = 50, 25, 400
 # While there are deadlines ahead, what time it is is written again after so long.
 TIME_US = 5_000_000
 # Where a robot has joined, nobody begins anything for this long: others may be joining, and the
@@ -44,7 +45,7 @@ SETTLE_US = 50_000
 def evaluations_of(problem: SchedulingProblem) -> int:
     """How many orders a robot tries."""
     in_time = max(MOST_WORK // _work_of(problem), MIN_EVALUATIONS)
-    return min(in_time, EVALUATIONS_PER_PAIR * len(problem.tasks) ** 2)
+    return min(in_time, max(ENOUGH_EVALUATIONS, EVALUATIONS_PER_PAIR * len(problem.tasks) ** 2))
 
 
 def _work_of(problem: SchedulingProblem) -> int:
@@ -145,34 +146,41 @@ class Scheduler:
 
     def begins(self, plan: Plan, claim: Claim, is_way: bool) -> list[Fact]:
         """The facts to write when the robot sets out for something, or begins to work on it: what
-        it overtakes, and whether it has turned round for it.
+        it overtakes, and whether it has turned round for it. As all agree then, it also takes back
+        a proposal that is not in force: what work and ways are done could make it seem better.
         """
         begun, self._begun = self._begun, claim.activation
         way, self._way_to = self._way_to, claim.activation if is_way else ""
         ahead, me = plan.ahead, self._context.me
         if claim.activation == begun or ahead is None:
             return []
+        taken_back: list[Fact] = []
+        if self._is_outdone(ahead):
+            taken_back.append((records.SCHEDULE, Proposal(())))
         self._has_turned = is_way and (self._has_turned or ahead.turns_from(way, claim.activation))
         passed = ahead.overtaken_by(me, claim.activation)
         if not passed and not self._has_turned:
-            return []
+            return taken_back
         before = self._context.facts.overtakings.get(me)
         counts = dict(before.counts) if before is not None else {}
         counts = {name: count for name, count in counts.items() if name in ahead.order}
         for name in passed:
             counts[name] = min(MAX_OVERTAKEN, counts.get(name, 0) + 1)
-        return [(records.OVERTAKEN, Overtaken(claim.activation, self._has_turned, counts))]
+        noted = Overtaken(claim.activation, self._has_turned, counts)
+        return [*taken_back, (records.OVERTAKEN, noted)]
 
     def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
         """Take its proposal back once all robots follow another one. Costs change a little with
         every event, and no robot should turn round for that.
         """
         context = self._context
-        mine = context.facts.proposals.get(context.me)
-        if mine is None or not mine.steps or ahead.author in ("", context.me):
-            return
-        if context.membership.all_report_plan(plan.digest):
+        if self._is_outdone(ahead) and context.membership.all_report_plan(plan.digest):
             context.write([(records.SCHEDULE, Proposal(()))], now_us)
+
+    def _is_outdone(self, ahead: Lookahead) -> bool:
+        """Whether it has a proposal, and that of another robot is in force."""
+        mine = self._context.facts.proposals.get(self._context.me)
+        return mine is not None and bool(mine.steps) and ahead.author not in ("", self._context.me)
 
     def _outdo(self, ahead: Lookahead, now_us: int) -> None:
         """Propose what rules come to, if the schedule in force is twice as long, as one of a robot
@@ -229,10 +237,16 @@ class Scheduler:
             self._propose(searched.proposal(event.schedule), ahead, now_us)
 
     def _propose(self, proposal: Proposal, ahead: Lookahead, now_us: int) -> None:
-        """Propose what is clearly better than the schedule in force."""
+        """Propose what is clearly better than the schedule in force.
+
+        Schedules by rules change with every event: if nothing better is found where they are in
+        force, the first robot proposes that of now, which the team then carries out.
+        """
         best = ahead.mended(proposal).rank
         if ahead.course is None or best.is_clearly_better(ahead.course.rank):
             self._are_rules_as_good = False
             self._context.write([(records.SCHEDULE, proposal)], now_us)
-        else:
-            self._are_rules_as_good = not ahead.author
+            return
+        self._are_rules_as_good = not ahead.author
+        if not ahead.author and ahead.schedule and self._context.me == min(ahead.robots):
+            self._context.write([(records.SCHEDULE, ahead.proposal(ahead.schedule))], now_us)

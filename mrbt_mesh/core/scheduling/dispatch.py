@@ -96,22 +96,22 @@ class Dispatcher:
             place = task.place
             hint = hints.get(number)
             if hint is None and is_simple[number]:
-                coalition, last_ms = self._gather(number, leaves_ms)
-                for (robot,) in coalition:
-                    free_ms[robot] = last_ms
+                coalition, begin_ms, works_ms = self._gather(number, leaves_ms)
+                for (robot,), work_ms in zip(coalition, works_ms, strict=True):
+                    free_ms[robot] = begin_ms + work_ms
+                last_ms = begin_ms + max(works_ms)
             else:
                 if hint is None:
                     chosen = self._choose(number, leaves_ms)
                 else:
                     chosen = self._completed(number, leaves_ms, hint)
+                begin_ms = last_ms = 0
                 if task.is_together:
-                    last_ms = max([each[1] for offers in chosen for each in offers])
-                    last_ms += max([each[0] - each[1] for offers in chosen for each in offers])
-                else:
-                    last_ms = max([each[0] for offers in chosen for each in offers])
+                    begin_ms = max([each[1] for offers in chosen for each in offers])
                 for offers in chosen:
-                    for end_ms, _, robot in offers:
-                        free_ms[robot] = last_ms if task.is_together else end_ms
+                    for end_ms, there_ms, robot in offers:
+                        free_ms[robot] = own_ms = end_ms + max(0, begin_ms - there_ms)
+                        last_ms = max(last_ms, own_ms)
                 coalition = tuple([tuple(map(_ROBOT, offers)) for offers in chosen])
             if place is not None:
                 for robots in coalition:
@@ -163,8 +163,10 @@ class Dispatcher:
             chosen = [own + more for own, more in zip(chosen, found, strict=True)]
         return chosen
 
-    def _gather(self, number: int, leaves_ms: int) -> tuple[Coalition, int]:
-        """`_choose` for robots that gather, one for each need; and when the task ends."""
+    def _gather(self, number: int, leaves_ms: int) -> tuple[Coalition, int, list[int]]:
+        """`_choose` for robots that gather, one for each need; when the task begins, and for how
+        long each robot works.
+        """
         free_ms, ways_ms, place = self._free_ms, self._ways_ms, self._problem.tasks[number].place
         every = []
         gathered_ms = longest_ms = 0
@@ -184,17 +186,16 @@ class Dispatcher:
             gathered_ms = max(gathered_ms, first_there_ms)
             longest_ms = max(longest_ms, first_work_ms)
             every.append(arrivals)
-        coalition = []
-        begin_ms = work_most_ms = 0
+        coalition, works_ms, begin_ms = [], [], 0
         for (_, able), arrivals in zip(self._needs[number], every, strict=True):
             latest_ms = -1
             for (robot, work_ms), there_ms in zip(able, arrivals, strict=True):
                 if latest_ms < there_ms <= gathered_ms and work_ms <= longest_ms:
                     latest_ms, chosen, chosen_work_ms = there_ms, robot, work_ms
             begin_ms = max(begin_ms, latest_ms)
-            work_most_ms = max(work_most_ms, chosen_work_ms)
+            works_ms.append(chosen_work_ms)
             coalition.append((chosen,))
-        return tuple(coalition), begin_ms + work_most_ms
+        return tuple(coalition), begin_ms, works_ms
 
     def _choose(self, number: int, leaves_ms: int) -> list[list[Offer]]:
         """For each need of a task the offers that it takes, of robots that may leave by then."""

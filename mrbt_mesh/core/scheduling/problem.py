@@ -39,8 +39,9 @@ class SchedulingTask:
     """One task at one place, None: wherever its robots are. `after`: the tasks that end before any
     of its robots sets out.
 
-    Together: its robots begin when all of them are there, and end with the slowest. Otherwise each
-    begins when it is there, and the task ends with the last. `ready_ms`: none sets out before.
+    Together: its robots begin when all of them are there. Otherwise each begins when it is there.
+    Each is free when it has done its part, and the task ends with the last. `ready_ms`: none sets
+    out before.
 
     `level`: tasks of smaller ones have priority. `arrival`: of one level, those with larger ones
     are later. `spare`: how many later tasks of its level may still overtake it; None: any number.
@@ -179,10 +180,7 @@ def course_of(problem: SchedulingProblem, schedule: Schedule) -> Course:
                 begin_ms = all_are_there_ms if task.is_together else arrivals_ms[robot]
                 free_ms[robot] = begin_ms + need.work_ms[robot]
                 at[robot] = at[robot] if task.place is None else task.place
-        ended_ms[number] = last_ms = max(free_ms[robot] for robot in arrivals_ms)
-        if task.is_together:
-            for robot in arrivals_ms:
-                free_ms[robot] = last_ms
+        ended_ms[number] = max(free_ms[robot] for robot in arrivals_ms)
         begins_ms.append(all_are_there_ms if task.is_together else min(arrivals_ms.values()))
     if len(ended_ms) < len(problem.tasks):
         raise ValueError(f"a schedule of {len(ended_ms)} of {len(problem.tasks)} tasks")
