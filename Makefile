@@ -204,8 +204,8 @@ locales:
 		{ echo "install locales, or run this as root on Debian"; exit 1; }
 
 networks:
-	@command -v ip > /dev/null || { $(APT_INSTALL) iproute2; } || \
-		{ echo "install iproute2, or run this as root on Debian"; exit 1; }
+	@{ command -v ip && command -v iptables-restore; } > /dev/null || { $(APT_INSTALL) iproute2 iptables; } || \
+		{ echo "install iproute2 and iptables, or run this as root on Debian"; exit 1; }
 
 prometheus:
 	@command -v promtool > /dev/null || { $(APT_INSTALL) --no-install-recommends prometheus; } || \
