@@ -21,8 +21,9 @@ from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
 from mrbt_mesh.cli.terminal import errors, print_json
+from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.core.observer.summary import ABORTED, run_summary
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.runtime.capacity import Overload
@@ -306,6 +307,8 @@ class Session:
         summary = run_summary(observer.record, result, now_us)
         if why is not None:
             summary["ended_because"] = why
+        elif observer.facts.order() is TeamOrder.ABORT:
+            summary["ended_because"] = ABORTED
         if self.overload is not None:
             summary["overload"] = asdict(self.overload)
         if team is not None:

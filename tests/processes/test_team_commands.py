@@ -118,6 +118,7 @@ def test_pause_resume_abort(team: Team) -> None:
     team.mrbt("abort")
     code, summary = team.end()
     assert (code, summary["result"]) == (1, "failure")
+    assert summary["ended_because"] == "an operator has aborted it"
 
 
 @pytest.mark.slow

@@ -83,6 +83,7 @@ def _headline(summary: Mapping[str, Any]) -> Text:
         f"  {_seconds(summary.get('duration_s'))}",
         (f"  {_count(len(summary.get('robots', ())), 'robot')}", "dim"),
         (f", {_count(faults, 'fault')}" if faults else ", no faults", "dim"),
+        (f"\n  {because}" if (because := summary.get("ended_because")) else "", "bold"),
     )
 
 

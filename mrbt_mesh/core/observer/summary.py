@@ -10,6 +10,9 @@ from mrbt_mesh.core.observer.newest import Newest
 from mrbt_mesh.core.observer.run_record import RunRecord
 
 
+ABORTED = "an operator has aborted it"
+
+
 def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
     """The summary of the run as plain data; `result` is the observer's word for it.
 
