@@ -155,7 +155,7 @@ class Scheduler:
         if claim.activation == begun or ahead is None:
             return []
         taken_back: list[Fact] = []
-        if self._is_outdone(ahead):
+        if self._is_outdone(ahead) and not ahead.problem.has_order:
             taken_back.append((records.SCHEDULE, Proposal(())))
         self._has_turned = is_way and (self._has_turned or ahead.turns_from(way, claim.activation))
         passed = ahead.overtaken_by(me, claim.activation)
@@ -248,5 +248,6 @@ class Scheduler:
             self._context.write([(records.SCHEDULE, proposal)], now_us)
             return
         self._are_rules_as_good = not ahead.author
-        if not ahead.author and ahead.schedule and self._context.me == min(ahead.robots):
+        is_first = self._context.me == min(ahead.robots)
+        if is_first and not ahead.author and ahead.schedule and not ahead.problem.has_order:
             self._context.write([(records.SCHEDULE, ahead.proposal(ahead.schedule))], now_us)

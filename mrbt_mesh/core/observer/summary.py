@@ -9,7 +9,6 @@ from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
 from mrbt_mesh.core.observer.newest import Newest
 from mrbt_mesh.core.observer.run_record import RunRecord
 
-
 ABORTED = "an operator has aborted it"
 
 

@@ -17,7 +17,8 @@ from mrbt_mesh.core.scheduling.problem import Coalition, SchedulingProblem, Sche
 THRESHOLD_PART = 80
 Dispatch: TypeAlias = Callable[[Sequence[int], Mapping[int, Coalition]], Dispatched]
 # Of so few tasks all orders that matter are soon tried. Then it is also changed who does them, with
-# a threshold by which random missions of six tasks came closest to the best schedule.
+# a threshold by which random missions of six tasks came closest to the best schedule. Where tasks
+# arrive one by one and have an order, robots turned to and fro by such schedules.
 FEW_TASKS, THRESHOLD_PART_OF_FEW = 8, 5
 
 
@@ -43,10 +44,11 @@ def search_steps(
     count = len(problem.tasks)
     if count < 2:
         return
-    dispatch = _remembered(dispatcher.dispatch) if count <= FEW_TASKS else dispatcher.dispatch
+    are_few = count <= FEW_TASKS and not problem.has_order
+    dispatch = _remembered(dispatcher.dispatch) if are_few else dispatcher.dispatch
     numbers = _numbers(seed)
     phases = ((THRESHOLD_PART, False), (THRESHOLD_PART_OF_FEW, True))
-    for part, are_robots_changed in phases if count <= FEW_TASKS else phases[:1]:
+    for part, are_robots_changed in phases if are_few else phases[:1]:
         order, rank = [step.task for step in best.schedule], best.rank
         given, first_threshold = dict[int, Coalition](), rank.cost // part
         for left in range(evaluations, 0, -1):
