@@ -105,7 +105,7 @@ class OperatorCall:
         raise TimeoutError(self._shortage(keepers))
 
     def _acknowledged(self, keepers: dict[str, dict[str, Any]]) -> Acknowledged:
-        latest = max(keepers.values(), key=lambda each: (each["newest"] or [0, ""], each["stamp"]))
+        latest = max(keepers.values(), key=_how_new)
         silent = {*self.team, *self.robots()} - keepers.keys()
         return Acknowledged(latest["state"], tuple(sorted(keepers)), tuple(sorted(silent)))
 
@@ -235,6 +235,11 @@ class OperatorCall:
         if conflicts or self._are_enough(left):
             return next(iter(conflicts), None)
         return next(iter(refused.values()), None)
+
+
+def _how_new(answer: dict[str, Any]) -> tuple[bool, Any, int]:
+    """A robot that has a change of a job before the job itself knows no more of it than its id."""
+    return len(answer["state"]) > 1, answer["newest"] or [0, ""], answer["stamp"]
 
 
 def _is_put_off(answer: dict[str, Any], step: CommandStep) -> bool:

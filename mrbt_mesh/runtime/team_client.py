@@ -332,13 +332,16 @@ class TeamClient:
         self._job_types()
         try:
             name = f"{field}/{job_id}"
-            return await self._command(name, value, operator, safe, is_checked=True)
+            done = await self._command(name, value, operator, safe, is_checked=True)
         except CommandRefusedError as refusal:
             raise JobRefusedError(str(refusal), refusal.cause) from None
         except TimeoutError as error:
             raise TimeoutError(
                 f"{job_id}: {error}: give the same command again, or ask for fewer"
             ) from None
+        # Some robot knew the job, or it would have refused; those that answered may not know it yet.
+        done.state.setdefault("state", "open")
+        return done
 
     async def _lend(self, robot: str, loan: Loan, operator: str) -> Acknowledged:
         name, needs = f"{BORROWED}/{robot}", (robot,)

@@ -275,6 +275,23 @@ def test_a_command_that_is_older_than_what_robots_have_is_given_a_newer_stamp() 
     in_virtual_time(main)
 
 
+def test_the_state_of_a_job_is_told_by_a_robot_that_knows_the_job() -> None:
+    async def ask(robot: str, *_: Any) -> dict[str, Any]:
+        # B and C have the change before the job, and have seen a newer stamp.
+        state = {"id": "a", "state": "held"} if robot == "A" else {"id": "a"}
+        stamp = 1 if robot == "A" else 9
+        return {"taken": True, "kept": True, "newest": [1, "x"], "stamp": stamp, "state": state}
+
+    async def main() -> None:
+        def make(version: Version) -> Entry:
+            return make_command("job_hold/a", "held", "me", version, "r", None)
+
+        call = OperatorCall(make, ask, lambda: ROBOTS[:3], ROBOTS, MAJORITY)
+        assert (await call.carry_out(1)).state["state"] == "held"
+
+    in_virtual_time(main)
+
+
 def test_a_robot_that_wakes_late_does_not_carry_out_an_old_command() -> None:
     async def main() -> None:
         robots = Robots(random.Random(1))
