@@ -17,7 +17,9 @@ from itertools import pairwise
 NEWS_S = 1.0
 # An answer that comes later than this is none.
 ANSWER_S = 20.0
-ENDED = ("succeeded", "failed", "cancelled", "expired")
+# Of a job that ended long ago only its id is kept, and not how it has ended.
+LONG_AGO = "ended long ago"
+ENDED = ("succeeded", "failed", "cancelled", "expired", LONG_AGO)
 SUBMIT, HOLD, RELEASE, CANCEL, PRIORITY = "submit", "hold", "release", "cancel", "priority"
 DONE, REFUSED, UNKNOWN = "done", "refused", "unknown"
 
@@ -153,14 +155,17 @@ def _lost(
     if not final or not all(each.state for each in final):
         yield f"{job} was acknowledged, and is unknown at the end"
         return
+    asked = {each.kind for each in operations if each.answer != REFUSED}
     states = {each.state for each in final}
+    if LONG_AGO in states and CANCEL not in asked and not works:
+        yield f"{job} was acknowledged, has ended, and no robot has begun it"
+    states = states - {LONG_AGO} or states
     if len(states) > 1:
         yield f"{job}: servers show different states at the end: {sorted(states)}"
         return
-    state = final[0].state
+    state = min(states)
     if state == "succeeded" and not any(work.end == "success" for work in works):
         yield f"{job} has succeeded, and no robot has done it"
-    asked = {each.kind for each in operations if each.answer != REFUSED}
     if state == "cancelled" and CANCEL not in asked:
         yield f"{job} is cancelled, and nobody asked for that"
     may_be_open = is_parked or (state == "held" and HOLD in asked)

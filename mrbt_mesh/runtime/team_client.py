@@ -339,7 +339,7 @@ class TeamClient:
             raise TimeoutError(
                 f"{job_id}: {error}: give the same command again, or ask for fewer"
             ) from None
-        # Some robot knew the job, or it would have refused; those that answered may not know it yet.
+        # A robot that did not know the job refused; one that has the change first need not know it.
         done.state.setdefault("state", "open")
         return done
 

@@ -10,6 +10,7 @@ from benchmarks.history_rules import (
     CANCEL,
     DONE,
     HOLD,
+    LONG_AGO,
     PRIORITY,
     REFUSED,
     RELEASE,
@@ -61,6 +62,7 @@ def history(
 
 HONEST = {
     "done": history(works=(work("R1", 2),)),
+    "done, and long ago": history(works=(work("R1", 2),), final=LONG_AGO),
     "in doubt": history(works=(work("R1", 2, ""),), final="failed"),
     "cancelled": history(op(CANCEL, 2), final="cancelled"),
     "cancelled by a request without an answer": history(op(CANCEL, 2, UNKNOWN), final="cancelled"),
@@ -101,6 +103,7 @@ BROKEN = {
         history(final="held"),
         history(final="succeeded"),
         history(final="cancelled"),
+        history(final=LONG_AGO),
         history(op(CANCEL, 2, REFUSED), final="cancelled"),
         replace(HONEST["done"], final={"j": [read("succeeded"), read("failed")]}),
     ],
