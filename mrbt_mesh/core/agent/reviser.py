@@ -17,6 +17,7 @@ from mrbt_mesh.core.agent.inputs import MissionChecked
 from mrbt_mesh.core.agent.operator_desk import (
     CONFLICT,
     ENDED,
+    NOT_READY,
     FieldRule,
     RefusalError,
     Rules,
@@ -88,6 +89,10 @@ class Reviser:
     def _check_proposal(self, entry: Entry, _: int) -> None:
         context, revisions = self._context, self._context.facts.revisions
         number, next_number = int(entry.parts[1]), revisions.last_number + 1
+        if context.mission.revision_number < number < next_number:
+            # It may be this very one: its author asks again, and others were quicker.
+            text = f"{context.me} does not know yet what revision {number} is"
+            raise RefusalError(text, NOT_READY)
         if number != next_number:
             text = f"revision {number} is out of date, the next one is {next_number}"
             raise RefusalError(text, CONFLICT)
