@@ -46,10 +46,13 @@ def test_a_full_disk_stops_exclusive_work_alone_until_there_is_room(team: Team, 
     (disk / "filler").unlink()
     code, summary = team.end()
     assert (code, summary["result"]) == (0, "success"), team.logs()
-    problems = {(each["robot"], each["subject"]): each for each in summary["problems"]}
+    # On a busy machine robots also say that something has kept their loops.
+    files = ("journal", "recording")
+    written = [each for each in summary["problems"] if each["subject"] in files]
+    problems = {(each["robot"], each["subject"]): each for each in written}
     robots = sorted(summary["robots"])
     # A journal is written again once there is room. A recording that has ended stays ended.
-    assert sorted(problems) == [(r, s) for r in robots for s in ("journal", "recording")]
+    assert sorted(problems) == [(r, s) for r in robots for s in files]
     for robot in robots:
         assert problems[robot, "journal"]["problem"] == FULL
         assert problems[robot, "journal"]["until_s"] is not None
