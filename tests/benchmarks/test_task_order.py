@@ -20,6 +20,13 @@ def test_a_stream_of_jobs_is_done_in_the_order_of_tasks(seed: int) -> None:
     assert found.broken == [], f"seed {seed}"
 
 
+# Robots stood idle, overtook what they must not, or turned to and fro for ever.
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [87, 93, 105, 141, 172, 188])
+def test_streams_that_were_once_done_otherwise(seed: int) -> None:
+    assert task_order.stream(seed).broken == [], f"seed {seed}"
+
+
 @pytest.mark.slow
 def test_without_the_rule_the_judge_finds_what_is_overtaken(
     monkeypatch: pytest.MonkeyPatch,

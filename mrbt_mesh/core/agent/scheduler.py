@@ -98,7 +98,13 @@ class Scheduler:
         self._outdo(ahead, now_us)
         if self._is_searching and self._is_for(ahead):
             return
-        if len(ahead.opens) < 2 or not self._is_due(ahead) or not self._is_first_here(ahead):
+        # A single task needs no search, unless it waits for other robots than those that are idle.
+        is_waiting = ahead.opens and ahead.author and ahead.idle and not ahead.problem.under_way
+        if (
+            (len(ahead.opens) < 2 and not is_waiting)
+            or not self._is_due(ahead)
+            or not self._is_first_here(ahead)
+        ):
             self._withdraw(ahead, plan, now_us)
             return
         self._searched, self._is_searching = ahead, True
@@ -214,6 +220,8 @@ class Scheduler:
             return True
         if not ahead.numbers.keys() <= before.numbers.keys() or ahead.idle - before.idle:
             return True
+        if ahead.problem.has_order and ahead.idle and len(ahead.opens) < len(before.opens):
+            return True  # each time that a task has been begun, so there is an end of it
         if ahead.problem.has_deadlines and not before.problem.has_deadlines:
             return True  # now that the team knows what time it is
         if self._are_rules_as_good or any(
