@@ -47,6 +47,8 @@ class Suite:
     is_nice: bool = False
 
 
+# An option of tests/conftest.py.
+BEYOND_QUICK = ("--beyond-quick",)
 # They get what the others leave of the processors, so their limit of time is a wider one.
 COMPUTING = ("-n", "2", "--dist", "worksteal", "--timeout", "1200")
 OF_PROCESSES = ("tests/processes", "tests/adapters/ros2/bridge")
@@ -54,7 +56,7 @@ SUITES = (
     Suite(
         "tests",
         "computing",
-        (*COMPUTING, "--beyond-quick", "-m", "not processes and not docker"),
+        (*COMPUTING, *BEYOND_QUICK, "-m", "not processes and not docker"),
         is_nice=True,
     ),
     Suite(
@@ -177,7 +179,7 @@ def table(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
 
 def collected() -> set[str]:
     """Every test there is at this size but those that `make test` has run, as reports name them."""
-    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "--beyond-quick"]
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", *BEYOND_QUICK]
     command += ["-o", "addopts=--import-mode=importlib"]
     done = subprocess.run(
         command, cwd=ROOT, env=os.environ | SIZE, capture_output=True, text=True, check=False
