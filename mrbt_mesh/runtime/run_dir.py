@@ -377,7 +377,8 @@ class RunDir:
         temporary = path.with_name(f".{path.name}.{os.getpid()}.first")
         try:
             write_atomically(temporary, _summary_text(summary))
-            with contextlib.suppress(FileExistsError):
+            # Some sticks and network disks have no links: there the file is put in place at once.
+            with contextlib.suppress(OSError):
                 os.link(temporary, path)
                 return True
             if self.summary() is not None:

@@ -70,6 +70,18 @@ def test_a_run_ends_no_earlier_than_what_was_recorded_of_it(run_dir: RunDir) -> 
     assert found["duration_s"] == pytest.approx(2.5, abs=1)
 
 
+def test_a_summary_is_written_where_the_file_system_has_no_links(
+    run_dir: RunDir, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert run_dir.write_first_summary({"result": "blocked"})
+    assert not run_dir.write_first_summary({"result": "success"})
+    assert run_dir.summary() == {"result": "blocked"}
+
+
 def test_of_two_that_write_a_summary_both_show_that_of_the_first(run_dir: RunDir) -> None:
     assert run_dir.write_first_summary({"result": "blocked", "duration_s": 1.0})
     assert not run_dir.write_first_summary({"result": "blocked", "duration_s": 1.1})
