@@ -7,14 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
-from mrbt_mesh.btcpp.files.check import check_file
+from mrbt_mesh.btcpp.files.check import check_file, check_library
+from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.expand import constant_value
 from mrbt_mesh.btcpp.files.export import explicit
+from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.names import declared_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.errors import FileError, Problem, TaskFailedError, nearest
+from mrbt_mesh.errors import FileError, Problem, TaskFailedError
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 
 
@@ -25,11 +28,7 @@ class BtcppTrees:
         library, findings = check_file(path)
         findings.raise_errors()
         file = str(path)
-        chosen = tree or library.main_tree
-        if chosen is None or chosen not in library.trees:
-            what = f"there is no tree {tree!r}" if tree else "no tree is named"
-            message = what + nearest(tree, list(library.trees))
-            raise FileError([Problem(file, 0, "", message)])
+        chosen = library.chosen_tree(tree)
         if library.missing_files:
             raise FileError(
                 Problem(file, 0, "", f"{missing!r}, which it includes, cannot be read")
@@ -100,9 +99,12 @@ def _made_tree(
     program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
 ) -> BehaviorTree:
     """The tree of a mission, with its entries set. Raises FileError and BlackboardError."""
-    tree = BehaviorTree.from_text(
-        program.xml, program.tree, leaves, file=program.source, given=given
-    )
+    # The text has come with the mission: nothing that it might include is opened here.
+    findings = Findings()
+    library = library_of(parse_document(program.xml, program.source), findings)
+    check_library(library, findings)
+    findings.raise_errors()
+    tree = BehaviorTree(library, program.tree, leaves, given=given)
     tree.check()  # so that ports' types are known
     for name, text in program.ports:
         # A text becomes what an entry that has a type needs; else it is what it looks like.
@@ -112,7 +114,7 @@ def _made_tree(
 
 
 async def _carry_out(tree: BehaviorTree, report: Callable[[bytes], None] | None = None) -> None:
-    """Run a tree to its end. Raises TaskFailedError unless it succeeds.
+    """Run a tree to its end. Raises TaskFailedError if it fails; one that is skipped does not.
 
     `report` gets the statuses of its nodes in preorder after each tick; a skipped node is idle.
     """
@@ -132,7 +134,7 @@ async def _carry_out(tree: BehaviorTree, report: Callable[[bytes], None] | None 
         place, _, rest = str(error).partition(": ")
         message = rest.partition(": ")[2]
         raise TaskFailedError(f"{message} ({place})" if message else str(error)) from error
-    if status is not NodeStatus.SUCCESS:
+    if status is NodeStatus.FAILURE:
         last = list(reasons.values())[-1:]
         raise TaskFailedError(last[0] if last else f"the tree {tree.name} ended as {status.name}")
 

@@ -232,3 +232,10 @@ def _context() -> Any:
         robot = "A1"
 
     return Nobody()
+
+
+def test_a_tree_that_is_skipped_has_nothing_to_do_and_succeeds() -> None:
+    xml = XML.replace("<Sequence>", '<Sequence _skipIf="true">')
+    ended, _ = carried_out(mission_of(xml, ()), program_of([]))
+    assert isinstance(ended, ActionFinished)
+    assert ended.success

@@ -13,7 +13,7 @@ import anyio.lowlevel
 
 from mrbt_mesh import RobotProgram, TaskFailedError
 from mrbt_mesh.analysis.lift.in_units import LiftedUnits, lift_units
-from mrbt_mesh.btcpp import BehaviorTree, InOut, Leaves, Out
+from mrbt_mesh.btcpp import BehaviorTree, InOut, Leaves, Out, TickError
 from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
@@ -215,7 +215,10 @@ def alone(text: str, story: Story) -> str:
     tree.condition("Off")(lambda: False)
     for number, key in enumerate(KEYS):
         tree.blackboard[key] = number
-    return anyio.run(tree.run).name
+    try:
+        return anyio.run(tree.run).name
+    except TickError:  # such as IfThenElse with a condition that is skipped
+        return "FAILURE"
 
 
 def team_file(folder: Path, robots: int) -> TeamFile:

@@ -113,8 +113,9 @@ def library_and_tree(
 ) -> tuple[Library, str]:
     """The checked file and the ID of the tree to lift; raises InputError.
 
-    It is the file's main tree, or the only one that no other tree of the file uses. `actions`:
-    SubTrees that are actions of the program instead. Nav2's nodes need no models.
+    It is the main tree, or where BehaviorTree.CPP asks for a name, the only one that no other tree
+    of the file uses. `actions`: SubTrees that are actions of the program instead. Nav2's nodes need
+    no models.
     """
     library, findings = check_file(file, others=others)
     findings.raise_errors()

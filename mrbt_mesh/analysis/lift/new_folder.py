@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 
 import click
 
@@ -116,4 +117,4 @@ def write_folder(
         console.print(render_units(lifted.units), soft_wrap=True)
     for remark in lifted.mission.notes:
         note(str(remark))
-    click.echo(f"\nnow: mrbt up {folder / 'mission.yaml'}")
+    click.echo(f"\nnow: mrbt up {quote(str(folder / 'mission.yaml'))}")

@@ -14,7 +14,16 @@ from dataclasses import dataclass, field, replace
 from mrbt_mesh.analysis.lift.unit_team import UnitTeam
 from mrbt_mesh.analysis.lift.units import HandUnit, Piece
 from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
-from mrbt_mesh.btcpp.files.document import LEAVES, MODELS, TREE, Category, Document, pointer
+from mrbt_mesh.btcpp.files.check_values import RESERVED_NAMES
+from mrbt_mesh.btcpp.files.document import (
+    LEAVES,
+    MODELS,
+    TREE,
+    Category,
+    Document,
+    pointer,
+    type_id,
+)
 from mrbt_mesh.btcpp.files.elements import Element, write_content
 from mrbt_mesh.btcpp.files.entries import access_below
 from mrbt_mesh.btcpp.files.expand import ExpandedNode, Scope
@@ -153,7 +162,9 @@ class UnitTasks:
             return original
         text = "\n".join(map(write_content, content))
         if text not in self._tree_ids:
-            taken = {*self.trees, *self.team.library.trees, *BUILTIN, *self.team.types}
+            sources = self.team.library.trees
+            nodes = (type_id(each) for one in sources.values() for each in one.element.walk())
+            taken = {*self.trees, *sources, *BUILTIN, *RESERVED_NAMES, *self.team.types, *nodes}
             tree = name if name not in taken else f"{name}_unit"
             tree = _unique(tree, taken)
             self._tree_ids[text] = tree

@@ -197,6 +197,19 @@ class Blackboard:
         """The entries of this very board, sorted."""
         return iter(sorted(self._entries))
 
+    def keys(self) -> list[str]:
+        """The entries of this very board that have a value, sorted; `dict(board)` has both."""
+        return [name for name in self.names() if self._entries[name].value is not None]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def __bool__(self) -> bool:
+        return True
+
     def watch(self, watcher: Callable[[], None]) -> None:
         """Call `watcher` whenever a program, not a node, sets an entry."""
         self.root._watchers.append(watcher)

@@ -15,7 +15,7 @@ from mrbt_mesh.btcpp.executor.controls import CONTROLS, Reactive
 from mrbt_mesh.btcpp.executor.decorators import DECORATORS
 from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, LeafNode, SyncLeaf
 from mrbt_mesh.btcpp.executor.leaves import Leaf, Leaves
-from mrbt_mesh.btcpp.executor.nav2 import NAV2, NAV2_DEFAULTS
+from mrbt_mesh.btcpp.executor.nav2 import NAV2
 from mrbt_mesh.btcpp.executor.node import (
     NodePlace,
     TickError,
@@ -23,7 +23,7 @@ from mrbt_mesh.btcpp.executor.node import (
     TreeWorld,
 )
 from mrbt_mesh.btcpp.executor.timed import TIMED
-from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, LOOP_ITEMS
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, LOOP_ITEMS, NAV2_NODES
 from mrbt_mesh.btcpp.files.check_nodes import child_path
 from mrbt_mesh.btcpp.files.document import (
     SUBTREE,
@@ -118,7 +118,9 @@ class _Builder:
         """The one child of a <BehaviorTree>; `reference` is what asks for it."""
         source = self.library.trees.get(name)
         if source is None:
-            hint = nearest(name, list(self.library.trees))
+            missing = ", ".join(self.library.missing_files)
+            where_else = f"; it may be in {missing}, which was not read" if missing else ""
+            hint = where_else or nearest(name, list(self.library.trees))
             self.problem(where, reference.line, f"there is no tree {name!r}{hint}")
             return None
         (child,) = source.element.children
@@ -165,7 +167,7 @@ class _Builder:
             return node_type(*arguments)
         if leaf is None or element.children:
             what = "a control or decorator" if element.children else "an action or condition"
-            hint = nearest(name, self.leaves.names()) if self.leaves.names() else ""
+            hint = nearest(name, {*NODE_TYPES, *self.leaves.names()} - {"*"})
             self.problem(where, element.line, f"{name!r} is {what} that is not registered{hint}")
             return None
         model = self.library.models.get(name)
@@ -176,13 +178,16 @@ class _Builder:
         return node
 
     def _node_type(self, name: str) -> type[TreeNode] | None:
+        """A node of Nav2's name that the program registers is the program's."""
+        if name in NAV2 and name in self.leaves.names():
+            return self.leaves.node_types.get(name)
         return NODE_TYPES.get(name) or self.leaves.node_types.get(name)
 
     def _defaults(self, node: TreeNode, leaf: Leaf | None) -> None:
-        model = BUILTIN.get(node.type) or self.library.models.get(node.type)
-        if node.type in NAV2_DEFAULTS:
-            node.defaults = NAV2_DEFAULTS[node.type]
-        elif model is not None:
+        model = self.library.model(node.type)
+        if isinstance(node, tuple(NAV2.values())):
+            model = NAV2_NODES[node.type]
+        if model is not None:
             node.defaults = {
                 port.name: port.default
                 for port in model.ports.values()
@@ -213,7 +218,7 @@ class _Builder:
 
     def _ports(self, node: TreeNode, leaf: Leaf | None, element: Element, where: _Where) -> None:
         """Declare the entries that ports point to; check the ports of a leaf."""
-        model, declared = BUILTIN.get(node.type), self.library.models.get(node.type)
+        model, declared = BUILTIN.get(node.type), self.library.model(node.type)
         if leaf is not None:
             self._check_ports(node, leaf, element, where)
         for name, text in node.ports.items():

@@ -6,7 +6,6 @@ until its parent resets it.
 
 from __future__ import annotations
 
-import math
 from typing import Any, ClassVar
 
 from mrbt_mesh.btcpp.executor.node import (
@@ -22,6 +21,7 @@ from mrbt_mesh.btcpp.executor.node import (
     reset_all,
 )
 from mrbt_mesh.btcpp.files.builtin_nodes import SWITCHES
+from mrbt_mesh.btcpp.scripts.values import read_real
 
 
 class InOrder(TreeNode):
@@ -256,7 +256,7 @@ class Switch(TreeNode):
         if left == right:
             return True
         enums = self.world.enums
-        first, second = (_number(str(enums.get(text, text))) for text in (left, right))
+        first, second = (read_real(str(enums.get(text, text))) for text in (left, right))
         if first is None or second is None:
             return False
         return abs(first - second) <= 2.0**-23
@@ -268,14 +268,6 @@ class Switch(TreeNode):
         status = self.children[chosen].execute()
         self.chosen = chosen if status is RUNNING else -1
         return status if status in (RUNNING, SKIPPED) else self.ended(status)
-
-
-def _number(text: str) -> float | None:
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 class TryCatch(TreeNode):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import deque
 from typing import Any, ClassVar
 
 from mrbt_mesh.btcpp.executor.node import (
@@ -16,10 +17,10 @@ from mrbt_mesh.btcpp.executor.node import (
     TreeNode,
     reset,
 )
-from mrbt_mesh.btcpp.files.builtin_nodes import LOOP_ITEMS
+from mrbt_mesh.btcpp.files.builtin_nodes import LOOP_ITEMS, TEXT
 from mrbt_mesh.btcpp.files.document import pointer
 from mrbt_mesh.btcpp.scripts.parser import parse
-from mrbt_mesh.btcpp.scripts.values import ValueTypeError, read_text
+from mrbt_mesh.btcpp.scripts.values import ValueTypeError, read_text, split_items
 
 
 class Decorator(TreeNode):
@@ -162,15 +163,16 @@ class Precondition(Decorator):
 class Loop(Decorator):
     """The four Loop decorators: put each item of a queue into `value` and tick the child.
 
-    A constant queue is begun anew at every start; one on the blackboard is used up.
+    A queue that is a text or a list is begun anew at every start. A `collections.deque` is used up:
+    whoever holds it may add to it meanwhile.
     """
 
     __slots__ = ("constant", "items", "running")
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.constant: list[Any] | None = None
-        self.items: list[Any] = []
+        self.constant: deque[Any] | None = None
+        self.items: deque[Any] | None = None
         self.running = False
 
     def prepare(self) -> None:
@@ -178,36 +180,45 @@ class Loop(Decorator):
         if pointer(text, "queue") is None:
             self.constant = self._read(text)
 
-    def _read(self, text: str) -> list[Any]:
+    def _read(self, text: str) -> deque[Any]:
         try:
             if text.startswith("json:"):
-                return list(json.loads(text[5:]))
+                return deque(json.loads(text[5:]))
             kind = LOOP_ITEMS[self.type]
-            return [read_text(item, kind, self.world.enums) for item in text.split(";") if item]
+            items = split_items(text)
+            if kind != TEXT:
+                items = [item.strip() for item in items]
+            return deque(read_text(item, kind, self.world.enums) for item in items)
         except (ValueTypeError, ValueError, TypeError) as error:
             raise TickError(f"{self.place}: port 'queue': {error}") from None
 
-    def _queue(self) -> list[Any]:
-        key = self.key("queue")
-        entry = self.board.find(key)
-        if entry is None or entry.value is None:
-            raise TickError(f"{self.place}: port 'queue': the entry {key!r} has no value")
-        if isinstance(entry.value, str):
-            entry.value = self._read(entry.value)
-        if not isinstance(entry.value, list):
-            raise TickError(f"{self.place}: port 'queue': the entry {key!r} is no list")
-        return entry.value
+    def _queue(self) -> deque[Any]:
+        """What is left of this run's queue; the entry's own if it is a deque."""
+        value = self.constant
+        if value is None:
+            key = self.key("queue")
+            value = self.board.read(key)
+            if value is None and self.items is None:
+                raise TickError(f"{self.place}: port 'queue': the entry {key!r} has no value")
+            if isinstance(value, deque):
+                return value
+        if self.items is None:
+            if isinstance(value, str):
+                value = self._read(value)
+            elif not isinstance(value, list | tuple | deque):
+                raise TickError(f"{self.place}: port 'queue': the entry {key!r} is no list")
+            self.items = deque(value)
+        return self.items
 
     def tick(self) -> NodeStatus:
         if self.status is IDLE:
             self.running = False
-            if self.constant is not None:
-                self.items = list(self.constant)
+            self.items = None
         if not self.running:
-            items = self.items if self.constant is not None else self._queue()
+            items = self._queue()
             if not items:
                 return NodeStatus(self.input("if_empty", "BT::NodeStatus"))
-            self.output("value", items.pop(0))
+            self.output("value", items.popleft())
         self.status = RUNNING
         status = self.tick_child()
         self.running = status is RUNNING
@@ -215,10 +226,7 @@ class Loop(Decorator):
 
 
 class Updated(Decorator):
-    """SkipUnlessUpdated and WaitValueUpdate: the child once for each write of an entry.
-
-    In an exact tree, as in the library, the child goes on when the node is halted.
-    """
+    """SkipUnlessUpdated and WaitValueUpdate: the child once for each write of an entry."""
 
     __slots__ = ("otherwise", "running", "seen")
 
@@ -229,13 +237,6 @@ class Updated(Decorator):
 
     def clear(self) -> None:
         self.running = False
-
-    def halt(self) -> None:
-        if self.world.exact:
-            self.clear()
-            self.status = IDLE
-        else:
-            super().halt()
 
     def tick(self) -> NodeStatus:
         if not self.running:

@@ -166,7 +166,7 @@ class Leaves:
         return self._register_value(name.removeprefix("@"), "entry", self.entries)
 
     def source(self, name: str) -> Callable[[F], F]:
-        """Register what Nav2's decorators ask for: `robot_pose`, `robot_speed`, `goal_update`.
+        """Register what Nav2's nodes ask for: `robot_pose`, `robot_speed`, `goal_update`, `paused`.
 
         Raises LeafError.
         """

@@ -1,18 +1,21 @@
 """Nav2's control nodes and decorators, as its documentation and behavior_trees files use them.
 
 What Nav2 asks of ROS comes from sources that the program registers: `robot_pose` gives (x, y) in
-metres, `robot_speed` metres a second, `goal_update` the latest goal or None. A child that has
-completed begins anew when it is ticked again, as Nav2's own actions do.
+metres, `robot_speed` metres a second, `goal_update` the latest goal or None, `paused` whether the
+robot is to pause. A child that has completed begins anew when it is ticked again, as Nav2's own
+actions do. Ports and their defaults are in `builtin_nodes.NAV2_NODES`.
 """
 
 from __future__ import annotations
 
+import enum
 import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
 from mrbt_mesh.btcpp.executor.decorators import Decorator
 from mrbt_mesh.btcpp.executor.node import (
+    COMPLETED,
     FAILURE,
     IDLE,
     MICRO,
@@ -25,6 +28,8 @@ from mrbt_mesh.btcpp.executor.node import (
     reset,
     reset_all,
 )
+from mrbt_mesh.btcpp.files.document import pointer
+from mrbt_mesh.btcpp.scripts.values import read_text
 
 
 def _afresh(child: TreeNode) -> NodeStatus:
@@ -54,6 +59,101 @@ class PipelineSequence(TreeNode):
                 return RUNNING
             skipped += status is SKIPPED
         return self.ended(SKIPPED if skipped == len(self.children) else SUCCESS)
+
+
+class NonblockingSequence(TreeNode):
+    """All children at every tick, in order; it fails as soon as one fails."""
+
+    __slots__ = ()
+    CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
+
+    def tick(self) -> NodeStatus:
+        self.status = RUNNING
+        found = []
+        for child in self.children:
+            status = _afresh(child)
+            if status is FAILURE:
+                return self.ended(FAILURE)
+            found.append(status)
+        if RUNNING in found:
+            return RUNNING
+        return self.ended(SUCCESS if SUCCESS in found else SKIPPED)
+
+
+class PersistentSequence(TreeNode):
+    """A Sequence whose place is the entry `current_child_idx`, which outlives a halt."""
+
+    __slots__ = ()
+    CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
+
+    def tick(self) -> NodeStatus:
+        index = int(self.input("current_child_idx", "int"))
+        if index < 0:
+            raise TickError(f"{self.place}: current_child_idx={index} is no child")
+        self.status = RUNNING
+        while index < len(self.children):
+            status = _afresh(self.children[index])
+            if status is RUNNING:
+                return RUNNING
+            if status is FAILURE:
+                break
+            index += 1
+            self.output("current_child_idx", index)
+        self.output("current_child_idx", 0)
+        return self.ended(FAILURE if index < len(self.children) else SUCCESS)
+
+
+class _Phase(enum.IntEnum):
+    """What a PauseResumeController does, by the number of its child."""
+
+    RESUMED, PAUSED, ON_PAUSE, ON_RESUME = range(4)
+
+
+class PauseResumeController(TreeNode):
+    """The first child; while the source `paused` says so, the second one.
+
+    Between them the third child is ticked to its end before a pause, and the fourth after it. In
+    place of Nav2's services the program says whether the robot is to pause; without that source it
+    never does.
+    """
+
+    __slots__ = ("phase",)
+    CHILDREN: ClassVar[tuple[int, int | None]] = (1, 4)
+
+    def clear(self) -> None:
+        self.phase = _Phase.RESUMED
+
+    def _turn(self) -> None:
+        source = self.world.sources.get("paused")
+        is_paused = bool(source()) if source is not None else False
+        turned = {
+            (_Phase.RESUMED, True): _Phase.ON_PAUSE,
+            (_Phase.ON_RESUME, True): _Phase.ON_PAUSE,
+            (_Phase.PAUSED, False): _Phase.ON_RESUME,
+        }
+        if (self.phase, is_paused) in turned:
+            reset_all(self.children)
+            self.phase = turned[self.phase, is_paused]
+
+    def _next(self) -> None:
+        following = {_Phase.ON_PAUSE: _Phase.PAUSED, _Phase.ON_RESUME: _Phase.RESUMED}
+        self.phase = following.get(self.phase, self.phase)
+
+    def tick(self) -> NodeStatus:
+        self.status = RUNNING
+        self._turn()
+        if self.phase >= len(self.children):
+            self._next()
+            return RUNNING
+        status = _afresh(self.children[self.phase])
+        if status is FAILURE:
+            return self.ended(FAILURE)
+        if status is RUNNING:
+            return RUNNING
+        if self.phase is _Phase.RESUMED:
+            return self.ended(SUCCESS)
+        self._next()
+        return RUNNING
 
 
 class RecoveryNode(TreeNode):
@@ -183,14 +283,18 @@ class RateController(_Gate):
 
 
 class SpeedController(_Gate):
-    """The child at a rate between `min_rate` and `max_rate`, faster the faster the robot is."""
+    """The child at a rate between `min_rate` and `max_rate`, faster the faster the robot is.
+
+    With a new `goal` or `goals` it begins anew.
+    """
 
     SOURCES = ("robot_speed",)
-    __slots__ = ("period_us", "since_us")
+    __slots__ = ("goals", "period_us", "since_us")
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.period_us = self.since_us = 0
+        self.goals: tuple[Any, ...] = ()
 
     def _rate(self, share: float) -> float:
         slow, fast = (float(self.input(port, "double")) for port in ("min_rate", "max_rate"))
@@ -201,8 +305,12 @@ class SpeedController(_Gate):
     def begin(self) -> None:
         self.period_us = round(MICRO / self._rate(1.0))
         self.since_us = self.world.now_us
+        self.goals = _goals(self)
 
     def is_open(self) -> bool:
+        if self.goals != _goals(self):
+            self.begin()
+            return True
         if self.world.now_us - self.since_us < self.period_us:
             return False
         low, high = (float(self.input(port, "double")) for port in ("min_speed", "max_speed"))
@@ -239,7 +347,10 @@ class DistanceController(_Gate):
 
 
 class GoalUpdater(Decorator):
-    """Writes the latest goal, else `input_goal`, to `output_goal`, and ticks the child."""
+    """Writes the latest goal, else the input, to `output_goal` or `output_goals`; then the child.
+
+    The source `goal_update` gives whichever of the two the tree has.
+    """
 
     __slots__ = ()
 
@@ -247,8 +358,114 @@ class GoalUpdater(Decorator):
         self.status = RUNNING
         source = self.world.sources.get("goal_update")
         latest = source() if source is not None else None
-        self.output("output_goal", self.input("input_goal", "") if latest is None else latest)
+        for read, written in (("input_goal", "output_goal"), ("input_goals", "output_goals")):
+            if written in self.ports:
+                self.output(written, self.input(read, "") if latest is None else latest)
         return _afresh(self.child)
+
+
+class SingleTrigger(Decorator):
+    """The child to its end once in each run of its parent; then FAILURE."""
+
+    __slots__ = ("is_done",)
+
+    def clear(self) -> None:
+        self.is_done = False
+
+    def tick(self) -> NodeStatus:
+        if self.status is not RUNNING:
+            self.clear()
+        self.status = RUNNING
+        if self.is_done:
+            return FAILURE
+        status = self.child.execute()
+        self.is_done = status in COMPLETED
+        return status
+
+
+class GoalUpdatedController(Decorator):
+    """The child the first time, while it runs, and whenever `goal` or `goals` has changed.
+
+    Without such a port the entry of that name counts.
+    """
+
+    __slots__ = ("seen",)
+
+    def clear(self) -> None:
+        self.seen: tuple[Any, ...] | None = None
+
+    def tick(self) -> NodeStatus:
+        if self.status is not RUNNING:
+            self.clear()
+        self.status = RUNNING
+        goals = _goals(self)
+        if goals == self.seen and self.child.status is not RUNNING:
+            return RUNNING
+        self.seen = goals
+        return _afresh(self.child)
+
+
+def _goals(node: TreeNode) -> tuple[Any, ...]:
+    return tuple(_read_or_entry(node, name) for name in ("goal", "goals"))
+
+
+def _read_or_entry(node: TreeNode, name: str) -> Any:
+    """The value of a port, or of the entry of that name; None if there is none."""
+    text = node.ports.get(name, f"{{{name}}}")
+    key = pointer(text, name)
+    return text if key is None else node.board.read(key)
+
+
+class PathLongerOnApproach(Decorator):
+    """The child if near the goal a new path to it is much longer than the one before.
+
+    A path is a list of points (x, y) in metres, or a message like ROS's nav_msgs/Path.
+    """
+
+    __slots__ = ("before",)
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.before: Any = None
+
+    def tick(self) -> NodeStatus:
+        path = _read_or_entry(self, "path")
+        if path is None:
+            path = self.before
+        self.status = RUNNING
+        if self._is_longer(path):
+            status = self.tick_child()
+            if status not in COMPLETED:
+                return status
+        else:
+            status = SUCCESS
+        self.before = path
+        return status
+
+    def _is_longer(self, path: Any) -> bool:
+        if self.before is None or path == self.before:
+            return False
+        before, points = self._points(self.before), self._points(path)
+        if not before or not points or before[-1] != points[-1]:
+            return False
+        near, factor = (float(self.input(p, "double")) for p in ("prox_len", "length_factor"))
+        length = _length(before)
+        return length < near and _length(points) > factor * length
+
+    def _points(self, path: Any) -> list[tuple[float, float]]:
+        try:
+            if hasattr(path, "poses"):
+                positions = [each.pose.position for each in path.poses]
+                return [(float(each.x), float(each.y)) for each in positions]
+            found = read_text(path, "") if isinstance(path, str) else path
+            return [(float(x), float(y)) for x, y, *_ in found]
+        except (TypeError, ValueError, AttributeError):
+            message = "a list of points (x, y) in metres is expected"
+            raise TickError(f"{self.place}: port 'path': {message}") from None
+
+
+def _length(points: list[tuple[float, float]]) -> float:
+    return sum(map(math.dist, points, points[1:]))
 
 
 NAV2: dict[str, type[TreeNode]] = {
@@ -259,17 +476,10 @@ NAV2: dict[str, type[TreeNode]] = {
     "DistanceController": DistanceController,
     "SpeedController": SpeedController,
     "GoalUpdater": GoalUpdater,
-}
-# Ports and their defaults, as Nav2 registers them.
-NAV2_DEFAULTS: dict[str, dict[str, str]] = {
-    "RecoveryNode": {"number_of_retries": "999"},
-    "RoundRobin": {"wrap_around": "false"},
-    "RateController": {"hz": "10.0"},
-    "DistanceController": {"distance": "1.0"},
-    "SpeedController": {
-        "min_rate": "0.1",
-        "max_rate": "1.0",
-        "min_speed": "0.0",
-        "max_speed": "0.5",
-    },
+    "NonblockingSequence": NonblockingSequence,
+    "PersistentSequence": PersistentSequence,
+    "PauseResumeController": PauseResumeController,
+    "SingleTrigger": SingleTrigger,
+    "GoalUpdatedController": GoalUpdatedController,
+    "PathLongerOnApproach": PathLongerOnApproach,
 }

@@ -25,10 +25,8 @@ from mrbt_mesh.btcpp.executor.node import NodeStatus, TreeWorld
 from mrbt_mesh.btcpp.executor.runner import TreeRunner
 from mrbt_mesh.btcpp.executor.tree_executor import TreeExecutor
 from mrbt_mesh.btcpp.files.check import check_library
-from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
-from mrbt_mesh.btcpp.files.library import Library, library_of, load_library
-from mrbt_mesh.errors import FileError, Problem, nearest
+from mrbt_mesh.btcpp.files.library import Library, load_library, load_text
 
 RATE_HZ = 10.0
 
@@ -64,7 +62,7 @@ class BehaviorTree:
         enums: Mapping[str, int] | None = None,
         given: Mapping[type, Any] | None = None,
     ) -> None:
-        self.name = _chosen(library, tree)
+        self.name = library.chosen_tree(tree)
         self.leaves = leaves if leaves is not None else Leaves()
         # Decorators that register functions and nodes: see `Leaves`.
         self.action, self.condition = self.leaves.action, self.leaves.condition
@@ -108,14 +106,18 @@ class BehaviorTree:
         tree: str | None = None,
         leaves: Leaves | None = None,
         *,
-        file: str = "tree.xml",
+        file: Path | str = "tree.xml",
         exact: bool = False,
         enums: Mapping[str, int] | None = None,
         given: Mapping[type, Any] | None = None,
+        package_folders: Sequence[Path] = (),
     ) -> BehaviorTree:
-        """As `from_file`, from memory; includes are not followed, `file` is for messages."""
+        """As `from_file`, from memory: what it includes is relative to the folder of `file`.
+
+        The file itself need not exist; by default it would be in the current folder.
+        """
         findings = Findings()
-        library = library_of(parse_document(text, file), findings)
+        library = load_text(text, Path(file), findings, package_folders)
         check_library(library, findings)
         findings.raise_errors()
         return cls(library, tree, leaves, exact=exact, enums=enums, given=given)
@@ -185,16 +187,3 @@ class BehaviorTree:
                 reason,
             )
             waiting += [(child, depth + 1) for child in reversed(node.children)]
-
-
-def _chosen(library: Library, tree: str | None) -> str:
-    """The tree to run. Raises FileError if it is not there, or not clear."""
-    name = tree or library.main_tree
-    if name is not None and name in library.trees:
-        return name
-    document, known = library.documents[0], ", ".join(library.trees) or "none"
-    if tree is None:
-        message = f"main_tree_to_execute names none of the trees; name one of: {known}"
-    else:
-        message = f"there is no tree {tree!r}{nearest(tree, list(library.trees))}"
-    raise FileError([Problem(document.file, document.root.line, "root", message)])

@@ -14,6 +14,7 @@ INTEGER, BOOLEAN, TEXT, STATUS, SCRIPT, LIST, UNSIGNED, ANY = (
     "unsigned int",
     "",
 )
+REAL = "double"
 # How many cases each has, besides its last child.
 SWITCHES = {f"Switch{cases}": cases for cases in range(2, 7)}
 
@@ -24,6 +25,10 @@ def _port(
     return Port(name, direction, kind, default)
 
 
+def _manifest(name: str, category: Category, *ports: Port) -> NodeManifest:
+    return NodeManifest(name, category, {port.name: port for port in ports})
+
+
 def _table() -> dict[str, NodeManifest]:
     control, decorator = Category.CONTROL, Category.DECORATOR
     action, condition = Category.ACTION, Category.CONDITION
@@ -31,7 +36,7 @@ def _table() -> dict[str, NodeManifest]:
 
     def add(category: Category, names: str, *ports: Port) -> None:
         for name in names.split():
-            models[name] = NodeManifest(name, category, {port.name: port for port in ports})
+            models[name] = _manifest(name, category, *ports)
 
     add(control, "Sequence AsyncSequence SequenceWithMemory Fallback AsyncFallback")
     add(control, "ReactiveSequence ReactiveFallback IfThenElse WhileDoElse")
@@ -73,24 +78,54 @@ def _table() -> dict[str, NodeManifest]:
 
 BUILTIN = _table()
 
-# Control nodes of Nav2 that appear in many files without a model.
-NAV2_CONTROLS = frozenset(
-    {
-        "PipelineSequence",
-        "RecoveryNode",
-        "RoundRobin",
-        "NonblockingSequence",
-        "PersistentSequence",
-    }
-)
-# Nav2's controls and decorators that are built in here: their ports are read, but for this one's.
-NAV2_BUILTIN = frozenset(
-    {
-        *("PipelineSequence", "RecoveryNode", "RoundRobin", "RateController"),
-        *("DistanceController", "SpeedController", "GoalUpdater"),
-    }
-)
-NAV2_OUTPUTS = frozenset({"output_goal", "output_goals"})
+
+def _nav2_table() -> dict[str, NodeManifest]:
+    control, decorator = Category.CONTROL, Category.DECORATOR
+    frames = (_port("global_frame", TEXT), _port("robot_base_frame", TEXT))
+    goals = (_port("goals"), _port("goal"))
+    index = _port("current_child_idx", INTEGER, direction=Direction.INOUT)
+    services = (_port("pause_service_name", TEXT), _port("resume_service_name", TEXT))
+    models = (
+        NodeManifest("PipelineSequence", control),
+        NodeManifest("NonblockingSequence", control),
+        _manifest("PersistentSequence", control, index),
+        _manifest("PauseResumeController", control, *services),
+        _manifest("RecoveryNode", control, _port("number_of_retries", INTEGER, "1")),
+        _manifest("RoundRobin", control, _port("wrap_around", BOOLEAN, "false")),
+        NodeManifest("SingleTrigger", decorator),
+        _manifest("RateController", decorator, _port("hz", REAL, "10.0")),
+        _manifest("DistanceController", decorator, _port("distance", REAL, "1.0"), *frames),
+        _manifest(
+            "SpeedController",
+            decorator,
+            _port("min_rate", REAL, "0.1"),
+            _port("max_rate", REAL, "1.0"),
+            _port("min_speed", REAL, "0.0"),
+            _port("max_speed", REAL, "0.5"),
+            *goals,
+        ),
+        _manifest(
+            "GoalUpdater",
+            decorator,
+            _port("input_goal"),
+            _port("input_goals"),
+            _port("output_goal", direction=Direction.OUTPUT),
+            _port("output_goals", direction=Direction.OUTPUT),
+        ),
+        _manifest("GoalUpdatedController", decorator, *goals),
+        _manifest(
+            "PathLongerOnApproach",
+            decorator,
+            _port("path"),
+            _port("prox_len", REAL, "3.0"),
+            _port("length_factor", REAL, "2.0"),
+        ),
+    )
+    return {model.id: model for model in models}
+
+
+# Nav2's controls and decorators, which the executor has as well (`executor.nav2`).
+NAV2_NODES = _nav2_table()
 # Nav2's leaves that are conditions; its files come without models.
 NAV2_CONDITIONS = frozenset(
     {
@@ -104,7 +139,7 @@ NAV2_CONDITIONS = frozenset(
     }
 )
 # Types of a constant queue's items.
-LOOP_ITEMS = {"LoopInt": INTEGER, "LoopBool": BOOLEAN, "LoopDouble": "double", "LoopString": TEXT}
+LOOP_ITEMS = {"LoopInt": INTEGER, "LoopBool": BOOLEAN, "LoopDouble": REAL, "LoopString": TEXT}
 STATUS_NAMES = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED", "IDLE")
 
 
@@ -118,6 +153,8 @@ def children_allowed(name: str, category: Category) -> tuple[int, int | None]:
         return cases + 1, cases + 1
     if name == "RecoveryNode":
         return 2, 2
+    if name == "PauseResumeController":
+        return 1, 4
     if category is Category.CONTROL:
         return 1, None
     return (1, 1) if category is Category.DECORATOR else (0, 0)
@@ -128,12 +165,12 @@ def category_of(name: str, tag: str, models: dict[str, NodeManifest], children: 
 
     So an <Action ID="Inverter"> is a decorator, as BehaviorTree.CPP takes it.
     """
-    model = BUILTIN.get(name) or models.get(name)
+    model = BUILTIN.get(name) or models.get(name) or NAV2_NODES.get(name)
     if model is not None and tag != Category.SUBTREE:
         return model.category
     if tag in frozenset(Category):
         return Category(tag)
-    if name in NAV2_CONTROLS or children > 1:
+    if children > 1:
         return Category.CONTROL
     if children:
         return Category.DECORATOR

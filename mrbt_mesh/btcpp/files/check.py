@@ -154,21 +154,20 @@ def _check_main_tree(library: Library, findings: Findings) -> None:
         message = f"main_tree_to_execute names {first.main_tree!r}, which is no tree"
         message += hint(first.main_tree, library.trees)
         findings.rule(first.file, root.line, "root", message)
-    elif not first.main_tree and len(trees) > 1:
+    elif library.main_tree is None:
         message = f"one of {len(trees)} trees has to be named in main_tree_to_execute"
         findings.rule(first.file, root.line, "root", message + hint("", trees))
 
 
 def _check_duplicates(library: Library, findings: Findings) -> None:
     first: dict[str, str] = {}
-    for document in library.documents:
-        for tree in document.trees:
-            name = tree.get("ID")
-            if name in first:
-                message = f"there is a tree {name!r} already, in {first[name]}"
-                message += "; BehaviorTree.CPP takes the last one"
-                findings.warn(document.file, tree.line, name, message)
-            first[name] = f"{document.file}:{tree.line}"
+    for source in library.registered:
+        file, line = source.document.file, source.element.line
+        if source.id in first:
+            message = f"there is a tree {source.id!r} already, in {first[source.id]}"
+            message += "; BehaviorTree.CPP takes the last one"
+            findings.warn(file, line, source.id, message)
+        first[source.id] = f"{file}:{line}"
 
 
 def _check_recursion(library: Library, findings: Findings) -> None:

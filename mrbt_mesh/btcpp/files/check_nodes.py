@@ -9,7 +9,7 @@ from mrbt_mesh.btcpp.files.builtin_nodes import (
     BUILTIN,
     LIST,
     LOOP_ITEMS,
-    NAV2_CONTROLS,
+    NAV2_NODES,
     SCRIPT,
     SWITCHES,
     TEXT,
@@ -41,6 +41,7 @@ from mrbt_mesh.btcpp.files.document import (
 from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library
+from mrbt_mesh.btcpp.files.upgrade import old_pointer
 from mrbt_mesh.btcpp.scripts.parser import quoting_problem
 from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import MAX_PATH_CHARACTERS
@@ -62,6 +63,7 @@ REQUIRED = {
     "WasEntryUpdated": ("entry",),
     **dict.fromkeys(("LoopInt", "LoopBool", "LoopDouble", "LoopString"), ("queue", "value")),
     **dict.fromkeys(SWITCHES, ("variable",)),
+    "PersistentSequence": ("current_child_idx",),
 }
 _THRESHOLDS = ("success_count", "failure_count", "max_failures")
 _LOWER_CONDITIONS = {name.lower(): name for name in CONDITIONS}
@@ -134,7 +136,7 @@ class NodeChecker:
         else:
             if "ID" in element.attributes:
                 self.rule(place, f"<{name}> takes no ID; it is for <Action ID=...> and its like")
-            if model is None and name not in NAV2_CONTROLS:
+            if model is None:
                 message = f"node {name!r} is neither built in nor in <TreeNodesModel>"
                 if self.findings.is_strict:
                     self.rule(place, message + hint(name, [*BUILTIN, *self.library.models]))
@@ -184,6 +186,12 @@ class NodeChecker:
                 self.error(place, f"{name}: {problem}")
             elif problem := quoting_problem(script):
                 self.rule(place, f"{name}: {problem}")
+        for name, value in ports(place.element).items():
+            if entry := old_pointer(value):
+                message = (
+                    f"port {name!r}: '${{{entry}}}' is a text; for the entry write '{{{entry}}}'"
+                )
+                self.warn(place, message)
         for name in metadata(place.element):
             if meant := _LOWER_CONDITIONS.get(name.lower()):
                 self.warn(place, f"{name!r} has no effect; did you mean {meant!r}?")
@@ -200,7 +208,7 @@ class NodeChecker:
             if port is None:
                 self.rule(place, f"{place.name} has no port {name!r}{hint(name, model.ports)}")
                 continue
-            if place.name in BUILTIN:
+            if model is BUILTIN.get(place.name) or model is NAV2_NODES.get(place.name):
                 self.check_value(place, port, value)
         for name in REQUIRED.get(place.name, ()):
             if name not in given:

@@ -11,6 +11,7 @@ from mrbt_mesh.btcpp.files.builtin_nodes import (
     INTEGER,
     LIST,
     LOOP_ITEMS,
+    REAL,
     SCRIPT,
     STATUS,
     STATUS_NAMES,
@@ -20,7 +21,7 @@ from mrbt_mesh.btcpp.files.builtin_nodes import (
 from mrbt_mesh.btcpp.files.document import pointer
 from mrbt_mesh.btcpp.scripts.parser import parse, quoting_problem
 from mrbt_mesh.btcpp.scripts.script import Impossible, ScriptError
-from mrbt_mesh.btcpp.scripts.values import read_boolean
+from mrbt_mesh.btcpp.scripts.values import read_boolean, split_items
 from mrbt_mesh.errors import MAX_SHOWN_CHARACTERS, nearest
 
 FORBIDDEN = " \t\n<>&\"'/\\:*?|."
@@ -72,7 +73,7 @@ def value_problem(node: str, kind: str, value: str) -> str:
         return f"{shown(value)} is not a whole number"
     if kind == UNSIGNED and not _UNSIGNED.fullmatch(trimmed):
         return f"{shown(value)} is not a whole number of 0 or more"
-    if kind == "double" and not _REAL.fullmatch(trimmed):
+    if kind == REAL and not _REAL.fullmatch(trimmed):
         return f"{shown(value)} is not a number"
     if kind == BOOLEAN and read_boolean(trimmed) is None:
         return f"{shown(value)} is not a boolean; write true or false"
@@ -87,15 +88,17 @@ def value_problem(node: str, kind: str, value: str) -> str:
 
 def typing_problem(kind: str, value: str) -> tuple[str, bool]:
     """The oddity of a readable value of type `kind`, and whether BehaviorTree.CPP refuses it."""
-    is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, "double", LIST)
+    is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, REAL, LIST)
     if not is_constant(value, "port"):
         is_odd = is_typed and (value == "=" or value != value.strip())
         return ("BehaviorTree.CPP takes only {name} or {=} here" if is_odd else ""), is_odd
     if kind == SCRIPT:
         problem = quoting_problem(value)
         return problem, bool(problem)
-    if kind in (INTEGER, UNSIGNED, BOOLEAN) and value[:1].isspace():
+    if kind in (INTEGER, UNSIGNED, BOOLEAN, REAL) and value[:1].isspace():
         return f"{shown(value)} begins with a space, which BehaviorTree.CPP does not take", True
+    if kind == REAL and value.startswith("+"):
+        return f"{shown(value)} begins with '+', which BehaviorTree.CPP does not take", True
     if kind not in _LIMITS:
         return "", False
     found = (_INTEGER if kind == INTEGER else _UNSIGNED).fullmatch(value.strip())
@@ -116,9 +119,9 @@ def _list_problem(item_kind: str, text: str) -> str:
         except (ValueError, RecursionError):
             return f"{shown(text)} is no JSON after 'json:'"
         return "" if isinstance(items, list) else f"{shown(text)} is no JSON list"
-    if item_kind == TEXT or not text:
+    if item_kind == TEXT:
         return ""
-    for item in text.split(";"):
+    for item in split_items(text):
         odd, is_refused = typing_problem(item_kind, item.strip())
         if problem := value_problem("", item_kind, item) or (odd if is_refused else ""):
             return f"{problem}; items are separated by ';'"

@@ -203,5 +203,9 @@ def _document(file: str, found: XmlContent) -> Document:
     root = document.root
     if root.tag != "root":
         message = f"the first element must be <root>, this is <{root.tag}>"
+        if root.tag.lower() == "root":
+            message += "; write it in small letters"
+        elif root.tag.startswith("py_trees"):
+            message += ", of py_trees; only trees of BehaviorTree.CPP are read"
         raise FileError([Problem(file, root.line, root.tag, message)])
     return document

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from mrbt_mesh.btcpp.files.builtin_nodes import NAV2_BUILTIN, NAV2_OUTPUTS
 from mrbt_mesh.btcpp.files.document import Category, Direction, pointer
 from mrbt_mesh.btcpp.files.expand import SCRIPT_PORTS, ExpandedNode
 from mrbt_mesh.btcpp.files.library import Library
@@ -109,8 +108,4 @@ def port_direction(node: ExpandedNode, name: str, library: Library) -> Direction
     """What a node does with a port's entry; both, as far as nothing is known of it."""
     model = library.model(node.type)
     port = model.ports.get(name) if model else None
-    if port is not None:
-        return port.direction
-    if node.type not in NAV2_BUILTIN:
-        return Direction.INOUT
-    return Direction.OUTPUT if name in NAV2_OUTPUTS else Direction.INPUT
+    return Direction.INOUT if port is None else port.direction

@@ -21,7 +21,6 @@ from mrbt_mesh.btcpp.files.document import (
 from mrbt_mesh.btcpp.files.elements import Content, Element, Text
 from mrbt_mesh.btcpp.files.expand import expand
 from mrbt_mesh.btcpp.files.library import Library, TreeSource
-from mrbt_mesh.errors import FileError, Problem
 
 
 def explicit(library: Library, *, is_merged: bool = False) -> Document:
@@ -55,6 +54,8 @@ def _make_explicit(element: Element, library: Library) -> None:
 
 def _merge(document: Document, library: Library) -> None:
     root = document.root
+    if library.main_tree is not None and len(library.own_trees) > 1:
+        root.attributes["main_tree_to_execute"] = library.main_tree
     here = {tree.get("ID") for tree in document.trees}
     without: list[Content] = [
         item
@@ -130,11 +131,7 @@ def with_ids(library: Library) -> Document:
     those of a SubTree right after it. Raises FileError without a main tree, and for a tree that
     cannot be expanded.
     """
-    first = library.documents[0]
-    main = library.main_tree
-    if main is None:
-        message = "main_tree_to_execute has to name a tree"
-        raise FileError([Problem(first.file, first.root.line, "root", message)])
+    main = library.chosen_tree()
     # Refuses trees that contain themselves, or that are too large.
     expand(library, main)
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": main})
@@ -163,6 +160,6 @@ def with_ids(library: Library) -> Document:
         element.attributes["_fullpath"] = full = f"{path}/{own}" if path else own
         if inner in library.trees:
             open_trees.append(begin(library.trees[inner], full))
-    document = Document(first.file, [root])
+    document = Document(library.documents[0].file, [root])
     _add_models(document, library)
     return document

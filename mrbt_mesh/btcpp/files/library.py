@@ -7,12 +7,13 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, NAV2_NODES
 from mrbt_mesh.btcpp.files.document import (
     SUBTREE,
     Category,
     Document,
     NodeManifest,
+    parse_document,
     ports,
     read_document,
 )
@@ -21,9 +22,10 @@ from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.upgrade import upgrade
 from mrbt_mesh.btcpp.files.xml_reader import MAX_BYTES
 from mrbt_mesh.btcpp.scripts.values import read_boolean
-from mrbt_mesh.errors import FileError, nearest
+from mrbt_mesh.errors import FileError, Problem, nearest, whole_file_error
 
 MAX_FILES = 100
+LONE_TREE = "BehaviorTree"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +41,13 @@ class TreeSource:
 class Library:
     """The documents, in version 4, the first one first; trees and models by their ID.
 
-    A tree without an ID is called `BehaviorTree`, as it is the only one. Trees and models may be
-    known from other files, too, which are no documents here.
+    A tree without an ID is called `BehaviorTree`, as it is the only one. `registered` has the trees
+    of the documents in the library's order: included files before the file that includes them.
+    Trees and models may be known from other files, too, which are no documents here.
     """
 
     documents: list[Document] = field(default_factory=list)
+    registered: list[TreeSource] = field(default_factory=list)
     trees: dict[str, TreeSource] = field(default_factory=dict)
     models: dict[str, NodeManifest] = field(default_factory=dict)
     subtree_models: dict[str, NodeManifest] = field(default_factory=dict)
@@ -51,12 +55,29 @@ class Library:
 
     @property
     def main_tree(self) -> str | None:
-        """The ID of the tree to execute: named by the first document, or the only one there is."""
-        named = self.documents[0].main_tree
-        if named:
+        """The ID of the tree to execute, as BehaviorTree.CPP decides; None: it would not load.
+
+        The first document names it, or it is the only tree of that document, or of all documents.
+        """
+        first = self.documents[0]
+        if named := first.main_tree:
             return named if named in self.trees else None
-        own = self.own_trees
-        return next(iter(own)) if len(own) == 1 else None
+        if "main_tree_to_execute" not in first.root.attributes and len(first.trees) == 1:
+            return first.trees[0].get("ID") or LONE_TREE
+        return next(iter(self.own_trees)) if len(self.own_trees) == 1 else None
+
+    def chosen_tree(self, tree: str | None = None) -> str:
+        """The ID `tree` if there is such a tree, or of the main tree. Raises FileError."""
+        name = tree or self.main_tree
+        if name is not None and name in self.trees:
+            return name
+        first = self.documents[0]
+        if tree:
+            message = f"there is no tree {tree!r}{nearest(tree, list(self.trees))}"
+            raise whole_file_error(first.file, message)
+        known = ", ".join(self.trees) or "none"
+        message = f"main_tree_to_execute names none of the trees; name one of: {known}"
+        raise FileError([Problem(first.file, first.root.line, "root", message)])
 
     @property
     def own_trees(self) -> dict[str, TreeSource]:
@@ -65,8 +86,8 @@ class Library:
         return {name: each for name, each in self.trees.items() if id(each.document) in own}
 
     def model(self, name: str) -> NodeManifest | None:
-        """The model of a registered node."""
-        return BUILTIN.get(name) or self.models.get(name)
+        """The model of a node: built in, of the files, or Nav2's."""
+        return BUILTIN.get(name) or self.models.get(name) or NAV2_NODES.get(name)
 
     def subtree_ports(self, element: Element) -> tuple[bool, dict[str, str], list[str]]:
         """Of a <SubTree>: whether it remaps every entry, its ports, and those that are missing.
@@ -126,9 +147,14 @@ class Library:
     def add(self, document: Document) -> None:
         """Take over a document's trees and models. Of two of the same ID the last one counts."""
         self.documents.append(document)
+        self.register(document)
+
+    def register(self, document: Document) -> None:
+        """Take over the trees and models of one of the documents."""
         for element in document.trees:
-            name = element.get("ID") or "BehaviorTree"
+            name = element.get("ID") or LONE_TREE
             self.trees[name] = TreeSource(name, document, element)
+            self.registered.append(self.trees[name])
         for name, model in document.models().items():
             is_subtree = model.category is Category.SUBTREE
             (self.subtree_models if is_subtree else self.models)[name] = model
@@ -146,11 +172,28 @@ def load_library(
     and models of `others` are known besides. Includes that cannot be read, and changes, are noted
     in `findings`. Raises FileError if the file itself cannot be read.
     """
+    return _load(path, read_document(path), findings, package_folders, others)
+
+
+def load_text(
+    text: str, path: Path, findings: Findings, package_folders: Sequence[Path] | None = None
+) -> Library:
+    """As `load_library`, from memory: its includes are relative to the folder of `path`."""
+    return _load(path, parse_document(text, str(path)), findings, package_folders, None)
+
+
+def _load(
+    path: Path,
+    document: Document,
+    findings: Findings,
+    package_folders: Sequence[Path] | None,
+    others: Library | None,
+) -> Library:
     if package_folders is None:
         prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
         package_folders = [Path(prefix) / "share" for prefix in prefixes if prefix]
     loader = _Loader(Library(), findings, package_folders)
-    loader.load(path, read_document(path), ())
+    loader.load(path, document, ())
     if others is not None:
         loader.library.know(others)
     return loader.library
@@ -189,11 +232,13 @@ class _Loader:
     total_bytes: int = 0
 
     def load(self, path: Path, document: Document, including: tuple[Path, ...]) -> None:
-        self.library.add(_read(document, self.findings))
+        document = _read(document, self.findings)
+        self.library.documents.append(document)
         here = path.resolve()
         self.loaded.add(here)
         for element in document.includes:
             self.include(path, document, element, (*including, here))
+        self.library.register(document)
 
     def include(
         self, path: Path, document: Document, element: Element, including: tuple[Path, ...]

@@ -1,4 +1,4 @@
-"""The nodes that Nav2 registers, with their ports and types, so that its files need no models.
+"""The leaves that Nav2 registers, with their ports and types, so that its files need no models.
 
 Facts from Nav2's nav2_tree_nodes.xml and its documentation of the plugins. A type that is a ROS
 message is left out; a program gets it as a text.
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mrbt_mesh.btcpp.files.document import (
-    LEAVES,
     SUBTREE,
     Category,
     Direction,
@@ -29,7 +28,7 @@ _ERROR = "error_code_id:uint16_t error_msg:std::string"
 _MOTION = f"time_allowance:double {_SERVER} disable_collision_checks:bool is_recovery:bool"
 _ROUTE = "start_id:uint16_t goal_id:uint16_t start goal use_start:bool use_poses:bool"
 
-# name: input ports, > output ports, <> ports that are both.
+# name: input ports > output ports.
 _ACTIONS = f"""
 BackUp: backup_dist:double backup_speed:double {_MOTION} > {_ERROR}
 DriveOnHeading: dist_to_travel:double speed:double {_MOTION} > {_ERROR}
@@ -109,16 +108,6 @@ WouldARouteRecoveryHelp: error_code:uint16_t
 AreErrorCodesPresent: error_code:uint16_t error_codes_to_check
 ArePosesNear: ref_pose target_pose global_frame:std::string tolerance:double
 """
-_CONTROLS = """
-NonblockingSequence:
-PauseResumeController: pause_service_name:std::string resume_service_name:std::string
-PersistentSequence: <> current_child_idx:int
-"""
-_DECORATORS = """
-SingleTrigger:
-PathLongerOnApproach: path prox_len:double length_factor:double
-GoalUpdatedController: goal goals
-"""
 
 
 def _models(category: Category, table: str) -> Iterable[NodeManifest]:
@@ -126,8 +115,8 @@ def _models(category: Category, table: str) -> Iterable[NodeManifest]:
         name, _, listed = line.partition(":")
         direction, found = Direction.INPUT, {}
         for word in listed.split():
-            if word in (">", "<>"):
-                direction = Direction.OUTPUT if word == ">" else Direction.INOUT
+            if word == ">":
+                direction = Direction.OUTPUT
                 continue
             port, _, kind = word.partition(":")
             found[port] = Port(port, direction, kind, None)
@@ -139,15 +128,13 @@ NAV2_MODELS = {
     for category, table in (
         (Category.ACTION, _ACTIONS),
         (Category.CONDITION, _CONDITIONS),
-        (Category.CONTROL, _CONTROLS),
-        (Category.DECORATOR, _DECORATORS),
     )
     for model in _models(category, table)
 }
 
 
 def know_nav2(library: Library) -> None:
-    """Give a library models of the Nav2 nodes in its trees, for types of which it has none.
+    """Give a library models of the Nav2 leaves in its trees, for types of which it has none.
 
     A model has the ports that the trees use. One that Nav2 does not have, or of which a tree gives
     a text that is no value of its type (nodes of other makers have the same names), is without a
@@ -161,8 +148,7 @@ def know_nav2(library: Library) -> None:
             name, model = type_id(element), NAV2_MODELS.get(type_id(element))
             if model is None or element.tag == SUBTREE or library.model(name) is not None:
                 continue
-            is_leaf = model.category in LEAVES
-            if element.tag not in (name, model.category) or bool(element.children) == is_leaf:
+            if element.tag not in (name, model.category) or element.children:
                 others.add(name)
             for port, text in ports(element).items():
                 used.setdefault(name, {}).setdefault(port, []).append(text)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import TypeAlias
 
 from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, SWITCHES
 from mrbt_mesh.btcpp.files.document import (
     CONDITIONS,
     EXPLICIT_TAGS,
+    LEAVES,
     SUBTREE,
     TREE,
     Direction,
@@ -20,9 +22,11 @@ from mrbt_mesh.btcpp.files.document import (
 )
 from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.scripts.values import read_boolean
 
 RENAMED_NODES = {
     "SequenceStar": "SequenceWithMemory",
+    "FallbackStar": "Fallback",
     "RetryUntilSuccesful": "RetryUntilSuccessful",
     "SubTreePlus": SUBTREE,
 }
@@ -33,12 +37,22 @@ RENAMED_PORTS = {
         "threshold": "success_count",
     },
 }
-RENAMED_SUBTREE_ATTRIBUTES = {"__shared_blackboard": "_autoremap", "__autoremap": "_autoremap"}
+# By the tag of version 3, on which alone each has an effect.
+RENAMED_SUBTREE_ATTRIBUTES = {
+    SUBTREE: {"__shared_blackboard": "_autoremap"},
+    "SubTreePlus": {"__autoremap": "_autoremap"},
+}
+_SUBTREE_ATTRIBUTES = frozenset(old for each in RENAMED_SUBTREE_ATTRIBUTES.values() for old in each)
+_CHECK = "<BlackboardCheck...> is gone; write <Precondition if='a == b' else='FAILURE'>"
+# Groot 1 wrote it around the node that is the root; since 4.8.4 the name is reserved.
+_GROOT_ROOT = "Root"
+
+Note: TypeAlias = Callable[[str, bool], None]
 
 
 # Nodes of version 3 that version 4 has no longer, and of version 4 that version 3 did not have.
-_ONLY_3 = frozenset({*RENAMED_NODES, "FallbackStar", "BlackboardCheckInt", "BlackboardCheckDouble"})
-_ONLY_3 |= {"BlackboardCheckString", "BlackboardCheckBool"}
+_CHECKS = frozenset(f"BlackboardCheck{kind}" for kind in ("Int", "Double", "String", "Bool"))
+_ONLY_3 = _CHECKS | RENAMED_NODES.keys()
 _ONLY_4 = frozenset(BUILTIN) - {
     *("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback", "Parallel", "IfThenElse"),
     *("WhileDoElse", *SWITCHES, "Inverter"),
@@ -78,11 +92,13 @@ def _marks(element: Element) -> Iterator[tuple[int, str]]:
     elif name in _ONLY_4:
         yield 4, name
     is_subtree = element.tag == SUBTREE
-    of_3 = RENAMED_SUBTREE_ATTRIBUTES if is_subtree else RENAMED_PORTS.get(name, {})
+    of_3 = _SUBTREE_ATTRIBUTES if is_subtree else RENAMED_PORTS.get(name, {})
     of_4 = {*CONDITIONS, "_autoremap", *(_PORTS_OF_4 if name == "Parallel" else ())}
     for attribute, value in element.attributes.items():
         if attribute in of_3:
             yield 3, attribute
+        elif is_port(attribute) and old_pointer(value):
+            yield 3, f"{attribute}={value!r}"
         elif attribute in of_4:
             yield 4, attribute
         elif is_subtree and is_port(attribute) and pointer(value, attribute):
@@ -119,50 +135,125 @@ def upgrade(document: Document, findings: Findings) -> Document:
     upgraded = document.copy()
     root = upgraded.root
     root.attributes = {"BTCPP_format": "4"} | root.attributes | {"BTCPP_format": "4"}
-    models = document.models()
-    for part in root.children if version == 3 else ():
-        for element in part.walk():
-            place = f"{element.tag} {element.get('name') or element.get('ID')}".strip()
-
-            def note(
-                message: str, refused: bool, line: int = element.line, place: str = place
-            ) -> None:
-                add = findings.rule if refused else findings.warn
-                add(document.file, line, place, f"version 3: {message}")
-
-            _upgrade_element(element, part.tag == TREE, note)
-            if part.tag == TREE and element.tag != SUBTREE and type_id(element) in models:
-                _upgrade_outputs(element, models[type_id(element)], note)
+    if version == 3:
+        _upgrade_root(upgraded, findings)
     return upgraded
 
 
-def _upgrade_element(element: Element, in_tree: bool, note: Callable[[str, bool], None]) -> None:
-    was_plain_subtree = in_tree and element.tag == SUBTREE
-    name = type_id(element)
+def _upgrade_root(document: Document, findings: Findings) -> None:
+    def note_at(element: Element) -> Note:
+        line = element.line
+        place = f"{element.tag} {element.get('name') or element.get('ID')}".strip()
+
+        def note(message: str, refused: bool) -> None:
+            add = findings.rule if refused else findings.warn
+            add(document.file, line, place, f"version 3: {message}")
+
+        return note
+
+    models = document.models()
+    trees = _first_of_each_name(document, note_at)
+    for part in document.root.children:
+        if part.tag == TREE:
+            _without_groot_root(part, note_at)
+        for element in part.walk():
+            note = note_at(element)
+            is_node = part.tag == TREE and element is not part
+            if is_node and element.tag in LEAVES and element.get("ID") in trees - models.keys():
+                note(f"{element.get('ID')!r} is a tree: a <{SUBTREE}>", True)
+                element.tag = SUBTREE
+            _upgrade_element(element, part.tag == TREE, note)
+            if is_node and element.tag != SUBTREE and type_id(element) in models:
+                _upgrade_outputs(element, models[type_id(element)], note)
+
+
+def _first_of_each_name(document: Document, note_at: Callable[[Element], Note]) -> set[str]:
+    """Leave the first tree of each ID, which counts in version 3; their IDs."""
+    found: set[str] = set()
+    for tree in document.trees:
+        name = tree.get("ID")
+        if name and name in found:
+            note_at(tree)(
+                f"there is a tree {name!r} already, which counts; this one is gone", False
+            )
+            document.root.content = [each for each in document.root.content if each is not tree]
+        found.add(name)
+    return found - {""}
+
+
+def _without_groot_root(tree: Element, note_at: Callable[[Element], Note]) -> None:
+    for node in tree.children:
+        if node.tag == _GROOT_ROOT and len(node.children) == 1:
+            note_at(node)(f"<{_GROOT_ROOT}> of Groot 1 is left out", True)
+            place = next(n for n, each in enumerate(tree.content) if each is node)
+            tree.content[place : place + 1] = node.content
+
+
+def old_pointer(value: str) -> str:
+    """The entry that `${entry}` names in version 3, else ""."""
+    return value[2:-1] if len(value) > 3 and value.startswith("${") and value[-1] == "}" else ""
+
+
+def _upgrade_element(element: Element, in_tree: bool, note: Note) -> None:
+    old_tag, name = element.tag, type_id(element)
     if new := RENAMED_NODES.get(element.tag):
-        note(f"<{element.tag}> is <{new}> now", in_tree)
+        note(f"<{element.tag}> is <{new}> now{_kept(new)}", in_tree)
         element.tag = new
     elif element.tag in EXPLICIT_TAGS and (new := RENAMED_NODES.get(name)):
-        note(f"ID {name!r} is {new!r} now", in_tree)
+        note(f"ID {name!r} is {new!r} now{_kept(new)}", in_tree)
         element.attributes["ID"] = new
-    renamed = RENAMED_PORTS.get(name, {})
+    elif in_tree and name in _CHECKS:
+        note(_CHECK, True)
     if element.tag == SUBTREE:
-        renamed = RENAMED_SUBTREE_ATTRIBUTES
+        _upgrade_subtree(element, old_tag, in_tree, note)
+        return
+    renamed = RENAMED_PORTS.get(name, {})
     attributes: dict[str, str] = {}
     for old, value in element.attributes.items():
         attribute = renamed.get(old, old)
         if attribute != old:
             note(f"attribute {old!r} is {attribute!r} now", in_tree and is_port(old))
-        if was_plain_subtree and is_port(attribute) and pointer(value, attribute) is None:
-            note(f"{attribute}={value!r} names a blackboard entry: '{{{value}}}' now", False)
-            value = f"{{{value}}}"
-        attributes[attribute] = value
+        attributes[attribute] = _new_pointer(attribute, value, note) if in_tree else value
     element.attributes = attributes
 
 
-def _upgrade_outputs(
-    element: Element, model: NodeManifest, note: Callable[[str, bool], None]
-) -> None:
+def _kept(name: str) -> str:
+    is_kept = name == "SequenceWithMemory"
+    return ", which keeps its place when it is halted, too" if is_kept else ""
+
+
+def _new_pointer(attribute: str, value: str, note: Note) -> str:
+    entry = old_pointer(value) if is_port(attribute) else ""
+    if not entry:
+        return value
+    note(f"{attribute}={value!r} is '{{{entry}}}' now", False)
+    return f"{{{entry}}}"
+
+
+def _upgrade_subtree(element: Element, old_tag: str, in_tree: bool, note: Note) -> None:
+    """A <SubTree> of version 3 names entries by plain text, a <SubTreePlus> as version 4 does."""
+    renamed = RENAMED_SUBTREE_ATTRIBUTES.get(old_tag, RENAMED_SUBTREE_ATTRIBUTES[SUBTREE])
+    is_plus = old_tag == "SubTreePlus"
+    is_shared = not is_plus and bool(read_boolean(element.get("__shared_blackboard")))
+    attributes: dict[str, str] = {}
+    for old, value in element.attributes.items():
+        if in_tree and old in _SUBTREE_ATTRIBUTES and old not in renamed:
+            note(f"attribute {old!r} has no effect on <{old_tag}>; it is left out", False)
+        elif in_tree and is_shared and is_port(old):
+            note(f"{old}={value!r} has no effect beside __shared_blackboard; it is left out", False)
+        else:
+            attribute = renamed.get(old, old)
+            if attribute != old:
+                note(f"attribute {old!r} is {attribute!r} now", False)
+            new = _new_pointer(attribute, value, note) if in_tree else value
+            if in_tree and not is_plus and is_port(attribute) and pointer(new, attribute) is None:
+                note(f"{attribute}={value!r} names a blackboard entry: '{{{value}}}' now", False)
+                new = f"{{{value}}}"
+            attributes[attribute] = new
+    element.attributes = attributes
+
+
+def _upgrade_outputs(element: Element, model: NodeManifest, note: Note) -> None:
     """A bare name at an output port was the entry to write; version 4 finds nothing to write."""
     for name, value in ports(element).items():
         port = model.ports.get(name)

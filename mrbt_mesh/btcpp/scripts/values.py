@@ -26,7 +26,11 @@ INT64 = range(-(2**63), 2**63)
 EXACT = 2**53 - 1
 
 _LEADING_NUMBER = re.compile(r"-?(inf|nan|([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?)", re.ASCII)
-_INTEGER = re.compile(r"[+-]?[0-9]+", re.ASCII)
+_INTEGER = re.compile(r"[+-]?[0-9]+\s*", re.ASCII)
+# What C++ reads as a real number, where that is the whole text.
+_REAL = re.compile(
+    r"-?(inf|infinity|nan|([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)", re.ASCII | re.IGNORECASE
+)
 
 # Names of C++ types, by what they are here.
 _RANGES = {
@@ -60,6 +64,19 @@ def read_boolean(text: str) -> bool | None:
     if text in ("1", "true", "TRUE", "True"):
         return True
     return False if text in ("0", "false", "FALSE", "False") else None
+
+
+def read_real(text: str) -> float | None:
+    """The real number that the whole text is to C++'s `from_chars`; None for anything else.
+
+    Not Python's: no `+`, no `_`, no digits of other scripts, nothing that a double cannot hold.
+    """
+    if _REAL.fullmatch(text) is None:
+        return None
+    number = float(text)
+    is_named = text[-1].isalpha()
+    is_lost = math.isinf(number) or (number == 0 and re.search("[1-9]", text.lower().split("e")[0]))
+    return number if is_named or not is_lost else None
 
 
 def as_number(value: Any) -> float:
@@ -133,10 +150,10 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
     if type_name in _RANGES:
         return _read_integer(text, type_name, enums or {})
     if type_name in _REALS:
-        try:
-            return float(text)
-        except ValueError:
-            raise ValueTypeError(f"the text {text!r} is no real number") from None
+        number = read_real(text.rstrip())
+        if number is None:
+            raise ValueTypeError(f"the text {text!r} is no real number")
+        return number
     if type_name == "bool":
         truth = read_boolean(text)
         if truth is None:
@@ -148,9 +165,14 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
         except ValueError as error:
             raise ValueTypeError(f"{text[:80]!r} is no JSON: {error}") from None
     if match := _LISTS.fullmatch(type_name):
-        items = text.split(";") if text else []
-        return [read_text(item, match[1] or match[2], enums) for item in items]
+        return [read_text(item, match[1] or match[2], enums) for item in split_items(text)]
     return text
+
+
+def split_items(text: str) -> list[str]:
+    """The items of a list, as BehaviorTree.CPP splits it: a last `;` ends the list."""
+    items = text.split(";")
+    return items if items[-1] else items[:-1]
 
 
 def _read_integer(text: str, type_name: str, enums: Mapping[str, int]) -> int:

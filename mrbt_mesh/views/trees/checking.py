@@ -15,7 +15,7 @@ from mrbt_mesh.btcpp.files.folder import read_folder
 from mrbt_mesh.btcpp.files.library import Library, together
 from mrbt_mesh.cli.command import BAD_INPUT
 from mrbt_mesh.cli.terminal import console, errors, labelled, print_done, print_json
-from mrbt_mesh.errors import FileError, InputError, Problem
+from mrbt_mesh.errors import FileError, Problem
 from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
 
 STYLES = {"error": "bold red", "warning": "yellow", "not for a team": "bold red", "note": "cyan"}
@@ -82,10 +82,8 @@ class TreeCheck:
         # Of a folder's files, many only hold trees for others.
         is_part = others is not None and library.main_tree is None
         if self.team and not findings.errors and not is_part:
-            if library.main_tree is None:
-                raise InputError(f"{file}: main_tree_to_execute has to name a tree")
             leaves = Category.ACTION if self.assume_actions else None
-            for_a_team = to_team_tree(library, library.main_tree, leaves)
+            for_a_team = to_team_tree(library, library.chosen_tree(), leaves)
             refusals, notes = for_a_team.refusals, for_a_team.notes
         trees = library.own_trees.values()
         counts = {

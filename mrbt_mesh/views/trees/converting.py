@@ -70,9 +70,10 @@ def convert_file(source: Path, target: Path, wanted: Wanted, others: Library | N
 def _as_written(document: Document, library: Library, wanted: Wanted) -> Library:
     """The document as it is read again, with the files that it includes."""
     written = Library()
-    written.add(document)
+    written.documents.append(document)
     for included in library.documents[1:] if document.includes else ():
         written.add(included)
+    written.register(document)
     if not wanted.has_ids:
         written.know(library)
     written.missing_files = library.missing_files

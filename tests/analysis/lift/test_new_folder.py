@@ -317,3 +317,14 @@ def test_a_file_of_nav2_with_a_long_name(tmp_path: Path) -> None:
     text = written(tmp_path, FOLLOW, name=f"follow_{'point_' * 12}größer")
     assert '@robot.entry("goal")\ndef goal() -> str:' in text
     assert load_mission(tmp_path / "mine" / "mission.yaml").name == "mine"
+
+
+def test_a_unit_is_not_called_as_a_node_in_it(tmp_path: Path) -> None:
+    tree = tmp_path / "task.xml"
+    tree.write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><Root><AlwaysFailure/><AlwaysSuccess/></Root>'
+        "</BehaviorTree></root>"
+    )
+    assert new(tmp_path / "mine", tree)[0] == 0
+    mission = load_mission(tmp_path / "mine" / "mission.yaml")
+    assert [each.tree for each in mission.program_trees.values()] == ["Root_unit"]

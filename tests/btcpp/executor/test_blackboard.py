@@ -141,3 +141,14 @@ def test_what_is_written_is_read_there_and_where_it_is_remapped(
             assert root[name[1:]] == value
         elif is_inner and outer is not None:
             assert root[outer] == value
+
+
+def test_the_entries_of_a_board_can_be_iterated() -> None:
+    board = Blackboard()
+    assert board
+    assert list(board) == []
+    board["b"], board["a"] = 1, "x"
+    board.declare("without_value")
+    assert list(board) == ["a", "b"]
+    assert dict(board) == {"a": "x", "b": 1}
+    assert len(board) == 2

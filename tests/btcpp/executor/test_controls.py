@@ -182,6 +182,27 @@ def test_switch_takes_the_matching_case_or_the_last_child(mode: object, chosen: 
     assert tree.halts == [chosen == index and chosen != 0 for index in range(3)]
 
 
+@pytest.mark.parametrize(
+    ("mode", "case", "is_same"),
+    [
+        *((mode, "1", True) for mode in ("1", "1.0", "1e0", "1.00000001", "one")),
+        *((mode, "1", False) for mode in ("1 ", " 1", "+1", "1x", "0x1", "１", "true", "1e400")),
+        *(("1_0", "10", False), ("1000_0", "10000", False), ("nan", "NaN", False)),
+        *(("1_0", "1_0", True), ("inf", "Infinity", False), ("1e400", "1e500", False)),
+    ],
+)
+@pytest.mark.parametrize("exact", [True, False])
+def test_switch_compares_whole_numbers_and_texts(
+    mode: str, case: str, is_same: bool, exact: bool
+) -> None:
+    """As BehaviorTree.CPP 4.10.0 did in each of these."""
+    children = leaf("SUCCESS") * 3
+    body = f'<Switch2 variable="{{mode}}" case_1="{case}" case_2="zz">{children}</Switch2>'
+    tree = Ticked(body, {"mode": mode}, enums={"one": 1}, exact=exact)
+    assert tree.run() == [SUCCESS]
+    assert tree.ticks == [is_same, 0, not is_same]
+
+
 def test_try_catch_fails_after_its_catch_child() -> None:
     tree = control("TryCatch", "SUCCESS", "FAILURE", "RUNNING SUCCESS")
     assert tree.run(2) == [RUNNING, FAILURE]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import pytest
@@ -122,13 +123,53 @@ def test_loop_puts_each_item_into_its_value() -> None:
     body = f'<LoopInt queue="{{items}}" value="{{item}}" if_empty="FAILURE">{note}</LoopInt>'
     tree = Ticked(body, {"items": [1]})
     assert tree.run(2) == [RUNNING, FAILURE]
-    assert tree.board["items"] == []
+    assert tree.board["items"] == [1]
     failing = '<LoopInt queue="1;2;3" value="{item}"><Leaf says="SUCCESS FAILURE"/></LoopInt>'
     assert Ticked(failing).run(2) == [RUNNING, FAILURE]
     with pytest.raises(TickError, match="port 'queue': the entry 'items' has no value"):
         Ticked(body).run()
     with pytest.raises(TickError, match="'items' is no list"):
         Ticked(body, {"items": 3}).run()
+
+
+@pytest.mark.parametrize("queue", ["a;b;c", ["a", "b", "c"], ("a", "b", "c")])
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_loop_begins_a_text_or_a_list_anew(queue: Any, exact: bool) -> None:
+    """A route whose second point fails is tried again from its first point."""
+    body = (
+        '<RetryUntilSuccessful num_attempts="2"><LoopString queue="{q}" value="{v}"><Sequence>'
+        '<Note what="{v}"/><Leaf says="SUCCESS FAILURE SUCCESS"/></Sequence></LoopString>'
+        "</RetryUntilSuccessful>"
+    )
+    tree = Ticked(body, {"q": queue}, exact=exact)
+    statuses = tree.run(8)
+    assert SUCCESS in statuses
+    assert tree.seen[:5] == ["a", "b", "a", "b", "c"]
+    assert tree.board["q"] == queue
+
+
+def test_a_loop_uses_up_a_queue_that_others_may_add_to() -> None:
+    queue = deque(["a", "b"])
+    loop = '<LoopString queue="{q}" value="{v}"><Note what="{v}"/></LoopString>'
+    tree = Ticked(f"<Sequence>{loop}{loop}</Sequence>", {"q": queue})
+    assert tree.run() == [RUNNING]
+    queue.append("c")
+    assert tree.run(3) == [RUNNING, RUNNING, SUCCESS]
+    assert tree.seen == ["a", "b", "c"]
+    assert not queue
+
+
+@pytest.mark.parametrize(
+    ("text", "items"),
+    [("", []), ("a;", ["a"]), (";", [""]), ("a;;b", ["a", "", "b"]), (";a", ["", "a"])],
+)
+def test_a_text_is_split_as_the_library_does(text: str, items: list[str]) -> None:
+    """Measured with BehaviorTree.CPP 4.10.0."""
+    tree = Ticked(
+        '<LoopString queue="{q}" value="{v}"><Note what="{v}"/></LoopString>', {"q": text}
+    )
+    assert tree.run(len(items) + 1)[-1] is SUCCESS
+    assert tree.seen == items
 
 
 @pytest.mark.parametrize(
@@ -164,6 +205,15 @@ def test_updates(kind: str, otherwise: object) -> None:
     assert tree.run(3) == [RUNNING, SUCCESS, otherwise]
     tree.board["x"] = 1
     assert tree.run(2) == [SUCCESS, otherwise]
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("kind", ["SkipUnlessUpdated", "WaitValueUpdate"])
+def test_the_child_of_a_halted_update_is_halted(kind: str, exact: bool) -> None:
+    tree = Ticked(f'<{kind} entry="{{x}}"><Leaf says="RUNNING"/></{kind}>', {"x": 1}, exact=exact)
+    assert tree.run() == [RUNNING]
+    tree.executor.halt()
+    assert tree.halts[0] >= 1
 
 
 def test_a_subtree_has_a_blackboard_of_its_own() -> None:

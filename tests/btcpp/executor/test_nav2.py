@@ -6,8 +6,10 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.btcpp import TickError
+from mrbt_mesh.btcpp import BehaviorTree, NodeStatus, TickError, TreeNode
+from mrbt_mesh.btcpp.executor.nav2 import NAV2
 from mrbt_mesh.btcpp.executor.node import FAILURE, RUNNING, SKIPPED, SUCCESS
+from mrbt_mesh.btcpp.files.builtin_nodes import NAV2_NODES, children_allowed
 from mrbt_mesh.errors import FileError
 from tests.support.btcpp.ticked import Ticked
 
@@ -139,3 +141,125 @@ def test_goal_updater_passes_the_latest_goal_on() -> None:
     latest[0] = "gate"
     tree.run()
     assert tree.seen == ["dock", "gate"]
+
+
+# -- what Nav2's default trees need besides -----------------------------------------------------
+
+
+def test_check_and_executor_know_the_same_nodes() -> None:
+    assert NAV2.keys() == NAV2_NODES.keys()
+    for name, model in NAV2_NODES.items():
+        least, most = children_allowed(name, model.category)
+        assert (least, most) == NAV2[name].CHILDREN, name
+
+
+def test_a_node_of_the_program_goes_before_one_of_nav2() -> None:
+    tree = BehaviorTree.from_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="M"><SingleTrigger><Go/></SingleTrigger>'
+        "</BehaviorTree></root>"
+    )
+    tree.action("Go")(lambda: True)
+
+    class Mine(TreeNode):
+        CHILDREN = (1, 1)
+
+        def tick(self) -> NodeStatus:
+            return RUNNING
+
+    tree.node("SingleTrigger")(Mine)
+    assert isinstance(tree.executor.root, Mine)
+
+
+def test_nonblocking_sequence_ticks_all_its_children() -> None:
+    body = leaves("RUNNING SUCCESS", "SUCCESS", "RUNNING RUNNING SUCCESS")
+    tree = Ticked(f"<NonblockingSequence>{body}</NonblockingSequence>")
+    assert tree.run(3) == [RUNNING, RUNNING, SUCCESS]
+    assert tree.ticks == [3, 3, 3]
+    tree = Ticked(f"<NonblockingSequence>{leaves('RUNNING', 'FAILURE')}</NonblockingSequence>")
+    assert tree.run() == [FAILURE]
+    assert tree.halts == [1, 0]
+
+
+def test_persistent_sequence_keeps_its_place_in_an_entry() -> None:
+    body = leaves("SUCCESS", "RUNNING FAILURE SUCCESS", "SUCCESS")
+    text = f'<PersistentSequence current_child_idx="{{at}}">{body}</PersistentSequence>'
+    tree = Ticked(text, {"at": 1})
+    assert tree.run(2) == [RUNNING, FAILURE]
+    assert tree.ticks == [0, 2, 0]
+    assert tree.board["at"] == 0
+    assert tree.run() == [SUCCESS]
+    assert tree.ticks == [1, 3, 1]
+    tree = Ticked(text, {"at": 0})
+    assert tree.run() == [RUNNING]
+    tree.executor.halt()
+    assert tree.board["at"] == 1
+    with pytest.raises(TickError, match="'at' has no value"):
+        Ticked(text).run()
+    with pytest.raises(TickError, match="current_child_idx=-1 is no child"):
+        Ticked(text, {"at": -1}).run()
+
+
+def test_pause_resume_controller_changes_its_child() -> None:
+    wanted = iter([False, True, True, True, False, False, False])
+    body = leaves("RUNNING RUNNING SUCCESS", "RUNNING", "SUCCESS", "RUNNING SUCCESS")
+    text = f"<PauseResumeController>{body}</PauseResumeController>"
+    tree = Ticked(text, sources={"paused": lambda: next(wanted)})
+    # Works; begins to pause; pauses twice; begins to resume, which takes two ticks; works.
+    assert tree.run(7) == [RUNNING] * 7
+    assert tree.ticks == [2, 2, 1, 2]
+    assert tree.halts == [1, 1, 0, 0]
+    alone = Ticked(f"<PauseResumeController>{leaves('RUNNING SUCCESS')}</PauseResumeController>")
+    assert alone.run(2) == [RUNNING, SUCCESS]
+
+
+def test_single_trigger_runs_its_child_once_in_a_run() -> None:
+    body = f"<SingleTrigger>{leaves('RUNNING SUCCESS')}</SingleTrigger>"
+    tree = Ticked(f"<KeepRunningUntilFailure>{body}</KeepRunningUntilFailure>")
+    trigger = tree.executor.root.children[0]
+    assert [trigger.execute() for _ in range(2)] == [RUNNING, SUCCESS]
+    trigger.status = RUNNING  # as below a node that goes on with it
+    assert trigger.execute() is FAILURE
+    assert tree.ticks == [2]
+
+
+@pytest.mark.parametrize("port", ["", 'goal="{goal}"', 'goals="{goal}"'])
+def test_goal_updated_controller_ticks_for_a_new_goal(port: str) -> None:
+    body = f"<GoalUpdatedController {port}>{leaves('SUCCESS')}</GoalUpdatedController>"
+    tree = Ticked(body, {"goal": "a"})
+    gate = tree.executor.root
+    found = []
+    for goal in ("a", "a", "b", "b"):
+        tree.board["goal"] = goal
+        found.append(gate.execute())
+        gate.status = RUNNING  # as below a PipelineSequence that runs
+    assert found == [SUCCESS, RUNNING, SUCCESS, RUNNING]
+
+
+NEAR, DETOUR, ELSEWHERE = [(0, 0), (1, 0)], [(0, 0), (0, 5), (1, 0)], [(0, 0), (9, 9)]
+
+
+def test_path_longer_on_approach_ticks_for_a_detour_near_the_goal() -> None:
+    text = f'<PathLongerOnApproach path="{{path}}">{leaves("RUNNING FAILURE")}'
+    tree = Ticked(f"{text}</PathLongerOnApproach>")
+    ends = []
+    for path in (None, NEAR, NEAR, DETOUR, DETOUR, DETOUR, ELSEWHERE, NEAR):
+        if path is not None:
+            tree.board["path"] = path
+        ends += tree.run()
+    assert ends == [SUCCESS, SUCCESS, SUCCESS, RUNNING, FAILURE, SUCCESS, SUCCESS, SUCCESS]
+    tree.board["path"] = "no path"
+    with pytest.raises(TickError, match=r"list of points \(x, y\)"):
+        tree.run()
+
+
+def test_goal_updater_takes_many_goals_too() -> None:
+    body = '<GoalUpdater input_goals="{a}" output_goals="{b}"><Note what="{b}"/></GoalUpdater>'
+    tree = Ticked(body, {"a": "x;y"})
+    assert tree.run() == [SUCCESS]
+    assert tree.seen == ["x;y"]
+
+
+def test_recovery_node_tries_once_again_by_default() -> None:
+    tree = Ticked(f"<RecoveryNode>{leaves('FAILURE', 'SUCCESS')}</RecoveryNode>")
+    assert tree.run() == [FAILURE]
+    assert tree.ticks == [2, 1]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.library import library_of
 from mrbt_mesh.btcpp.files.upgrade import upgrade
+from mrbt_mesh.errors import FileError
 
 VERSION_3 = [
     "<SequenceStar><Go/></SequenceStar>",
@@ -15,6 +18,7 @@ VERSION_3 = [
     '<SubTree ID="A" __shared_blackboard="true"/>',
     '<Parallel success_threshold="1"><Go/></Parallel>',
     "<RetryUntilSuccesful num_attempts='2'><Go/></RetryUntilSuccesful>",
+    '<Find pose="${goal}"/>',
     '<Sequence><Find pose="{goal}"/><SubTree ID="A" to="goal"/></Sequence>',
     '<Sequence><SetBlackboard output_key="g" value="1"/><SubTree ID="A" to="g"/></Sequence>',
 ]
@@ -72,3 +76,86 @@ def test_only_what_version_4_refuses_breaks_a_rule() -> None:
     upgrade(parse_document(text, "m.xml"), findings)
     assert [finding.problem.path for finding in findings.errors] == ["SequenceStar"]
     assert len(findings.warnings) == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "written", "warning"),
+    [
+        ('<Go to="${x}"/>', '<Go to="{x}"/>', "to='${x}' is '{x}' now"),
+        ('<Go to="{x}" at="$x" name="${n}"/>', '<Go to="{x}" at="$x" name="${n}"/>', ""),
+        ('<SubTree ID="A" p="${x}"/>', '<SubTree ID="A" p="{x}"/>', "is '{x}' now"),
+        ('<SubTree ID="A" p="{x}"/>', '<SubTree ID="A" p="{x}"/>', ""),
+        ('<SubTree ID="A" p="x"/>', '<SubTree ID="A" p="{x}"/>', "names a blackboard entry"),
+        ('<SubTreePlus ID="A" p="x" q="${x}"/>', '<SubTree ID="A" p="x" q="{x}"/>', "is '{x}' now"),
+        ('<SubTree ID="A" __autoremap="1"/>', '<SubTree ID="A"/>', "no effect on <SubTree>"),
+        (
+            '<SubTreePlus ID="A" __shared_blackboard="1"/>',
+            '<SubTree ID="A"/>',
+            "no effect on <SubTreePlus>",
+        ),
+        (
+            '<SubTree ID="A" p="x" __shared_blackboard="true"/>',
+            '<SubTree ID="A" _autoremap="true"/>',
+            "p='x' has no effect beside __shared_blackboard",
+        ),
+        (
+            '<SubTree ID="A" p="x" __shared_blackboard="false"/>',
+            '<SubTree ID="A" p="{x}" _autoremap="false"/>',
+            "names a blackboard entry",
+        ),
+        ('<Action ID="A" p="x"/>', '<SubTree ID="A" p="{x}"/>', "'A' is a tree: a <SubTree>"),
+        ('<Action ID="Look" at="x"/>', '<Action ID="Look" at="x"/>', ""),
+        ("<FallbackStar><Go/></FallbackStar>", "<Fallback><Go/></Fallback>", "is <Fallback> now"),
+        (
+            "<SequenceStar><Go/></SequenceStar>",
+            "<SequenceWithMemory><Go/></SequenceWithMemory>",
+            "keeps its place when it is halted, too",
+        ),
+        ("<Root><Go/></Root>", "<Go/>", "<Root> of Groot 1 is left out"),
+        ("<Root><Go/><Go/></Root>", "<Root><Go/><Go/></Root>", ""),
+        (
+            "<BlackboardCheckInt><Go/></BlackboardCheckInt>",
+            "<BlackboardCheckInt><Go/></BlackboardCheckInt>",
+            "write <Precondition",
+        ),
+    ],
+)
+def test_what_version_3_meant(given: str, written: str, warning: str) -> None:
+    """Line by line as xml_parsing.cpp and tree_node.cpp of 3.8.8 read it."""
+    text = (
+        '<root BTCPP_format="{}"><BehaviorTree ID="M">{}</BehaviorTree>'
+        '<BehaviorTree ID="A"><Go/></BehaviorTree>'
+        '<TreeNodesModel><Action ID="Look"/></TreeNodesModel></root>'
+    )
+    findings = Findings()
+    found = upgrade(parse_document(text.format(3, given), "m.xml"), findings)
+    assert found == parse_document(text.format(4, written), "m.xml")
+    told = " ".join(map(str, findings.in_order()))
+    assert warning in told if warning else not told
+
+
+def test_the_first_of_two_trees_counts_in_version_3() -> None:
+    text = (
+        '<root BTCPP_format="3"><BehaviorTree ID="A"><Go/></BehaviorTree>'
+        '<BehaviorTree ID="A"><Stay/></BehaviorTree></root>'
+    )
+    findings = Findings()
+    (tree,) = upgrade(parse_document(text, "m.xml"), findings).trees
+    assert tree.children[0].tag == "Go"
+    assert "there is a tree 'A' already, which counts" in str(findings.warnings[0])
+
+
+@pytest.mark.parametrize(
+    ("tag", "remedy"),
+    [("Root", "write it in small letters"), ("py_trees.composites.Parallel", "of py_trees")],
+)
+def test_another_first_element(tag: str, remedy: str) -> None:
+    with pytest.raises(FileError, match=f"must be <root>, this is <{tag}>.*{remedy}"):
+        parse_document(f"<{tag}/>", "m.xml")
+
+
+def test_a_dollar_before_an_entry_is_told_in_version_4() -> None:
+    text = '<root BTCPP_format="4"><BehaviorTree ID="M"><Go to="${x}"/></BehaviorTree></root>'
+    findings = Findings()
+    check_library(library_of(parse_document(text, "m.xml"), findings), findings)
+    assert "port 'to': '${x}' is a text; for the entry write '{x}'" in str(findings.warnings[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -19,6 +20,9 @@ from mrbt_mesh.btcpp.scripts.values import (
     read_text,
 )
 
+# To Python's float() most of them are numbers.
+NO_REALS = ("x", "", ".", "1_000", "+5", " 5", "5x", "0x1", "1e400", "1e-400", "１２", "1e", "1,5")
+
 
 @pytest.mark.parametrize(
     ("text", "kind", "value"),
@@ -29,7 +33,12 @@ from mrbt_mesh.btcpp.scripts.values import (
         ("2.5", "double", 2.5),
         ("TRUE", "bool", True),
         ("0", "bool", False),
+        ("-.5e1", "double", -5.0),
+        ("5. ", "float", 5.0),
+        ("-Infinity", "double", -math.inf),
+        ("0e400", "double", 0.0),
         ("1;2", "std::vector<double>", [1.0, 2.0]),
+        ("1;2;", "list<int>", [1, 2]),
         ("1;2", "list<int>", [1, 2]),
         ("", "list<int>", []),
         ('json:{"x": 1}', "Pose", {"x": 1}),
@@ -55,7 +64,7 @@ def test_texts_are_read_as_the_type_that_is_needed(text: str, kind: str, value: 
         ("-1", "unsigned int", "-1 is out of the range of unsigned int"),
         (str(2**31), "int", "out of the range of int"),
         ("9" * 50, "int", "is no integer"),
-        ("x", "double", "is no real number"),
+        *((text, "double", "is no real number") for text in NO_REALS),
         ("maybe", "bool", "neither true nor false"),
         ("1;x", "list<int>", "'x' is no integer"),
     ],

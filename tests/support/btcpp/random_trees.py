@@ -8,11 +8,11 @@ process of its own, since it may crash.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from random import Random
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError, TreeNode
 from mrbt_mesh.errors import FileError
@@ -71,6 +71,14 @@ CONTROLS = (
 # How each start of an action ends: (after so many ticks, status).
 Ends = dict[str, list[tuple[int, str]]]
 Told = list[Any]
+
+
+class Storied(Protocol):
+    """A tree, what the program sets before each tick, and how its actions end."""
+
+    xml: str
+    sets: list[dict[str, Any]]
+    ends: Ends
 
 
 @dataclass
@@ -215,7 +223,7 @@ class Story:
         return told
 
 
-def ours(case: Case) -> Told:
+def ours(case: Storied, entries: Mapping[str, Any] = ENTRIES, seen: Iterable[str] = SEEN) -> Told:
     """Per tick: the root's status, what actions did, entries; or an error, which ends it."""
     story = Story(case.ends)
 
@@ -240,7 +248,7 @@ def ours(case: Case) -> Told:
     told: Told = []
     try:
         tree = BehaviorTree.from_text(case.xml, None, leaves, exact=True)
-        for name, value in ENTRIES.items():
+        for name, value in entries.items():
             tree.blackboard[name] = value
         executor = tree.executor
     except (FileError, BlackboardError) as error:
@@ -252,8 +260,8 @@ def ours(case: Case) -> Told:
             status = executor.tick(0)
         except (TickError, BlackboardError) as error:
             return [*told, "error", str(error)]
-        entries = {name: tree.blackboard.get(name) for name in SEEN}
-        shown = {name: _shown(value) for name, value in entries.items() if value is not None}
+        found = {name: tree.blackboard.get(name) for name in seen}
+        shown = {name: _shown(value) for name, value in found.items() if value is not None}
         told.append([status.name, story.told(), shown])
     return told
 
