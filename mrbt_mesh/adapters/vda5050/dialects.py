@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 Message: TypeAlias = dict[str, Any]
 
 ORDER, INSTANT_ACTIONS = "order", "instantActions"
+CANCEL = "cancelOrder"
 STATE, CONNECTION, VISUALIZATION = "state", "connection", "visualization"
 
 
@@ -22,18 +23,21 @@ class Dialect:
     """One version. `instant_actions` are the keys under which instant actions are sent, `deviation`
     those of the distance by which a vehicle may miss a node.
 
-    2.0.0's text says `actions` and its published schema `instantActions`; so it is with
-    `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. Vehicles read one or the other, so both
-    are sent.
+    Where a version's text and its published schemas differ, vehicles read one or the other, so both
+    are sent: `actions` and `instantActions`, `actionType` and `actionName` of instant actions in
+    2.0.0, `allowedDeviationXy` and `allowedDeviationXY` in 2.1.0. `keeps_instant_actions`: vehicles
+    list finished instant actions until they are told to clear them.
     """
 
     name: str
     version: str
     instant_actions: tuple[str, ...]
+    names_instant_actions: bool = False
     deviation: tuple[str, ...] = ("allowedDeviationXy",)
     is_deviation_elliptic: bool = False
     edges_name_nodes: bool = True
     speed_limit: str = "maxSpeed"
+    keeps_instant_actions: bool = False
 
     @property
     def major(self) -> str:
@@ -45,7 +49,7 @@ DIALECTS: Mapping[str, Dialect] = {
     dialect.name: dialect
     for dialect in (
         Dialect("1.1", "1.1.0", ("instantActions",)),
-        Dialect("2.0", "2.0.0", ("actions", "instantActions")),
+        Dialect("2.0", "2.0.0", ("actions", "instantActions"), names_instant_actions=True),
         Dialect(
             "2.1", "2.1.0", ("actions",), deviation=("allowedDeviationXy", "allowedDeviationXY")
         ),
@@ -57,6 +61,7 @@ DIALECTS: Mapping[str, Dialect] = {
             is_deviation_elliptic=True,
             edges_name_nodes=False,
             speed_limit="maximumSpeed",
+            keeps_instant_actions=True,
         ),
     )
 }
@@ -198,14 +203,21 @@ def _edge(order: VehicleOrder, index: int, dialect: Dialect) -> Message:
 def instant_message(actions: Sequence[Action], dialect: Dialect) -> Message:
     """The body of a message of instant actions, without its header."""
     encoded = [action.encoded() for action in actions]
+    if dialect.names_instant_actions:
+        encoded = [each | {"actionName": each["actionType"]} for each in encoded]
     return dict.fromkeys(dialect.instant_actions, encoded)
 
 
 def cancel_order(action_id: str) -> Action:
     """Stop the order that runs, whichever it is."""
-    return Action(action_id, "cancelOrder", {}, "NONE")
+    return Action(action_id, CANCEL, {}, "NONE")
 
 
 def state_request(action_id: str) -> Action:
     """Send the state now: vehicles send it only when it changes, and every 30 s."""
     return Action(action_id, "stateRequest", {}, "NONE")
+
+
+def clear_instant_actions(action_id: str) -> Action:
+    """Report the instant actions that have ended no longer; only from 3.0 on."""
+    return Action(action_id, "clearInstantActions", {}, "NONE")

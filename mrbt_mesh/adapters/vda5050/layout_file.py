@@ -15,7 +15,7 @@ from pydantic import Field, PrivateAttr
 from mrbt_mesh.adapters.binding import BoundFile, Problems, load_bound, unknown_names
 from mrbt_mesh.adapters.vda5050.dialects import DIALECTS, VehicleAddress
 from mrbt_mesh.adapters.vda5050.layout import Layout, LayoutNode, TaskTemplate
-from mrbt_mesh.adapters.vda5050.vehicle import Battery
+from mrbt_mesh.adapters.vda5050.vehicle import NO_PROGRESS_S, Battery
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName
 from mrbt_mesh.formats.problems import SourcePath
@@ -86,7 +86,9 @@ class VehicleModel(FileModel):
 
 
 class LayoutFile(BoundFile):
-    """A whole file. `errors`: the local tasks that an error type prevents."""
+    """A whole file. `errors`: the local tasks that an error type prevents; `no_progress_s`: how
+    long an order may stand still before it has failed.
+    """
 
     ROBOTS: ClassVar[str] = "vehicles"
     broker: Broker = Broker()
@@ -100,6 +102,7 @@ class LayoutFile(BoundFile):
     local_tasks: Annotated[dict[Name, TaskTemplate], Field(min_length=1)]
     battery: Battery = Battery()
     errors: dict[str, list[Name]] = {}
+    no_progress_s: Annotated[float, Field(ge=1, le=86_400)] = NO_PROGRESS_S
 
     @cached_property
     def addresses(self) -> dict[str, VehicleAddress]:

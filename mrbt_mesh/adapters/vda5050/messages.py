@@ -4,16 +4,39 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from mrbt_mesh.adapters.vda5050.dialects import CANCEL
+
 MAX_MESSAGE_BYTES = 1_000_000
 FINISHED, FAILED, RETRIABLE = "FINISHED", "FAILED", "RETRIABLE"
+INITIALIZING, RUNNING, PAUSED = "INITIALIZING", "RUNNING", "PAUSED"
 # A vehicle with such an error cannot go on with its order; with the second kind, with none.
 STOPPING = frozenset({"FATAL", "CRITICAL"})
 FATAL = "FATAL"
+# By such an error a vehicle refuses an order: the names of all versions, without case and "_".
+REFUSALS = frozenset(
+    {
+        "insufficientmemory",
+        "invalidorder",
+        "invalidorderaction",
+        "mobilerobotnotavailable",
+        "norouteerror",
+        "noroutetotarget",
+        "ordererror",
+        "orderupdateerror",
+        "otherorderactive",
+        "outdatedorderupdate",
+        "startnodeoutofrange",
+        "unknownmapid",
+        "unsupportedparameter",
+        "validationerror",
+        "validationfailure",
+    }
+)
 # Modes in which a vehicle follows the orders of its fleet's control.
 FOLLOWING = frozenset({"AUTOMATIC", "SEMIAUTOMATIC"})
 
@@ -45,6 +68,16 @@ class VehicleError:
         """Whether it refers to this, e.g. to an order's id."""
         return (key, value) in self.references
 
+    def is_of_another(self, key: str, value: str) -> bool:
+        """Whether it refers to another one of this kind, and not to this one."""
+        named = {found for name, found in self.references if name == key}
+        return bool(named) and value not in named
+
+    @property
+    def is_refusal(self) -> bool:
+        """Whether it is about an order that the vehicle does not take."""
+        return self.type.replace("_", "").lower() in REFUSALS
+
     def __str__(self) -> str:
         return f"{self.type}: {self.description}" if self.description else self.type
 
@@ -65,7 +98,8 @@ class VehicleState:
     """A vehicle's state. `charge_percent`: None if it is not reported.
 
     `nodes_left` and `edges_left` count what is left of its order; `actions` map ids to statuses,
-    `results` ids to descriptions of results, where there are any.
+    `results` ids to descriptions of results, where there are any. `stops`: the ids of cancellations
+    that it carries out, `requests` those to which it waits for an answer.
     """
 
     order_id: str
@@ -76,9 +110,15 @@ class VehicleState:
     actions: Mapping[str, str]
     results: Mapping[str, str]
     instant_actions: Mapping[str, str]
+    stops: frozenset[str]
+    requests: tuple[str, ...]
     errors: tuple[VehicleError, ...]
     mode: str
+    is_driving: bool
+    is_paused: bool
+    wants_base: bool
     emergency_stop: str
+    is_field_violated: bool
     charge_percent: float | None
     is_charging: bool
     place: VehiclePlace | None
@@ -88,11 +128,11 @@ class VehicleState:
         """Whether it still has something to drive or to do for its order.
 
         Up to 2.1 instant actions are among the others; `vehicle.py` knows the adapter's by their
-        ids.
+        ids. A cancellation is none of its order.
         """
-        ended = FINISHED, FAILED
         return bool(self.nodes_left or self.edges_left) or any(
-            status not in ended for status in self.actions.values()
+            status not in (FINISHED, FAILED) and name not in self.stops
+            for name, status in self.actions.items()
         )
 
     def status_of(self, action_id: str) -> str | None:
@@ -129,19 +169,25 @@ def read_state(message: Mapping[str, Any]) -> VehicleState:
     power = _mapping(message, "powerSupply", None) or _mapping(message, "batteryState", {})
     charge = power.get("stateOfCharge", power.get("batteryCharge"))
     stop = safety.get("activeEmergencyStop", safety.get("eStop", "NONE"))
-    instant = _listed(message, "instantActionStates")
+    actions, instant = _listed(message, "actionStates"), _listed(message, "instantActionStates")
     return VehicleState(
-        order_id=_required(message, "orderId", str),
-        last_node=_required(message, "lastNodeId", str),
-        last_sequence_id=_required(message, "lastNodeSequenceId", int),
-        nodes_left=len(_required(message, "nodeStates", list)),
-        edges_left=len(_required(message, "edgeStates", list)),
-        actions=_statuses(_required(message, "actionStates", list)),
-        results=_results(_required(message, "actionStates", list)),
+        order_id=_text(message, "orderId"),
+        last_node=_text(message, "lastNodeId"),
+        last_sequence_id=_whole(message, "lastNodeSequenceId"),
+        nodes_left=len(_listed(message, "nodeStates")),
+        edges_left=len(_listed(message, "edgeStates")),
+        actions=_statuses(actions),
+        results=_results(actions),
         instant_actions=_statuses(instant),
+        stops=frozenset(_stops([*actions, *instant])),
+        requests=tuple(_requests(message)),
         errors=tuple(_error(each) for each in _listed(message, "errors")),
         mode=_required(message, "operatingMode", str),
+        is_driving=message.get("driving") is True,
+        is_paused=message.get("paused") is True,
+        wants_base=message.get("newBaseRequest") is True,
         emergency_stop=stop if isinstance(stop, str) else "",
+        is_field_violated=safety.get("fieldViolation") is True,
         charge_percent=_number(charge),
         is_charging=power.get("charging") is True,
         place=read_place(message),
@@ -169,6 +215,21 @@ def _statuses(states: list[Any]) -> dict[str, str]:
     return found
 
 
+def _stops(states: list[Any]) -> Iterator[str]:
+    """The actions that cancel an order and have not ended."""
+    for each in states:
+        if each.get("actionType") == CANCEL and each["actionStatus"] not in (FINISHED, FAILED):
+            yield each["actionId"]
+
+
+def _requests(message: Mapping[str, Any]) -> Iterator[str]:
+    """What a vehicle of 3.0 asks its fleet's control for, and has not got."""
+    for kind in ("zoneRequests", "edgeRequests"):
+        for each in _listed(message, kind):
+            if isinstance(each, dict) and each.get("requestStatus") in ("REQUESTED", "QUEUED"):
+                yield f"{kind[:4]} request {each.get('requestId', '')!s:.60}"
+
+
 def _results(states: list[Any]) -> dict[str, str]:
     """Of each action that has one, the description of its result; 3.0 calls it actionResult."""
     found = ((s["actionId"], s.get("resultDescription", s.get("actionResult"))) for s in states)
@@ -191,6 +252,8 @@ def _error(said: Any) -> VehicleError:
     )
 
 
+# Without these a message is no state.
+_NEEDED = frozenset({"nodeStates", "edgeStates", "actionStates"})
 _KINDS = {str: "text", int: "a whole number", list: "a list"}
 
 
@@ -199,6 +262,19 @@ def _required(message: Mapping[str, Any], key: str, kind: type) -> Any:
     if not isinstance(value, kind) or isinstance(value, bool):
         raise MessageError(f"{key} is not {_KINDS[kind]}: {value!r:.60}")
     return value
+
+
+def _text(message: Mapping[str, Any], key: str) -> str:
+    """A text that must be there; null, as some vehicles write it, is empty."""
+    return "" if key in message and message[key] is None else str(_required(message, key, str))
+
+
+def _whole(message: Mapping[str, Any], key: str) -> int:
+    """A whole number; null is 0, and some vehicles write 4.0."""
+    value = message.get(key)
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return 0 if key in message and value is None else int(_required(message, key, int))
 
 
 def _number(value: Any) -> float | None:
@@ -212,8 +288,11 @@ def _number(value: Any) -> float | None:
 
 
 def _listed(message: Mapping[str, Any], key: str) -> list[Any]:
-    """A list that may be missing, or null as some vehicles write it."""
-    return [] if message.get(key) is None else _required(message, key, list)
+    """A list that may be null, as some vehicles write it; one of `_NEEDED` may not be missing."""
+    if message.get(key) is None and (key in message or key not in _NEEDED):
+        return []
+    found: list[Any] = _required(message, key, list)
+    return found
 
 
 def _mapping(message: Mapping[str, Any], key: str, default: Any) -> Any:

@@ -121,6 +121,7 @@ class ConnectedVehicle:
             self._address.dialect,
             file.battery,
             time.monotonic(),
+            file.no_progress_s,
         )
         self._background: RobotContext | None = None
         self._job: TaskContext | None = None

@@ -67,6 +67,42 @@ def test_a_state_says_the_same_in_all_versions() -> None:
     assert state.status_of("a2") is None
 
 
+def test_careless_vehicles_write_null_and_fractions() -> None:
+    nulls = dict.fromkeys(("orderId", "lastNodeId", "nodeStates", "edgeStates", "actionStates"))
+    state = read_state(TWO | nulls | {"lastNodeSequenceId": 4.0, "errors": None})
+    assert (state.order_id, state.last_node, state.last_sequence_id) == ("", "", 4)
+    assert (state.nodes_left, state.edges_left, state.actions, state.errors) == (0, 0, {}, ())
+    assert read_state(TWO | {"lastNodeSequenceId": None}).last_sequence_id == 0
+    for key, value in (
+        ("lastNodeSequenceId", 4.5),
+        ("lastNodeSequenceId", True),
+        ("lastNodeSequenceId", float("inf")),
+        ("orderId", 7),
+        ("edgeStates", {}),
+    ):
+        with pytest.raises(MessageError, match=f"{key} is not"):
+            read_state(TWO | {key: value})
+    for key in ("orderId", "lastNodeId", "lastNodeSequenceId", *list(nulls)[2:]):
+        with pytest.raises(MessageError, match=f"{key} is not"):
+            read_state({name: value for name, value in TWO.items() if name != key})
+
+
+def test_what_a_vehicle_waits_for_and_stops() -> None:
+    requests = [
+        {"requestId": "z1", "requestStatus": "REQUESTED"},
+        {"requestId": "z2", "requestStatus": "GRANTED"},
+    ]
+    stop = {"actionId": "c", "actionType": "cancelOrder", "actionStatus": "RUNNING"}
+    state = read_state(
+        THREE
+        | {"zoneRequests": requests, "edgeRequests": requests[:1], "paused": True}
+        | {"instantActionStates": [stop, stop | {"actionId": "d", "actionStatus": "FINISHED"}]}
+    )
+    assert state.requests == ("zone request z1", "edge request z1")
+    assert state.stops == {"c"}
+    assert state.is_paused
+
+
 def test_instant_actions_of_their_own_are_no_part_of_the_order() -> None:
     idle = THREE | {"nodeStates": [], "edgeStates": [], "actionStates": []}
     instant = [{"actionId": "c1", "actionStatus": "RUNNING"}]

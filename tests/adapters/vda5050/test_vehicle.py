@@ -11,11 +11,14 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     ACCEPT_S,
     AGAIN_S,
     BROKER_S,
+    MANY_INSTANT_ACTIONS,
+    NO_PROGRESS_S,
     OBEY_S,
+    PAUSED_S,
     SILENT_S,
     Ended,
 )
-from tests.support.vda5050.world import TO_A, World, stop
+from tests.support.vda5050.world import TO_A, TO_C, World, stop
 
 
 def test_an_order_is_driven_to_its_end() -> None:
@@ -304,3 +307,233 @@ def test_an_action_that_fails_is_told_with_its_result(key: str) -> None:
 def test_a_place_that_the_layout_has_no_way_to_fails_at_once() -> None:
     world = World().online().start((stop("Z"),))
     assert world.ended == [Ended(False, "the layout has no node 'Z'")]
+
+
+# -- what says that a vehicle does not go on ------------------------------------------------------
+
+
+def test_a_paused_vehicle_loses_its_capabilities_after_some_seconds() -> None:
+    world = World().driving()
+    for _ in range(int(PAUSED_S)):
+        world.hear(paused=True)
+        assert world.fault() == ""
+        world.after(1.0)
+    assert world.fault() == "the vehicle is paused"
+    world.hear(paused=False)
+    assert world.fault() == ""
+    world.hear(paused=True)
+    assert world.fault() == ""
+
+
+REQUEST = {"requestId": "z1", "requestStatus": "REQUESTED"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({}, ""),
+        ({"driving": True}, ""),
+        ({"safetyState": {"eStop": "NONE", "fieldViolation": True}}, "its protective field is"),
+        ({"zoneRequests": [REQUEST]}, "it waits for an answer to zone request z1, and gets none"),
+        ({"edgeRequests": [REQUEST]}, "it waits for an answer to edge request z1"),
+        ({"newBaseRequest": True}, "it asks for more of its base"),
+        ({"action": "PAUSED"}, "its action pick is paused"),
+    ],
+)
+def test_an_order_that_stands_still_fails_with_what_the_vehicle_says(
+    changes: dict[str, Any], why: str
+) -> None:
+    world = World().driving()
+    if status := changes.pop("action", ""):
+        world.agv.statuses = dict.fromkeys(world.agv.statuses, status)
+    for _ in range(int(NO_PROGRESS_S / 10)):
+        assert world.ended == []
+        world.hear(**{"driving": False} | changes)
+        world.after(10.0)
+    (end,) = world.ended
+    assert end.reason.startswith(f"the order has made no progress for {NO_PROGRESS_S:g} s")
+    assert why in end.reason
+    assert world.fault() == ""
+    world.after(1.0)
+    assert world.topics()[-1] == "cancelOrder"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"agvPosition": None, "driving": True},
+        {"action": "RUNNING"},
+        {"action": "INITIALIZING"},
+    ],
+)
+def test_an_order_that_goes_on_may_take_long(changes: dict[str, Any]) -> None:
+    world = World().driving()
+    if status := changes.pop("action", ""):
+        world.agv.statuses = dict.fromkeys(world.agv.statuses, status)
+    for _ in range(int(3 * NO_PROGRESS_S / 10)):
+        world.hear(**changes)
+        world.after(10.0)
+    assert world.ended == []
+    x = 0.0
+    world = World().driving()
+    for _ in range(int(3 * NO_PROGRESS_S / 10)):
+        world.hear(agvPosition={"x": (x := x + 0.3), "y": 0.0, "mapId": "hall"} | {"theta": 0})
+        world.after(10.0)
+    assert world.ended == []
+
+
+@pytest.mark.parametrize("where", ["actionStates", "instantActionStates"])
+@pytest.mark.parametrize("dialect", ["2.0", "3.0"])
+def test_the_next_order_waits_for_the_end_of_the_cancellation(where: str, dialect: str) -> None:
+    """Vehicles may empty their order at once, and report the cancellation until they stand."""
+    world = World(dialect=dialect).driving()
+    world.take(world.vehicle.cancel(world.now_s))
+    (cancel,) = world.sent
+    action_id = cancel.body["actions"][0]["actionId"]
+    world.start(TO_A)
+    world.deliver()
+    world.agv.statuses.pop(action_id)
+    stopping = [{"actionId": action_id, "actionType": "cancelOrder", "actionStatus": "RUNNING"}]
+    for _ in range(8):
+        world.hear(**{where: stopping, "driving": True})
+        world.after(1.0)
+        assert world.sent == []
+        assert not world.vehicle.is_clear
+    stopping[0]["actionStatus"] = "FINISHED"
+    world.hear(**{where: stopping, "driving": True})
+    assert world.sent == []
+    world.hear(**{where: stopping, "driving": False})
+    assert world.topics() == ["order"]
+
+
+def test_a_vehicle_waits_for_the_cancellation_of_another_adapter() -> None:
+    """The one that its robot's last will caused: it may not have ended when the robot is back."""
+    world = World()
+    stopping = {"actionId": "x", "actionType": "cancelOrder", "actionStatus": "RUNNING"}
+    world.take(world.vehicle.linked(world.now_s))
+    world.start()
+    world.sent.clear()
+    world.hear(actionStates=[stopping])
+    world.after(1.0)
+    assert world.sent == []
+    world.after(OBEY_S)
+    world.hear(actionStates=[stopping])
+    assert "does not stop" in world.fault()
+    world.hear(actionStates=[stopping | {"actionStatus": "FINISHED"}])
+    assert world.topics() == ["order"]
+    assert world.fault() == ""
+
+
+@pytest.mark.parametrize("actions", [True, False])
+@pytest.mark.parametrize("heard", [True, False])
+@pytest.mark.parametrize("order_id", ["", None])
+def test_a_vehicle_that_forgets_its_order_at_the_goal_does_not_get_it_again(
+    actions: bool, heard: bool, order_id: str | None
+) -> None:
+    world = World().online().start()
+    world.deliver()
+    world.agv.step()
+    if heard:
+        world.hear()
+    for _ in range(2):
+        world.agv.step()
+    for _ in range(14):
+        world.after(1.0)
+        world.hear(orderId=order_id, **{} if actions else {"actionStates": []})
+    assert world.ended == [Ended(True)]
+    assert "order" not in world.topics()
+    assert len(world.agv.begun) == 1
+
+
+def test_a_vehicle_that_restarts_after_an_action_does_not_get_its_order_again() -> None:
+    world = World().online().start((*TO_C, *TO_A)).deliver_all(4)
+    blank = {"orderId": "", "lastNodeId": "", "lastNodeSequenceId": 0, "actionStates": []}
+    for _ in range(14):
+        world.after(1.0)
+        world.hear(**blank, nodeStates=[], driving=False)
+    (end,) = world.ended
+    assert end.reason == "the vehicle has dropped the order, after pick had begun"
+    assert "order" not in world.topics()
+
+
+def test_an_order_that_was_stopped_after_an_action_is_not_begun_again() -> None:
+    world = World().online().start((*TO_C, *TO_A)).deliver_all(4)
+    world.take(world.vehicle.unlinked(world.now_s))
+    world.agv.take("instantActions", {"actions": [{"actionId": "w", "actionType": "cancelOrder"}]})
+    world.online()
+    (end,) = world.ended
+    assert "the vehicle's action drop failed" in end.reason
+    assert "order" not in world.topics()
+
+
+@pytest.mark.parametrize("level", ["WARNING", "CRITICAL", "FATAL"])
+def test_an_error_about_another_order_ends_nothing(level: str) -> None:
+    error = {"errorType": "orderError", "errorLevel": level}
+    error["errorReferences"] = [{"referenceKey": "orderId", "referenceValue": "last-week"}]  # type: ignore[assignment]
+    world = World().online()
+    world.hear(errors=[error])
+    world.start().deliver()
+    for _ in range(3):
+        world.agv.step()
+        world.hear(errors=[error])
+    assert world.ended == [Ended(True)]
+
+
+def test_a_refusal_without_references_is_told_in_the_vehicles_words() -> None:
+    old = {"errorType": "orderError", "errorLevel": "WARNING", "errorDescription": "last week"}
+    new = {"errorType": "validationError", "errorLevel": "WARNING", "errorDescription": "no floor"}
+    odd = {"errorType": "grumble", "errorLevel": "WARNING", "errorDescription": "not today"}
+    world = World().online()
+    world.hear(errors=[old])
+    world.start()
+    world.hear(errors=[old, odd])
+    assert world.ended == []
+    world.hear(errors=[old, odd, new])
+    assert world.ended == [Ended(False, "the vehicle refused the order: validationError: no floor")]
+    world = World().online()
+    world.hear(errors=[old])
+    world.start()
+    world.hear(errors=[old, odd])
+    world.after(ACCEPT_S)
+    (end,) = world.ended
+    assert end.reason == "the vehicle did not take the order in 10 s: grumble: not today"
+
+
+@pytest.mark.parametrize("link", [Link.OFFLINE, Link.HIBERNATING])
+def test_who_has_said_goodbye_has_to_say_that_it_is_back(link: Link) -> None:
+    world = World().driving()
+    world.take(world.vehicle.connection(link, world.now_s))
+    sent = len(world.sent)
+    for _ in range(3):
+        world.hear()
+        world.after(10.0)
+        assert str(link) in world.fault()
+    assert len(world.sent) == sent
+    world.take(world.vehicle.connection(Link.ONLINE, world.now_s))
+    world.hear()
+    assert world.fault() == ""
+
+
+def test_a_battery_that_charges_when_it_is_first_heard_was_low() -> None:
+    world = World()
+    world.take(world.vehicle.linked(world.now_s))
+    for charge, charging, is_low in ((20, True, True), (29, True, True), (30, True, False)):
+        world.hear(batteryState={"batteryCharge": charge, "charging": charging})
+        assert bool(world.fault()) is is_low
+    world = World()
+    world.take(world.vehicle.linked(world.now_s))
+    world.hear(batteryState={"batteryCharge": 20, "charging": False})
+    assert world.fault() == ""
+
+
+def test_a_vehicle_of_3_0_is_told_to_clear_its_instant_actions() -> None:
+    world = World(dialect="3.0").online()
+    world.sent.clear()
+    for count in (MANY_INSTANT_ACTIONS - 1, MANY_INSTANT_ACTIONS, MANY_INSTANT_ACTIONS):
+        ended = [{"actionId": str(n), "actionStatus": "FINISHED"} for n in range(count)]
+        world.hear(instantActionStates=ended)
+    assert world.topics() == ["clearInstantActions"]
+    old = World().online()
+    old.sent.clear()
+    old.hear(instantActionStates=ended)
+    assert old.sent == []

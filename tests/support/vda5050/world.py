@@ -91,5 +91,13 @@ class World:
         self.hear()
         return self
 
+    def deliver_all(self, steps: int) -> World:
+        """What was sent reaches the vehicle; it drives to so many nodes and reports each."""
+        self.deliver()
+        for _ in range(steps):
+            self.agv.step()
+            self.hear()
+        return self
+
     def fault(self) -> str:
         return self.vehicle.fault(self.now_s)
