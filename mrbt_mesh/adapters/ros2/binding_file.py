@@ -77,12 +77,22 @@ _SERVERS: tuple[tuple[str, Kind, str], ...] = (
 )
 
 
+LogLevel: TypeAlias = Literal["debug", "info", "warn", "error", "fatal"]
+
+
 class BridgeBinding(FileModel):
-    """Which Python has rclpy, and which setup file is sourced before."""
+    """Which Python has rclpy, which setup file is sourced before, and what launch files set for a
+    node: its namespace, remappings, parameters (also of QoS overrides), its clock, its log level.
+    """
 
     python: str | None = None
     setup: str | None = None
     domain: Annotated[int, Field(ge=0, le=232)] | None = None
+    namespace: RosName | None = None
+    remap: dict[RosName, RosName] = {}
+    use_sim_time: bool = False
+    parameters: str | None = None
+    log_level: LogLevel | None = None
 
 
 class ReadTopic(FileModel):
@@ -244,12 +254,33 @@ class BindingFile(BoundFile):
     @property
     def setup(self) -> str | None:
         """The file that is sourced before."""
-        return None if self.bridge.setup is None else self._located(self.bridge.setup)
+        return None if self.bridge.setup is None else str(self._path(self.bridge.setup))
+
+    @property
+    def parameters(self) -> str | None:
+        """The file of parameters of the bridge's node."""
+        given = self.bridge.parameters
+        return None if given is None else str(self._path(given))
+
+    def ros_arguments(self, robot_values: Mapping[str, str]) -> list[str]:
+        """What stands after `--ros-args` for the bridge's node. Raises FillError."""
+        known, bridge = KnownValues(robot_values), self.bridge
+        words = [] if bridge.namespace is None else ["-r", f"__ns:={known.text(bridge.namespace)}"]
+        for name, other in bridge.remap.items():
+            words += ["-r", f"{known.text(name)}:={known.text(other)}"]
+        if self.parameters is not None:
+            words += ["--params-file", self.parameters]
+        if bridge.use_sim_time:
+            words += ["-p", "use_sim_time:=true"]
+        return words + ([] if bridge.log_level is None else ["--log-level", bridge.log_level])
 
     def _located(self, text: str) -> str:
         """A program of the search path as it is; a path, from the file's folder."""
-        path = Path(os.path.expanduser(text))  # a user without a home folder keeps the ~
-        return text if path.parts == (text,) else str(Path(self.file).absolute().parent / path)
+        return text if Path(text).parts == (text,) else str(self._path(text))
+
+    def _path(self, text: str) -> Path:
+        """From the file's folder; a user without a home folder keeps the ~."""
+        return Path(self.file).absolute().parent / os.path.expanduser(text)
 
     def place(self, *path: str) -> str:
         """A key's place in the file, for messages."""
@@ -288,6 +319,8 @@ class BindingFile(BoundFile):
                 yield ("robots", robot), text
         for name, task in self.local_tasks.items():
             yield from task.problems(names, self.values, ("local_tasks", name))
+        yield from unknown_names(self.bridge.remap, names, ("bridge", "remap"))
+        yield from unknown_names({"namespace": self.bridge.namespace}, names, ("bridge",))
         for key in ("conditions", "entries"):
             for name in getattr(self, key):
                 yield from unknown_names(name, names, (key, name))
@@ -361,6 +394,7 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> di
     return {
         "detection_s": file.detection_s,
         "node": node,
+        "arguments": [] if robot is None else file.ros_arguments(file.robot_values(robot)),
         "check": robot is None,
         "tasks": tasks,
         "topics": topics,

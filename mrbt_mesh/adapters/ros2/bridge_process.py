@@ -30,7 +30,8 @@ def bridge_command(file: BindingFile) -> list[str]:
     words = [file.python, str(FOLDER), str(Path(msgpack.__file__).parent)]
     if file.setup is None:
         return words
-    shell = "bash" if file.setup.endswith(".bash") else "sh"
+    suffix = Path(file.setup).suffix
+    shell = suffix[1:] if suffix in (".bash", ".zsh") else "sh"
     return [shell, "-c", '. "$0" && exec "$@"', file.setup, *words]
 
 
@@ -45,6 +46,9 @@ def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:
 
     Raises InputError, with the lines, if they do not, or if no bridge can be started.
     """
+    if file.parameters is not None and not Path(file.parameters).is_file():
+        place = file.place("bridge", "parameters")
+        raise InputError(f"{place}: there is no file {file.parameters}")
     command = command or bridge_command(file)
     place = file.place("bridge", "python")
     try:

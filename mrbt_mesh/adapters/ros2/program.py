@@ -335,6 +335,8 @@ class ConnectedRobot:
                 self._feedback(message["run"], message["fields"])
             case "ended":
                 self._ended(message)
+            case "waits":
+                self._waits(message["run"], message["text"])
             case "heard":
                 self._heard(message["topic"], message["fields"])
             case "failed":
@@ -358,6 +360,12 @@ class ConnectedRobot:
             # Its `until` has to hold after it began.
             run.end, run.until = message, None
             run.news.tell()
+
+    def _waits(self, number: int, text: str) -> None:
+        run = self._runs.get(number)
+        if run is not None:
+            name = KnownValues(self._values).text(run.binding.name)
+            self._log.warning("call_waits", local_task=run.name, service=name, text=text)
 
     def _feedback(self, number: int, fields: Mapping[str, Any]) -> None:
         run = self._runs.get(number)

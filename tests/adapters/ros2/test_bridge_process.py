@@ -145,3 +145,31 @@ def test_a_python_without_rclpy_is_told(file: BindingFile) -> None:
     with pytest.raises(InputError, match="cannot import rclpy") as error:
         check_bindings(file)
     assert PLACE in str(error.value)
+
+
+def test_what_launch_files_set_is_given_to_the_node(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(PYTHON_VARIABLE, raising=False)
+    folder = tmp_path / "with blanks"
+    folder.mkdir()
+    path = folder / "ros2.yaml"
+    path.write_text(
+        "bridge: {namespace: /$robot, remap: {/tf: /$robot/tf}, use_sim_time: true,\n"
+        "         parameters: node.yaml, log_level: debug, setup: setup.zsh}\n"
+        "local_tasks: {go: {service: go, type: std_srvs/srv/Empty}}\n"
+    )
+    file = load_bindings(path)
+    parameters = str(folder / "node.yaml")
+    assert file.ros_arguments({"robot": "A1"}) == [
+        *("-r", "__ns:=/A1", "-r", "/tf:=/A1/tf", "--params-file", parameters),
+        *("-p", "use_sim_time:=true", "--log-level", "debug"),
+    ]
+    assert bridge_command(file)[0] == "zsh"
+    with pytest.raises(
+        InputError, match=r"yaml:2: bridge/parameters: there is no file .*node.yaml"
+    ):
+        check_bindings(file)
+    path.write_text(path.read_text().replace("/$robot/tf", "/$robbot/tf"))
+    with pytest.raises(InputError, match=r"unknown \$robbot"):
+        load_bindings(path)

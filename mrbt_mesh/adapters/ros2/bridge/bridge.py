@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from .calls import CallKeeper
 from .goals import GoalKeeper
-from .server import RunEnded, ServerEffect, ServerKeeper, ServerTold
+from .server import RunEnded, RunWaits, ServerEffect, ServerKeeper, ServerTold
 from .values import UnfitError
 from .watch import LifeWatch
 
@@ -47,8 +47,11 @@ class Bridge:
         self._bind, self._tell, self._clock = bind, tell, clock
         self._robot = LifeWatch(bind["detection_s"], clock())
         self._robot.heard(clock())
+        # By the server: the tasks of one action share it. And the server of each task.
         self._keepers: dict[str, ServerKeeper] = {}
         self._ends: dict[str, RosEnd] = {}
+        self._tasks: dict[str, list[str]] = {}
+        self._server_of: dict[str, str] = {}
         self._runs: dict[int, str] = {}
         self._silenced: set[int] = set()
         self._news: dict[tuple[str, Any], dict[str, Any]] = {}
@@ -57,8 +60,9 @@ class Bridge:
 
     def connect(self, ros: Ros) -> None:
         """Make the clients. Raises UnfitError for a name that ROS refuses."""
-        for task in self._bind["tasks"]:
-            name = task["id"]
+        for name, task in _servers(self._bind["tasks"]).items():
+            self._tasks[name] = task["ids"]
+            self._server_of |= dict.fromkeys(task["ids"], name)
             kind = GoalKeeper if task["kind"] == "action" else CallKeeper
             self._keepers[name] = kind(self._bind["detection_s"], self._clock())
             self._ends[name] = ros.serve(task, self._applier(name), self._feedback(name))
@@ -73,7 +77,7 @@ class Bridge:
         self._robot.heard(now_s)
         op = message["op"]
         if op == "start":
-            name, run = message["task"], message["run"]
+            name, run = self._server_of[message["task"]], message["run"]
             self._runs[run] = name
             goal_id, body = message["goal_id"], message["body"]
             self._apply(name, lambda keeper, now_s: keeper.start(run, goal_id, body, now_s))
@@ -81,7 +85,8 @@ class Bridge:
             self._apply(self._runs[message["run"]], _cancelling(message["run"]))
         elif op == "forget":
             goal_ids = message["goal_ids"]
-            self._apply(message["task"], lambda keeper, now_s: keeper.forget(goal_ids, now_s))
+            name = self._server_of[message["task"]]
+            self._apply(name, lambda keeper, now_s: keeper.forget(goal_ids, now_s))
         elif op == "beat":
             self._tell({"op": "beat"})
 
@@ -128,7 +133,7 @@ class Bridge:
             run = keeper.run_of(goal_id)
             if run is not None and fields:
                 self._news["feedback", run] = fields
-            self._apply(name, lambda keeper, now_s: keeper.heard(now_s))
+            self._apply(name, lambda keeper, now_s: keeper.fed_back(goal_id, now_s))
 
         return heard
 
@@ -146,8 +151,11 @@ class Bridge:
             if isinstance(effect, RunEnded):
                 self._end(effect)
             elif isinstance(effect, ServerTold):
-                told = {"task": name, "is_up": effect.is_up, "why": effect.why}
-                self._tell({"op": "server", **told})
+                for task in self._tasks[name]:
+                    told = {"task": task, "is_up": effect.is_up, "why": effect.why}
+                    self._tell({"op": "server", **told})
+            elif isinstance(effect, RunWaits):
+                self._tell({"op": "waits", "run": effect.run, "text": effect.text})
             else:
                 try:
                     self._ends[name].carry_out(effect)
@@ -164,6 +172,20 @@ class Bridge:
             how = "silenced" if how == "cancelled" else how
         told = {"run": effect.run, "how": how, "text": effect.text, "fields": effect.fields}
         self._tell({"op": "ended", **told})
+
+
+def _servers(tasks: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The tasks by their servers: those of one action as one, which reads all their fields."""
+    found: dict[str, dict[str, Any]] = {}
+    for task in tasks:
+        is_action = task["kind"] == "action"
+        name = f"{task['type']} {task['name']}" if is_action else task["id"]
+        one = found.setdefault(name, {**task, "ids": [], "feedback": [], "result": []})
+        one["ids"].append(task["id"])
+        one["feedback"] += task["feedback"]
+        one["result"] += task["result"]
+        one["lifecycle"] = one["lifecycle"] or task["lifecycle"]
+    return found
 
 
 def _cancelling(run: int) -> Step:

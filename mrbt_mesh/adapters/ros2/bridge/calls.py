@@ -1,10 +1,16 @@
-"""The calls of one service, or the messages for one topic. They cannot be cancelled in ROS 2."""
+"""The calls of one service, or the messages for one topic. They cannot be cancelled in ROS 2.
+
+An answer may be lost, and a call must not be made twice: after a while that is said.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
-from .server import RunEnded, SendCall, ServerEffect, ServerKeeper
+from .server import RunEnded, RunWaits, SendCall, ServerEffect, ServerKeeper
+
+# After this long without an answer, the robot's log says so, once.
+WAITS_S = 10.0
 
 
 class CallKeeper(ServerKeeper):
@@ -15,6 +21,8 @@ class CallKeeper(ServerKeeper):
         self._run: int | None = None
         self._body: Any = None
         self._is_sent = False
+        # When the call was made; None: that it waits has been told.
+        self._sent_s: float | None = None
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
         """A new call."""
@@ -45,15 +53,20 @@ class CallKeeper(ServerKeeper):
         """Whether no answer is awaited."""
         return self._run is None
 
-    def _came_back(self) -> list[ServerEffect]:
+    def _came_back(self, now_s: float) -> list[ServerEffect]:
         # The answer may have been lost with the server's process.
         return self._end(self._run, "lost", "", {}) if self._is_sent else []
 
     def _advance(self, now_s: float) -> list[ServerEffect]:
         effects = self._told(self._watch.is_there)
         if self._watch.is_there and self._run is not None and not self._is_sent:
-            self._is_sent = True
+            self._is_sent, self._sent_s = True, now_s
             effects.append(SendCall(self._run, self._body))
+        is_late = self._sent_s is not None and now_s - self._sent_s >= WAITS_S
+        if self._run is not None and self._is_sent and is_late:
+            self._sent_s = None
+            text = f"no answer for {WAITS_S:g} s, and it cannot be asked again"
+            effects.append(RunWaits(self._run, text))
         return effects
 
     def _end(

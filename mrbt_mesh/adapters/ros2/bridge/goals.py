@@ -1,12 +1,14 @@
 """The goals of one action server: the present one, and those that may be left at it.
 
-Values in, values out; rclpy is in `ros.py`. A server has one goal of this robot at a time, and a
-goal that is no longer needed is cancelled before anything else begins. The robot names its goals,
-so those of an earlier bridge can be cancelled as well.
+Values in, values out; rclpy is in `ros.py`. A server has one goal of this robot at a time, of
+whichever local task: the next one waits, and a goal that is no longer needed is cancelled before
+anything else begins. The robot names its goals, so those of an earlier bridge can be cancelled as
+well. A middleware may lose any answer, so whatever is not answered is asked again.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +20,7 @@ from .server import (
     ServerEffect,
     ServerKeeper,
 )
+from .watch import LISTED_S
 
 # action_msgs/msg/GoalStatus
 UNKNOWN, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6
@@ -25,6 +28,10 @@ UNKNOWN, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6
 UNKNOWN_GOAL, TERMINATED = 2, 3
 # The period of sending a cancellation again.
 AGAIN_S = 1.0
+# After this time, and then after twice the time each, a goal without an answer is asked for.
+ASK_S, MAX_ASK_S = 5.0, 60.0
+# A goal that the server neither takes nor knows for this long is lost; it may have to think first.
+ACCEPT_S = 30.0
 # A server that goes on with a cancelled goal for this long is a fault.
 OBEY_S = 10.0
 
@@ -36,8 +43,18 @@ class _Goal:
     run: int
     goal_id: bytes
     body: Any
-    is_sent: bool = False
     is_accepted: bool = False
+    # Whether a server that does not know it may still get it.
+    is_under_way: bool = True
+    # None: it has not been sent.
+    sent_s: float | None = None
+    asked_s: float = 0.0
+    pause_s: float = ASK_S
+
+    @property
+    def is_sent(self) -> bool:
+        """Whether the server may have it."""
+        return self.sent_s is not None
 
 
 @dataclass
@@ -56,26 +73,32 @@ class GoalKeeper(ServerKeeper):
     def __init__(self, detection_s: float, now_s: float) -> None:
         super().__init__(detection_s, now_s)
         self._goal: _Goal | None = None
+        self._waiting: deque[_Goal] = deque()
         self._stale: dict[bytes, _Stale] = {}
         # The middleware's ids of the servers of this name: another id is another process.
         self._servers: frozenset[bytes] = frozenset()
+        # Since when there have been several of them, which would all take a goal.
+        self._several_s: float | None = None
 
     # -- commands ------------------------------------------------------------------------------
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
-        """A new goal; the one before has ended or was cancelled."""
-        effects = self.cancel(self._goal.run, now_s) if self._goal is not None else []
-        self._goal = _Goal(run, goal_id, body)
-        return effects + self._advance(now_s)
+        """A new goal; it waits for the end of those before."""
+        self._waiting.append(_Goal(run, goal_id, body))
+        return self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
         """A run's goal is no longer needed; its end is reported once the server has stopped."""
+        for waiting in self._waiting:
+            if waiting.run == run:
+                self._waiting.remove(waiting)
+                return [RunEnded(run, "cancelled", "", {})]
         goal = self._goal
         if goal is None or goal.run != run:
             return []
         self._goal = None
         if not goal.is_sent:
-            return [RunEnded(run, "cancelled", "", {})]
+            return [RunEnded(run, "cancelled", "", {}), *self._advance(now_s)]
         self._stale[goal.goal_id] = _Stale(run, goal.is_accepted, now_s)
         return self._advance(now_s)
 
@@ -92,11 +115,25 @@ class GoalKeeper(ServerKeeper):
         goal = self._goal
         return goal.run if goal is not None and goal.goal_id == goal_id else None
 
-    def servers(self, found: frozenset[bytes]) -> list[ServerEffect]:
+    def fed_back(self, goal_id: bytes, now_s: float) -> list[ServerEffect]:
+        """The server works on a goal, so it has taken it."""
+        goal = self._goal
+        if goal is not None and goal.goal_id == goal_id and not goal.is_accepted:
+            return self.answered(goal_id, True, now_s)
+        return self.heard(now_s)
+
+    def servers(self, found: frozenset[bytes], now_s: float) -> list[ServerEffect]:
         """The servers of this name that the middleware knows."""
         known, self._servers = self._servers, found
+        if len(found) < 2:
+            self._several_s = None
+        elif self._several_s is None:
+            # A killed server is listed for a while beside its successor. If there are two from the
+            # first, no goal is sent until one is left.
+            self._several_s = now_s if known else now_s - LISTED_S
         goal = self._goal
         if known and found - known and goal is not None and goal.is_sent:
+            goal.is_under_way = False
             return [AskResult(goal.goal_id)]
         return []
 
@@ -106,10 +143,11 @@ class GoalKeeper(ServerKeeper):
         goal, stale = self._goal, self._stale.get(goal_id)
         if goal is not None and goal.goal_id == goal_id:
             if accepted:
-                goal.is_accepted = True
+                goal.is_accepted, goal.is_under_way = True, False
+                goal.asked_s, goal.pause_s = now_s, ASK_S
                 return [*effects, AskResult(goal_id)]
             self._goal = None
-            effects.append(RunEnded(goal.run, "rejected", "", {}))
+            effects += [RunEnded(goal.run, "rejected", "", {}), *self._advance(now_s)]
         elif accepted:
             # One that is no longer needed, or seemed to be lost.
             stale = self._stale.setdefault(goal_id, _Stale(None, True, now_s))
@@ -126,8 +164,11 @@ class GoalKeeper(ServerKeeper):
         effects = self.heard(now_s)
         goal, stale = self._goal, self._stale.get(goal_id)
         if goal is not None and goal.goal_id == goal_id:
+            if status == UNKNOWN and goal.is_under_way and not self._is_overdue(goal, now_s):
+                return effects
             self._goal = None
-            effects.append(RunEnded(goal.run, ENDS.get(status, "lost"), text, fields))
+            ended = RunEnded(goal.run, ENDS.get(status, "lost"), text, fields)
+            effects += [ended, *self._advance(now_s)]
         elif stale is not None and (status != UNKNOWN or stale.is_accepted):
             effects += self._dropped(goal_id, now_s)
         return effects
@@ -155,29 +196,56 @@ class GoalKeeper(ServerKeeper):
     @property
     def is_clear(self) -> bool:
         """Whether nothing of ours is at the server, or may be."""
-        return self._goal is None and not self._stale
+        return self._goal is None and not self._waiting and not self._stale
 
-    def _came_back(self) -> list[ServerEffect]:
+    def _is_overdue(self, goal: _Goal, now_s: float) -> bool:
+        return goal.sent_s is not None and now_s - goal.sent_s >= ACCEPT_S
+
+    def _silence(self) -> str:
+        is_at_work = self._goal is not None and self._goal.is_sent
+        return "does not answer while it works: does it have one thread only?" if is_at_work else ""
+
+    def _came_back(self, now_s: float) -> list[ServerEffect]:
         # Perhaps it is another process, which knows nothing of the goal.
         goal = self._goal
-        return [AskResult(goal.goal_id)] if goal is not None and goal.is_sent else []
+        if goal is None or not goal.is_sent:
+            return []
+        goal.is_under_way = False
+        goal.asked_s, goal.pause_s = now_s, ASK_S
+        return [AskResult(goal.goal_id)]
 
     def _advance(self, now_s: float) -> list[ServerEffect]:
         effects: list[ServerEffect] = []
+        if self._goal is None and self._waiting:
+            self._goal = self._waiting.popleft()
         is_there, goal = self._watch.is_there, self._goal
+        is_one = self._several_s is None or now_s - self._several_s < LISTED_S
         if is_there:
             for goal_id, stale in self._stale.items():
                 if stale.asked_s is None or now_s - stale.asked_s >= AGAIN_S:
                     stale.asked_s = now_s
                     effects.append(CancelGoal(goal_id))
-            if goal is not None and not goal.is_sent and not self._stale:
-                goal.is_sent = True
+            if goal is not None and goal.is_sent:
+                effects += self._asked(goal, now_s)
+            elif goal is not None and not self._stale and is_one:
+                goal.sent_s = goal.asked_s = now_s
                 effects.append(SendGoal(goal.run, goal.goal_id, goal.body))
         obeys = not any(now_s - stale.since_s >= OBEY_S for stale in self._stale.values())
         if is_there and not obeys:
             self._why_not = "does not stop its cancelled goal"
+        elif is_there and not is_one:
+            count = len(self._servers)
+            self._why_not = f"is {count} servers that would all take a goal: give them namespaces"
         # A server that comes back can be used when nothing is left at it.
-        return effects + self._told(is_there and obeys and (self._last.is_up or not self._stale))
+        is_free = self._last.is_up or not self._stale
+        return effects + self._told(is_there and obeys and is_one and is_free)
+
+    def _asked(self, goal: _Goal, now_s: float) -> list[ServerEffect]:
+        """Ask for the result again, as often as an answer may have been lost."""
+        if now_s - goal.asked_s < goal.pause_s:
+            return []
+        goal.asked_s, goal.pause_s = now_s, min(2 * goal.pause_s, MAX_ASK_S)
+        return [AskResult(goal.goal_id)]
 
     def _dropped(self, goal_id: bytes, now_s: float) -> list[ServerEffect]:
         stale = self._stale.pop(goal_id)

@@ -65,7 +65,13 @@ def serve(bind: dict[str, Any], pipe: Pipe) -> int:
                 bridge.command(command)
         bridge.tick()
 
-    ros = RosNode(bind["node"], min(0.1, bind["detection_s"] / 10), take)
+    tick_s = min(0.1, bind["detection_s"] / 10)
+    try:
+        ros = RosNode(bind["node"], tick_s, take, bind["arguments"])
+    except (RuntimeError, ValueError) as error:
+        raise UnfitError(
+            f"ROS refuses the bridge's settings: {' '.join(str(error).split())}"
+        ) from None
     bridge = Bridge(bind, pipe.tell, time.monotonic)
 
     def read() -> None:

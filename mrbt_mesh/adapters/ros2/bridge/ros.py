@@ -15,9 +15,11 @@ from action_msgs.srv import CancelGoal as CancelGoalService
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
-from rclpy.action import ActionClient
+from rclpy.action import ActionClient, get_action_names_and_types
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from unique_identifier_msgs.msg import UUID
 
@@ -32,15 +34,23 @@ Told = Callable[[Any, "dict[str, Any]"], None]
 
 
 class RosNode:
-    """The bridge's node, and what spins it. `on_tick` is called every `tick_s`."""
+    """The bridge's node, and what spins it. `on_tick` is called every `tick_s`.
 
-    def __init__(self, name: str, tick_s: float, on_tick: Callable[[], None]) -> None:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    `arguments` are those of `--ros-args`, as launch files give them to nodes.
+    """
+
+    def __init__(
+        self, name: str, tick_s: float, on_tick: Callable[[], None], arguments: Iterable[str] = ()
+    ) -> None:
+        words = ["--ros-args", *arguments]
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
         self.node: Any = rclpy.create_node(name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._guard = self.node.create_guard_condition(on_tick)
-        self.node.create_timer(tick_s, on_tick)
+        # The node's own clock stands still while a simulation is paused.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.node.create_timer(tick_s, on_tick, clock=steady)
 
     def wake(self) -> None:
         """Have `on_tick` called now; from any thread."""
@@ -75,7 +85,11 @@ class RosNode:
         def heard(message: Any) -> None:
             told({path: read_field(message, path) for path in paths})
 
-        self.node.create_subscription(find_type(topic["type"], "msg"), topic["name"], heard, qos)
+        kind = find_type(topic["type"], "msg")
+        overrides = QoSOverridingOptions.with_default_policies()
+        self.node.create_subscription(
+            kind, topic["name"], heard, qos, qos_overriding_options=overrides
+        )
 
 
 class _LifeQuestions:
@@ -228,11 +242,22 @@ class ActionEnd:
         self._questions.renew()
         found = self._node.get_publishers_info_by_topic(f"{self._name}/_action/status")
         servers = frozenset(bytes(info.endpoint_gid) for info in found)
-        self._apply(lambda keeper, _: keeper.servers(servers))
-        if not self._client.server_is_ready() or self._questions.ask_lifecycle():
+        self._apply(lambda keeper, now_s: keeper.servers(servers, now_s))
+        if not self._client.server_is_ready():
+            self._say_other_type()
+            return
+        if self._questions.ask_lifecycle():
             return
         # An unknown goal: a server answers that, and writes nothing into its log.
         self._call_cancel(uuid.uuid4().bytes, lambda keeper, _, now_s: keeper.heard(now_s))
+
+    def _say_other_type(self) -> None:
+        wanted = self._task["type"]
+        found = dict(get_action_names_and_types(self._node)).get(self._name, [])
+        others = [each for each in found if each != wanted]
+        if others:  # the wanted type is at least that of this client
+            text = f"is there with the type {' and '.join(others)}, not {wanted}"
+            self._apply(lambda keeper, _: keeper.unusable(text))
 
 
 class ServiceEnd:
@@ -293,7 +318,10 @@ class PublisherEnd:
     def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
         self._node, self._apply = node, apply
         self._type = find_type(task["type"], "msg")
-        self._publisher = node.create_publisher(self._type, task["name"], 10)
+        overrides = QoSOverridingOptions.with_default_policies()
+        self._publisher = node.create_publisher(
+            self._type, task["name"], 10, qos_overriding_options=overrides
+        )
         self._questions = _LifeQuestions(node, task["lifecycle"], apply)
 
     def carry_out(self, effect: ServerEffect) -> None:

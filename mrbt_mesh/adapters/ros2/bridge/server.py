@@ -56,6 +56,14 @@ class RunEnded:
 
 
 @dataclass(frozen=True)
+class RunWaits:
+    """A run goes on, and something about it has to be known."""
+
+    run: int
+    text: str
+
+
+@dataclass(frozen=True)
 class ServerTold:
     """The server can be used from now on, or cannot; `why` is a predicate, as `does not answer`."""
 
@@ -63,7 +71,9 @@ class ServerTold:
     why: str
 
 
-ServerEffect = SendGoal | CancelGoal | AskResult | SendCall | AskLife | RunEnded | ServerTold
+ServerEffect = (
+    SendGoal | CancelGoal | AskResult | SendCall | AskLife | RunEnded | RunWaits | ServerTold
+)
 
 
 class ServerKeeper(ABC):
@@ -95,7 +105,7 @@ class ServerKeeper(ABC):
         """A sign of life: any answer, or feedback."""
         was_there = self._watch.is_there
         self._watch.heard(now_s)
-        effects = [] if was_there else self._came_back()
+        effects = [] if was_there else self._came_back(now_s)
         return effects + self._advance(now_s)
 
     def unusable(self, why: str) -> list[ServerEffect]:
@@ -109,10 +119,14 @@ class ServerKeeper(ABC):
         was_there = self._watch.is_there
         effects: list[ServerEffect] = [AskLife()] if self._watch.tick(now_s) else []
         if was_there and not self._watch.is_there:
-            self._why_not = "does not answer"
+            self._why_not = self._silence() or "does not answer"
         return effects + self._advance(now_s)
 
-    def _came_back(self) -> list[ServerEffect]:
+    def _silence(self) -> str:
+        """Why it may be silent; empty if nothing is known."""
+        return ""
+
+    def _came_back(self, now_s: float) -> list[ServerEffect]:
         """It was silent, or never heard before."""
         return []
 

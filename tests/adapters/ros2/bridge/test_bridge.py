@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.adapters.ros2.bridge.bridge import STOP_S, Bridge
+from mrbt_mesh.adapters.ros2.bridge.calls import WAITS_S
 from mrbt_mesh.adapters.ros2.bridge.goals import CANCELED, SUCCEEDED
 from mrbt_mesh.adapters.ros2.bridge.server import (
     AskLife,
@@ -18,9 +19,13 @@ from mrbt_mesh.adapters.ros2.bridge.server import (
 from mrbt_mesh.adapters.ros2.bridge.values import UnfitError
 
 GOAL = b"g" * 16
+TASK: dict[str, Any] = {"lifecycle": None, "feedback": [], "result": []}
 BIND: dict[str, Any] = {
     "detection_s": 1.0,
-    "tasks": [{"id": "go", "kind": "action"}, {"id": "look", "kind": "srv"}],
+    "tasks": [
+        TASK | {"id": "go", "kind": "action", "type": "p/action/Go", "name": "/go"},
+        TASK | {"id": "look", "kind": "srv", "type": "p/srv/Look", "name": "/look"},
+    ],
     "topics": [{"id": "condition/near", "always": False}, {"id": "until/look", "always": True}],
 }
 
@@ -28,18 +33,20 @@ BIND: dict[str, Any] = {
 class Robot:
     """A bridge on a clock of the test, with ends that keep what they are told to do."""
 
-    def __init__(self) -> None:
+    def __init__(self, bind: dict[str, Any] = BIND) -> None:
         self.now_s = 0.0
+        self.served: list[dict[str, Any]] = []
         self.told: list[dict[str, Any]] = []
         self.done: list[tuple[str, ServerEffect]] = []
         self.apply: dict[str, Any] = {}
         self.feedback: dict[str, Any] = {}
         self.topics: dict[str, Any] = {}
         self.unfit = ""
-        self.bridge = Bridge(BIND, self.told.append, lambda: self.now_s)
+        self.bridge = Bridge(bind, self.told.append, lambda: self.now_s)
         self.bridge.connect(self)
 
     def serve(self, task: dict[str, Any], apply: Any, feedback: Any) -> Any:
+        self.served.append(task)
         self.apply[task["id"]], self.feedback[task["id"]] = apply, feedback
         return _End(self, task["id"])
 
@@ -200,3 +207,37 @@ def test_servers_that_are_silent_are_asked_and_told(name: str) -> None:
     assert (name, AskLife()) in robot.done
     lost = [e for e in robot.news("server") if e["task"] == name and not e["is_up"]]
     assert [each["why"] for each in lost] == ["does not answer"]
+
+
+def test_two_tasks_on_one_action_server_have_one_keeper() -> None:
+    go, look = BIND["tasks"]
+    more = {"id": "fetch", "feedback": [["left", []]], "lifecycle": "/nav"}
+    robot = Robot(BIND | {"tasks": [go, look, go | more]})
+    assert [(each["ids"], each["lifecycle"]) for each in robot.served] == [
+        (["go", "fetch"], "/nav"),
+        (["look"], None),
+    ]
+    assert robot.served[0]["feedback"] == [["left", []]]
+    robot.hear()
+    assert [each["task"] for each in robot.news("server")] == ["go", "fetch"]
+    robot.start(1)
+    robot.bridge.command(
+        {"op": "start", "task": "fetch", "run": 2, "goal_id": b"h" * 16, "body": {}}
+    )
+    sent = [effect for _, effect in robot.done if isinstance(effect, SendGoal)]
+    assert sent == [SendGoal(1, GOAL, {"x": 1})]
+    robot.accept()
+    robot.end(SUCCEEDED)
+    sent = [effect for _, effect in robot.done if isinstance(effect, SendGoal)]
+    assert [each.run for each in sent] == [1, 2]
+
+
+def test_a_call_without_an_answer_is_told_once() -> None:
+    robot = Robot()
+    robot.hear("look")
+    robot.start(1, "look")
+    for _ in range(3):
+        robot.now_s += WAITS_S
+        robot.hear("look")
+    (told,) = robot.news("waits")
+    assert told["text"] == "no answer for 10 s, and it cannot be asked again"

@@ -10,6 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from mrbt_mesh.adapters.ros2.bridge.goals import (
     ABORTED,
+    ACCEPT_S,
     AGAIN_S,
     CANCELED,
     OBEY_S,
@@ -28,8 +29,10 @@ from mrbt_mesh.adapters.ros2.bridge.server import (
     ServerEffect,
     ServerTold,
 )
+from mrbt_mesh.adapters.ros2.bridge.watch import LISTED_S
 
-ONE, TWO = b"1" * 16, b"2" * 16
+ONE, TWO, THREE = b"1" * 16, b"2" * 16, b"3" * 16
+SILENT = ServerTold(False, "does not answer while it works: does it have one thread only?")
 # A goal is at its server by then. A cancellation that came before it is sent again.
 ARRIVES_S = AGAIN_S
 
@@ -118,7 +121,7 @@ def test_a_silent_server_is_asked_then_lost_and_asked_for_the_goal_when_it_is_ba
     keeper = accepted(0.0)
     effects = [e for tick in range(1, 21) for e in keeper.tick(tick * 0.05)]
     assert effects.count(AskLife()) >= 3
-    assert effects[-1] == ServerTold(False, "does not answer")
+    assert effects[-1] == SILENT
     # It stood still and goes on, or it is another process that knows nothing of the goal.
     assert keeper.heard(5.0) == [AskResult(ONE), ServerTold(True, "")]
     assert keeper.result(ONE, UNKNOWN, "", {}, 5.1) == [RunEnded(7, "lost", "", {})]
@@ -136,9 +139,66 @@ def test_what_was_cancelled_while_the_server_was_silent_is_cancelled_before_it_i
 
 def test_another_process_under_the_same_name_is_asked_for_the_goal() -> None:
     keeper = accepted()
-    assert keeper.servers(frozenset({b"a"})) == []
-    assert keeper.servers(frozenset({b"a"})) == []
-    assert keeper.servers(frozenset({b"a", b"b"})) == [AskResult(ONE)]
+    assert keeper.servers(frozenset({b"a"}), 0.2) == []
+    assert keeper.servers(frozenset({b"a"}), 0.3) == []
+    assert keeper.servers(frozenset({b"a", b"b"}), 0.4) == [AskResult(ONE)]
+
+
+def test_answers_that_are_lost_are_asked_for_again() -> None:
+    keeper = ready()
+    keeper.start(7, ONE, {}, 0.0)
+    asked = [now for now in range(1, 100) if AskResult(ONE) in keeper.heard(float(now))]
+    assert asked == [5, 15, 35, 75]
+    keeper = accepted(0.0)
+    asked = [now for now in range(1, 200) if AskResult(ONE) in keeper.heard(float(now))]
+    assert asked == [5, 15, 35, 75, 135, 195]
+    assert keeper.result(ONE, SUCCEEDED, "", {}, 200.0) == [RunEnded(7, "succeeded", "", {})]
+
+
+def test_a_server_may_think_before_it_takes_a_goal() -> None:
+    keeper = ready()
+    keeper.start(7, ONE, {}, 0.0)
+    keeper.heard(5.0)
+    assert keeper.result(ONE, UNKNOWN, "", {}, 5.1) == []
+    assert keeper.answered(ONE, True, 12.0) == [AskResult(ONE)]
+    assert keeper.result(ONE, SUCCEEDED, "", {}, 13.0) == [RunEnded(7, "succeeded", "", {})]
+    keeper.start(8, TWO, {}, 20.0)
+    keeper.heard(20.0 + ACCEPT_S)
+    ended = keeper.result(TWO, UNKNOWN, "", {}, 20.0 + ACCEPT_S)
+    assert ended == [RunEnded(8, "lost", "", {})]
+
+
+def test_feedback_shows_that_a_goal_was_taken() -> None:
+    keeper = ready()
+    keeper.start(7, ONE, {}, 0.0)
+    assert keeper.fed_back(ONE, 1.0) == [AskResult(ONE)]
+    assert keeper.fed_back(ONE, 1.1) == []
+    assert keeper.result(ONE, UNKNOWN, "", {}, 2.0) == [RunEnded(7, "lost", "", {})]
+
+
+def test_the_second_task_of_a_server_waits_for_the_first() -> None:
+    keeper = accepted()
+    assert keeper.start(8, TWO, {}, 0.2) == []
+    assert keeper.start(9, THREE, {}, 0.2) == []
+    assert keeper.cancel(9, 0.3) == [RunEnded(9, "cancelled", "", {})]
+    ended = keeper.result(ONE, SUCCEEDED, "", {}, 0.5)
+    assert ended == [RunEnded(7, "succeeded", "", {}), SendGoal(8, TWO, {})]
+    assert keeper.cancel(8, 0.6) == [CancelGoal(TWO)]
+
+
+def test_several_servers_under_one_name_are_no_use() -> None:
+    two, one = frozenset({b"a", b"b"}), frozenset({b"a"})
+    keeper = GoalKeeper(1.0, 0.0)
+    keeper.servers(two, 0.0)
+    told = ServerTold(False, "is 2 servers that would all take a goal: give them namespaces")
+    assert keeper.heard(0.1) == [told]
+    assert keeper.start(7, ONE, {}, 0.2) == []
+    keeper.servers(one, 0.3)
+    assert keeper.heard(0.4) == [SendGoal(7, ONE, {}), ServerTold(True, "")]
+    # One that was killed is listed for a while beside its successor.
+    keeper.servers(two, 1.0)
+    assert told not in keeper.heard(LISTED_S)
+    assert told in keeper.heard(1.0 + LISTED_S)
 
 
 def test_goals_of_an_earlier_bridge_are_cancelled_first() -> None:
@@ -174,7 +234,8 @@ class Servers(RuleBasedStateMachine):
         self.ended_at_server: dict[bytes, int] = {}
         self.awaited: set[bytes] = set()
         self.goal_of: dict[int, bytes] = {}
-        self.wanted: int | None = None
+        self.wanted: set[int] = set()
+        self.is_deaf = False
         self.ends: dict[int, str] = {}
         self.is_up, self.told = False, (False, "has not been found")
         self.count = 0
@@ -187,8 +248,7 @@ class Servers(RuleBasedStateMachine):
             if isinstance(effect, RunEnded):
                 assert effect.run not in self.ends
                 self.ends[effect.run] = effect.how
-                if self.wanted == effect.run:
-                    self.wanted = None
+                self.wanted.discard(effect.run)
             elif isinstance(effect, ServerTold):
                 assert (effect.is_up, effect.why) != self.told
                 self.is_up, self.told = effect.is_up, (effect.is_up, effect.why)
@@ -196,7 +256,7 @@ class Servers(RuleBasedStateMachine):
                 if isinstance(effect, SendGoal):
                     # One at a time, and only what is wanted.
                     assert self.goal_of[effect.run] == effect.goal_id
-                    assert effect.run == self.wanted
+                    assert effect.run in self.wanted
                     self.sent.append((effect, self.now_s))
                 if not isinstance(effect, AskLife) or effect not in self.mail:
                     self.mail.append(effect)
@@ -218,7 +278,8 @@ class Servers(RuleBasedStateMachine):
         if isinstance(effect, SendGoal):
             # What came too late is cancelled, but nothing else is begun beside it.
             self.working.add(effect.goal_id)
-            self.take(keeper.answered(effect.goal_id, True, now_s))
+            if not self.is_deaf:
+                self.take(keeper.answered(effect.goal_id, True, now_s))
         elif isinstance(effect, CancelGoal):
             goal_id = effect.goal_id
             if goal_id in self.working:
@@ -234,10 +295,10 @@ class Servers(RuleBasedStateMachine):
                 self.awaited.add(goal_id)
             else:
                 status = self.ended_at_server.get(goal_id, UNKNOWN)
-                self.take(keeper.result(goal_id, status, "", {}, now_s))
+                self.result(goal_id, status)
         elif isinstance(effect, AskLife):
             # What the middleware calls it is looked up whenever it is asked.
-            self.take(keeper.servers(frozenset({self.process.to_bytes(4, "big")})))
+            self.take(keeper.servers(frozenset({self.process.to_bytes(4, "big")}), now_s))
             self.take(keeper.heard(now_s))
 
     def finish(self, goal_id: bytes, status: int) -> None:
@@ -245,21 +306,30 @@ class Servers(RuleBasedStateMachine):
         self.ended_at_server[goal_id] = status
         if goal_id in self.awaited:
             self.awaited.discard(goal_id)
+            self.result(goal_id, status)
+
+    def result(self, goal_id: bytes, status: int) -> None:
+        if not self.is_deaf:
             self.take(self.keeper.result(goal_id, status, "", {}, self.now_s))
+
+    @rule(is_deaf=st.booleans())
+    def lose_answers(self, is_deaf: bool) -> None:
+        """Answers about goals are lost from now on, or no longer."""
+        self.is_deaf = is_deaf
 
     @rule()
     def start(self) -> None:
-        if self.wanted is None:
+        if len(self.wanted) < 2:
             self.count += 1
-            self.wanted = self.count
+            self.wanted.add(self.count)
             self.goal_of[self.count] = self.count.to_bytes(16, "big")
             self.take(self.keeper.start(self.count, self.goal_of[self.count], {}, self.now_s))
 
-    @precondition(lambda self: self.wanted is not None)
-    @rule()
-    def cancel(self) -> None:
-        run, self.wanted = self.wanted, None
-        assert run is not None
+    @precondition(lambda self: self.wanted)
+    @rule(data=st.data())
+    def cancel(self, data: st.DataObject) -> None:
+        run = data.draw(st.sampled_from(sorted(self.wanted)))
+        self.wanted.discard(run)
         self.take(self.keeper.cancel(run, self.now_s))
 
     @precondition(lambda self: self.mail)
@@ -302,16 +372,16 @@ class Servers(RuleBasedStateMachine):
         """With a server that answers, all that is not wanted stops, and what is wanted ends."""
         if not hasattr(self, "keeper"):
             return
-        self.is_alive = True
-        for _ in range(200):
-            self.pass_time(0.1)
-            while self.mail:
-                self.deliver(self.mail.pop(0))
-        assert self.is_up
-        current = None if self.wanted is None else self.goal_of[self.wanted]
-        assert self.working <= {current}
-        for goal_id in list(self.working):
-            self.finish(goal_id, SUCCEEDED)
+        self.is_alive, self.is_deaf = True, False
+        for _ in range(3):
+            for _ in range(700):
+                self.pass_time(0.1)
+                while self.mail:
+                    self.deliver(self.mail.pop(0))
+            assert self.is_up
+            assert self.working <= {self.goal_of[run] for run in self.wanted}
+            for goal_id in list(self.working):
+                self.finish(goal_id, SUCCEEDED)
         assert self.keeper.is_clear
         assert set(self.ends) == set(self.goal_of)
 

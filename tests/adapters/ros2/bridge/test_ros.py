@@ -129,19 +129,28 @@ def servers() -> Iterator[Servers]:
 
 
 @asynccontextmanager
-async def connected(folder: Path) -> AsyncIterator[tuple[ConnectedRobot, Told]]:
-    """A robot whose bridge has found all servers."""
+async def bridged(folder: Path, text: str) -> AsyncIterator[tuple[ConnectedRobot, Told]]:
+    """A robot with a bridge that has just been started."""
     path = folder / "ros2.yaml"
-    path.write_text(BINDINGS)
+    path.write_text(text)
     file = load_bindings(path)
     robot, told = ConnectedRobot(file, "A1", bridge_command(file)), Told()
     async with anyio.create_task_group() as group:
         group.start_soon(robot.run, context(told))
-        for name in file.local_tasks:
+        yield robot, told
+        group.cancel_scope.cancel()
+
+
+@asynccontextmanager
+async def connected(
+    folder: Path, text: str = BINDINGS
+) -> AsyncIterator[tuple[ConnectedRobot, Told]]:
+    """A robot whose bridge has found all servers."""
+    async with bridged(folder, text) as (robot, told):
+        for name in CAPABILITIES:
             if name != "managed":
                 await told.until("restore_capability", name)
         yield robot, told
-        group.cancel_scope.cancel()
 
 
 async def perform(robot: ConnectedRobot, name: str, *arguments: str) -> list[tuple[Any, ...]]:
@@ -236,6 +245,46 @@ async def test_a_server_that_stands_still_is_lost_and_its_goal_cancelled_afterwa
         # Nothing else begins before that goal has stopped.
         await perform(robot, "work", "2")
         assert not robot._at_servers
+
+
+async def test_a_simulation_that_is_paused_does_not_stop_the_bridge(
+    servers: Servers, tmp_path: Path
+) -> None:
+    """Its clock, remappings and parameters are those that launch files set."""
+    parameters = tmp_path / "with blanks" / "bridge.yaml"
+    parameters.parent.mkdir()
+    override = "qos_overrides./A1/command.publisher.depth: 3"
+    parameters.write_text(f"/**:\n  ros__parameters:\n    {override}\n")
+    settings = ", use_sim_time: true, namespace: /$robot, log_level: warn, "
+    settings += f"remap: {{/$robot/labour: /$robot/work}}, parameters: '{parameters}'"
+    text = BINDINGS.replace(f"domain: {free_domain()}", f"domain: {free_domain()}{settings}")
+    text = text.replace("action: /$robot/work", "action: labour").replace(
+        "topic: /$robot/command", "topic: command"
+    )
+    async with connected(tmp_path, text) as (robot, _):
+        await perform(robot, "command", "jump")
+    assert "/$robot/labour" in text
+
+
+async def test_a_server_of_another_type_is_called_that(servers: Servers, tmp_path: Path) -> None:
+    text = BINDINGS.replace("test_msgs/action/Fibonacci", "test_msgs/action/NestedMessage")
+    for line in ("    goal:", "    progress: len", "    sets: {counted"):
+        start = text.index(line)
+        text = text[:start] + text[text.index("\n", start) + 1 :]
+    other = "is there with the type test_msgs/action/Fibonacci, not test_msgs/action/NestedMessage"
+    async with bridged(tmp_path, "start_up_s: 0\n" + text) as (_, told):
+        await told.until("lose_capability", "work", f"action server /A1/work {other}")
+
+
+async def test_two_servers_under_one_name_are_no_use(servers: Servers, tmp_path: Path) -> None:
+    second = Servers()
+    second.start()
+    try:
+        why = "is 2 servers that would all take a goal: give them namespaces"
+        async with bridged(tmp_path, "start_up_s: 0\n" + BINDINGS) as (_, told):
+            await told.until("lose_capability", "work", f"action server /A1/work {why}")
+    finally:
+        second.kill()
 
 
 def test_mistakes_that_only_ros_knows(tmp_path: Path) -> None:
