@@ -197,8 +197,8 @@ test-world: parts-world
 
 # What the suites of the gate need beyond requirements-dev.lock. What cannot be had here is said, and
 # the tests that need it are skipped with the reason.
-PARTS := parts-interop parts-vda5050 parts-ros2 parts-world chromium locales networks prometheus
-.PHONY: gate parts locales networks prometheus
+PARTS := parts-interop parts-vda5050 parts-ros2 parts-world chromium locales networks prometheus proxy
+.PHONY: gate parts locales networks prometheus proxy
 locales:
 	@command -v localedef > /dev/null && test -e /usr/share/i18n/locales/en_US || { $(APT_INSTALL) locales; } || \
 		{ echo "install locales, or run this as root on Debian"; exit 1; }
@@ -206,6 +206,10 @@ locales:
 networks:
 	@{ command -v ip && command -v iptables-restore; } > /dev/null || { $(APT_INSTALL) iproute2 iptables; } || \
 		{ echo "install iproute2 and iptables, or run this as root on Debian"; exit 1; }
+
+proxy:
+	@PATH=$$PATH:/usr/sbin; command -v nginx > /dev/null || { $(APT_INSTALL) --no-install-recommends nginx-light; } || \
+		{ echo "install nginx, or run this as root on Debian"; exit 1; }
 
 prometheus:
 	@command -v promtool > /dev/null || { $(APT_INSTALL) --no-install-recommends prometheus; } || \
@@ -218,7 +222,8 @@ parts: $(READY)
 # Every suite in the larger size, but for what make test runs just so: tests/support/gate.py. About
 # 35 minutes.
 gate: parts
-	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) MRBT_ROS2_PYTHON=$(abspath $(ROS2))/bin/python \
+	MRBT_VDA5050_NODE=$(abspath $(VDA5050_NODE)) \
+		MRBT_ROS2_PYTHON=$$(test -e $(ROS2)/.ready && echo $(abspath $(ROS2))/bin/python) \
 		$(BIN)/python -m tests.support.gate $(SUITES)
 
 test-environments: $(READY) locales

@@ -123,7 +123,13 @@ def violations(history: History) -> dict[str, list[str]]:
         if len(done) > 1:
             broken["one content"].append(f"{job} was acknowledged with contents {sorted(done)}")
         at_work = [work for each in submitted for work in works.get(each.value, [])]
-        broken["lost"] += _lost(job, operations, at_work, final, job in history.parked)
+        # It may have failed since nobody knows whether a robot that was disturbed had begun it.
+        first_s = min((each.invoked_s for each in submitted), default=0.0)
+        is_in_doubt = any(
+            each.value in history.exclusive for each in submitted if each.answer != REFUSED
+        ) and any(fault.ended_s >= first_s for fault in history.faults)
+        is_parked = job in history.parked
+        broken["lost"] += _lost(job, operations, at_work, final, is_parked, is_in_doubt)
         broken["cancelled"] += _cancelled(job, operations, at_work, history.faults, final)
         broken["held"] += _held(job, operations, at_work, history.faults)
         broken["in force"] += _in_force(job, operations, final)
@@ -148,6 +154,7 @@ def _lost(
     works: Sequence[Work],
     final: Sequence[Read],
     is_parked: bool,
+    may_be_in_doubt: bool,
 ) -> Iterator[str]:
     """A job that was acknowledged has ended, or is held by somebody, and every server knows it."""
     if not any(each.kind == SUBMIT and each.answer == DONE for each in operations):
@@ -157,7 +164,7 @@ def _lost(
         return
     asked = {each.kind for each in operations if each.answer != REFUSED}
     states = {each.state for each in final}
-    if LONG_AGO in states and CANCEL not in asked and not works:
+    if LONG_AGO in states and CANCEL not in asked and not works and not may_be_in_doubt:
         yield f"{job} was acknowledged, has ended, and no robot has begun it"
     states = states - {LONG_AGO} or states
     if len(states) > 1:

@@ -65,3 +65,8 @@ def __getattr__(name: str) -> Any:
             import_module(f"mrbt_mesh.runtime.{_MODULES.get(name, 'team_member')}"), name
         )
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """What completion offers in an interactive Python: also what is not loaded yet."""
+    return sorted(__all__)

@@ -60,7 +60,7 @@ def whole_file_error(file: str, message: str) -> FileError:
 
 def nearest(name: str, known: Iterable[str]) -> str:
     """`; did you mean 'x'?` for the known name most like `name`, else the names there are."""
-    names = sorted(known)
+    names, name = sorted(known), name[:MAX_SHOWN_CHARACTERS]  # to compare long texts takes long
     close = difflib.get_close_matches(name, names, n=1)
     if not close and len(name) > 2:
         close = [each for each in names if each.lower().startswith(name.lower())][:1]

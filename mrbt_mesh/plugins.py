@@ -89,7 +89,8 @@ class ViewerOptions:
     """What a view is asked for; each takes what applies to it.
 
     `port` None: the view's usual one, 0: any. `has_control`: it may act on the team. `robot`: show
-    the tree of this one. `notes`: lines to show with the team, e.g. a warning.
+    the tree of this one. `notes`: lines to show with the team, e.g. a warning. `public_url`: the
+    address at which a proxy serves it, empty if there is none.
     """
 
     host: str = "127.0.0.1"
@@ -97,6 +98,7 @@ class ViewerOptions:
     has_control: bool = False
     robot: str | None = None
     notes: tuple[str, ...] = ()
+    public_url: str = ""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, is_hypothesis_test, settings
 
 # As where the package is installed: pytest finds it by its entry point.
 from mrbt_mesh.pytest_plugin import run_mission as run_mission
@@ -37,8 +37,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # Suites of the gate run all that is marked so; make test has some of it, or none.
 _OF_SUITES = ("browser", "docker", "processes", "slow", "soak")
-# Modules that name these try more in the gate (tests/support/effort.py).
-_SIZED = ("tests.support.effort", "hypothesis")
+# Modules that name this try more in the gate; so do properties, wherever they are.
+_SIZED = "tests.support.effort"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -53,11 +53,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Leave out what `make test` runs just so, if that is asked for."""
     if not config.getoption("--beyond-quick"):
         return
-    is_sized = functools.cache(lambda path: any(n in path.read_text("utf-8") for n in _SIZED))
+    is_sized = functools.cache(lambda path: _SIZED in path.read_text("utf-8"))
     left_out = {
         item
         for item in items
-        if not any(item.get_closest_marker(name) for name in _OF_SUITES) and not is_sized(item.path)
+        if not any(item.get_closest_marker(name) for name in _OF_SUITES)
+        and not is_sized(item.path)
+        and not is_hypothesis_test(getattr(item, "obj", None))
     }
     config.hook.pytest_deselected(items=[item for item in items if item in left_out])
     items[:] = [item for item in items if item not in left_out]

@@ -22,7 +22,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.feed import Feed
-from mrbt_mesh.views.web.protection import hosts
+from mrbt_mesh.views.web.protection import own_names
 
 ROBOTS, SECTIONS, LEAVES = 64, 133, 14
 CHANGES_PER_S, NODES_PER_CHANGE = 10, 200
@@ -105,7 +105,7 @@ def _robot(rng: random.Random, number: int) -> dict[str, Any]:
 
 def _serve(bound: socket.socket, feed: Feed) -> None:
     async def main() -> None:
-        own_hosts = hosts(["127.0.0.1"], bound.getsockname()[1])
+        own_hosts = own_names(["127.0.0.1"], bound.getsockname()[1])
         page = Page(feed, own_hosts, None, "").application()
         server = uvicorn.Server(uvicorn.Config(page, lifespan="off", log_config=None))
         serving = asyncio.create_task(server.serve([bound]))

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mrbt_mesh.cli.command import PATH, PORT, SUCCESS, MrbtCommand
+from mrbt_mesh.cli.command import PATH, PORT, SUCCESS, MrbtCommand, refuse
 from mrbt_mesh.cli.options import json_option
+from mrbt_mesh.cli.plugged import public_url_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions, require
 
 if TYPE_CHECKING:
+    from starlette.applications import Starlette
+
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.views.web.access import Access
 
@@ -27,11 +30,20 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Who may read and who may submit. Needed unless it is served to this machine alone.",
 )
+@public_url_option("API")
 @click.option("--rmf", metavar="URI", help="Also be a fleet of this Open-RMF server: ws://...")
+@click.option("--rmf-fleet", metavar="NAME", help="Name of the fleet. Default: the mission's.")
 @team_options
 @json_option
 def serve(
-    host: str, port: int, tokens: Path | None, rmf: str | None, team: TeamOptions, as_json: bool
+    host: str,
+    port: int,
+    tokens: Path | None,
+    public_url: str | None,
+    rmf: str | None,
+    rmf_fleet: str | None,
+    team: TeamOptions,
+    as_json: bool,
 ) -> None:
     """Serve a team's state and its jobs over HTTP.
 
@@ -46,8 +58,11 @@ def serve(
     require("mrbt serve", "web", "starlette", "uvicorn")
     if rmf is not None:
         require("--rmf", "rmf", "websockets")
-        if not rmf.startswith(("ws://", "wss://")):
-            raise InputError(f"--rmf {rmf}: a URI is expected, e.g. ws://127.0.0.1:8000/_internal")
+        from mrbt_mesh.adapters.rmf.connection import check_uri
+
+        check_uri("--rmf", rmf)
+    else:
+        refuse("of an Open-RMF server: give --rmf as well", "--rmf-fleet")
     import anyio
 
     from mrbt_mesh.views.web.access import is_loopback, token_access
@@ -57,8 +72,8 @@ def serve(
             f"--host {host}: others reach this address, so give their tokens with --tokens FILE"
         )
     access = token_access(tokens) if tokens is not None else None
-    address, options = team.find_running(), ViewerOptions(host, port)
-    anyio.run(_serve, address, options, access, rmf, as_json)
+    address, options = team.find_running(), ViewerOptions(host, port, public_url=public_url or "")
+    anyio.run(_serve, address, options, access, rmf, rmf_fleet or "", as_json)
     raise SystemExit(SUCCESS)
 
 
@@ -67,27 +82,20 @@ async def _serve(
     options: ViewerOptions,
     access: Access | None,
     rmf: str | None,
+    rmf_fleet: str,
     as_json: bool,
 ) -> None:
     import anyio
-    from starlette.applications import Starlette
-    from starlette.middleware import Middleware
-    from starlette.responses import JSONResponse
-    from starlette.routing import Mount, Route
-    from starlette.types import ASGIApp
 
     from mrbt_mesh.cli.watching import served_until_interrupted
     from mrbt_mesh.runtime.fencing import boottime_us
     from mrbt_mesh.runtime.team_client import CONNECT_TIMEOUT_S, TeamClient
     from mrbt_mesh.runtime.watcher import watching
     from mrbt_mesh.views.model.team_view import TeamView
-    from mrbt_mesh.views.web.access import local_access
-    from mrbt_mesh.views.web.api import Api
     from mrbt_mesh.views.web.feed import Feed
-    from mrbt_mesh.views.web.openapi import openapi
-    from mrbt_mesh.views.web.problem import PROBLEMS
-    from mrbt_mesh.views.web.protection import Protection
+    from mrbt_mesh.views.web.protection import OwnNames
     from mrbt_mesh.views.web.server import served
+    from mrbt_mesh.views.web.site import site
 
     async with watching(address) as watcher, anyio.create_task_group() as group:
         await watcher.catch_up(CONNECT_TIMEOUT_S)
@@ -96,23 +104,11 @@ async def _serve(
         if rmf is not None:
             from mrbt_mesh.adapters.rmf.link import RmfLink
 
-            group.start_soon(RmfLink(client, feed.view.changes, rmf).run)
-        described = JSONResponse(openapi(has_tokens=access is not None))
+            group.start_soon(RmfLink(client, feed.view.changes, rmf, rmf_fleet).run)
 
-        def application(own_hosts: frozenset[str]) -> ASGIApp:
-            api = Api(client, feed, access or local_access(own_hosts))
-            routes = [Mount("/v1", api.application()), Route("/openapi.json", described)]
-            protection = Middleware(
-                Protection,
-                own_hosts=own_hosts if access is None else None,
-                content_policy="default-src 'none'",
-            )
-            return Starlette(
-                routes=routes,
-                middleware=[protection],
-                exception_handlers=PROBLEMS,
-            )
+        def application(own: OwnNames) -> Starlette:
+            return site(client, feed, own, access, options.public_url)
 
         async with served(options, feed.close, application) as where:
-            await served_until_interrupted("serve", where, as_json)
+            await served_until_interrupted("serve", where, as_json, options.public_url)
         group.cancel_scope.cancel()

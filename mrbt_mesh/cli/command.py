@@ -19,6 +19,7 @@ import click
 from click.core import ParameterSource
 
 from mrbt_mesh import plugins
+from mrbt_mesh.cli.streams import OutputError, drop_output, prepare_streams
 from mrbt_mesh.errors import InputError, lone
 
 NAME = "mrbt"
@@ -28,6 +29,7 @@ EXIT_OF_RESULT = {
     "failure": FAILURE,
     "timeout": NOT_FINISHED,
     "blocked": NOT_FINISHED,
+    "ended": NOT_FINISHED,
     "not_started": NOT_FINISHED,
 }
 # No float may be larger, so that none overflows where it is converted.
@@ -141,6 +143,8 @@ class LateGroup(click.Group):
 
     def main(self, *args: Any, **extra: Any) -> NoReturn:
         """Without arguments it is the program `mrbt`, which ends here, however its command ends."""
+        if not args and not extra:
+            prepare_streams()
         try:
             run(super().main, *args, **extra)
         except BaseException as error:
@@ -153,8 +157,12 @@ class LateGroup(click.Group):
 
 def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
     """Call click's `main` and end the process; click's refusals become messages like ours."""
+    status: Any = SUCCESS
     try:
-        status = main(*args, **{"prog_name": NAME, **extra, "standalone_mode": False})
+        try:
+            status = main(*args, **{"prog_name": NAME, **extra, "standalone_mode": False})
+        except SystemExit as ended:
+            status = SUCCESS if ended.code is None else ended.code
         sys.stdout.flush()
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
@@ -165,9 +173,13 @@ def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
     except click.Abort:
         fail("interrupted", FAILURE)
     except BrokenPipeError:
-        # The reader, such as `head`, has seen enough; Python's own last flush would fail too.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader, such as `head`, has seen enough.
+        drop_output()
         raise SystemExit(FAILURE) from None
+    except OutputError as error:
+        drop_output()
+        code = status if isinstance(status, int) and status != SUCCESS else FAILURE
+        fail(f"the output cannot be written: {error.strerror}", code)
     raise SystemExit(status if isinstance(status, int) else SUCCESS)
 
 

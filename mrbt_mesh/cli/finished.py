@@ -9,6 +9,7 @@ hardly anything.
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any
 
 import click
 
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import RunDir
 
 
@@ -31,9 +33,13 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
         return None
     summary = run_dir.summary()
     if summary is None and run_dir.robots():
+        info = run_dir.info()
         summary = _summary(run_dir)
         from mrbt_mesh.runtime.summary_signature import sign_summary
 
+        # Meanwhile it may have been continued: that was the end of what went before.
+        if run_dir.info() != info or is_running(run_dir):
+            return None
         # Others may do the same now: all show the one that was first.
         if run_dir.write_first_summary(summary):
             sign_summary(run_dir)
@@ -41,8 +47,27 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
     return summary
 
 
+def reopen(run_dir: RunDir) -> bool:
+    """Take its end from a run that can go on; whether it had ended.
+
+    Raises InputError if its mission is over, so that robots would find nothing to do.
+    """
+    from mrbt_mesh.core.observer.summary import ABORTED
+
+    summary = summary_of_finished(run_dir)
+    if summary is None:
+        return False
+    ends = summary.get("ends") != "never" or summary.get("ended_because") == ABORTED
+    if ends and summary["result"] in ("success", "failure"):
+        text = f"{run_dir.path}: the mission is over ({summary['result']})"
+        raise InputError(f"{text}; `mrbt up` begins one anew")
+    run_dir.remove_summary()
+    return True
+
+
 def _summary(run_dir: RunDir) -> dict[str, Any]:
     """The summary of a run that has ended, from its recordings and journals."""
+    from mrbt_mesh.cli.operator_end import with_operator_end
     from mrbt_mesh.core.assignment.solvers import default_solver
     from mrbt_mesh.core.facts.records import TeamOrder
     from mrbt_mesh.core.observer.observer import Observer
@@ -71,6 +96,7 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
         for row in summary["robots"].values():
             # One that left by itself has recorded that.
             row["state"] = row["state"] if row["state"] == "left" else "dead"
+        summary = with_operator_end(summary, observer.record, run_dir, "")
     return summary | {"run_dir": str(run_dir.path)}
 
 
@@ -97,6 +123,18 @@ def print_finished(summary: dict[str, Any], as_json: bool) -> None:
     status = {**summary, "over": True, "robots": robots, "bounds": []}
     status |= {"blocked": [], "agreement": True}
     click.echo(json.dumps(status, indent=2))
+
+
+def start_summary_writer(run_dir: RunDir) -> None:
+    """Start the process that writes the summary of a team which nobody watches."""
+    with run_dir.opened_output(run_dir.path / "summary_writer.out") as output:
+        subprocess.Popen(
+            [sys.executable, "-m", "mrbt_mesh.cli.finished", str(run_dir.path)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
 
 
 def wait_and_write(run_dir: RunDir) -> None:

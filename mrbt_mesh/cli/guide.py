@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from shlex import quote
 
 import anyio
 
@@ -62,9 +63,9 @@ class Guide:
             *self._problem,
             "",
             "The run is recorded. Try:",
-            f"  mrbt recording replay {observer_file(team.run_dir.path)}",
-            f"  mrbt recording verify {team.run_dir.path}",
-            f"  mrbt recording report {team.run_dir.path}",
+            f"  mrbt recording replay {quote(str(observer_file(team.run_dir.path)))}",
+            f"  mrbt recording verify {quote(str(team.run_dir.path))}",
+            f"  mrbt recording report {quote(str(team.run_dir.path))}",
         ]
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -13,10 +11,13 @@ import anyio
 import click
 
 from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS
+from mrbt_mesh.cli.finished import start_summary_writer
 from mrbt_mesh.cli.guide import Guide
+from mrbt_mesh.cli.jobs_left_behind import jobs_left_behind, open_jobs_text
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews
-from mrbt_mesh.cli.terminal import errors, labelled, lose_output_rather_than_end, note
+from mrbt_mesh.cli.streams import lose_output_rather_than_end
+from mrbt_mesh.cli.terminal import errors, labelled, note
 from mrbt_mesh.cli.watching import Session, print_refusals
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
@@ -29,10 +30,10 @@ from mrbt_mesh.runtime.capacity import (
     Overload,
     overload,
 )
+from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
-from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team, address_of
@@ -47,7 +48,11 @@ def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         folder = state_dir() / "runs" / f"{mission.name}-{stamp}"
     found = RunDir.create(folder.resolve(), info, compile_mission(mission))
-    remember(found)
+    try:
+        remember(found)
+    except InputError:
+        found.discard()
+        raise
     return found
 
 
@@ -70,10 +75,17 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
         raise InputError(
             f"{found.path} is a run {how} keys, and can only be continued so: --insecure"
         )
-    found.remove_summary()
+    remember(found)
     options = replace(info.options, team=before.team, run=before.run)
     found.save(replace(info, options=options, robots=_in_good_standing(found, info)))
-    remember(found)
+    left_behind = open_jobs_text(jobs_left_behind(found, mission))
+    if left_behind:
+        note(left_behind)
+    found.remove_summary()
+    try:
+        note_command(found, "mrbt up --continue", "the team goes on")
+    except InputError as error:
+        note(str(error))
     return found
 
 
@@ -130,14 +142,7 @@ async def _detached(team: Team) -> int:
         for problem in problems:
             errors.print(labelled("error", "bold red", problem), soft_wrap=True)
         return BAD_INPUT if refused else FAILURE
-    with open((run_dir.path / "summary_writer.out"), "ab", opener=private_opener) as output:
-        subprocess.Popen(
-            [sys.executable, "-m", "mrbt_mesh.cli.finished", str(run_dir.path)],
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            start_new_session=True,
-        )
+    start_summary_writer(run_dir)
     click.echo(f"{info.team}: {len(info.robots)} robots run; see mrbt status")
     click.echo(f"run directory: {run_dir.path}")
     return SUCCESS

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from urllib.parse import urlsplit
 
 import click
 
@@ -21,6 +23,33 @@ if TYPE_CHECKING:
 
 # Is called whenever something may have changed, with the time on the observer's clock.
 LookOn: TypeAlias = "Callable[[Observer, int], None]"
+
+
+# What a proxy of this machine may be reached at.
+_PUBLIC_URL = re.compile(r"https?://[A-Za-z0-9.\[\]:-]+(/[A-Za-z0-9._~/-]*)?")
+
+
+class PublicUrl(click.ParamType[str]):
+    """An address at which a proxy serves something, without a slash at its end."""
+
+    name = "URL"
+
+    def convert(self, value: str, _: Any, __: Any) -> str:
+        """Raises click.BadParameter for what is none."""
+        try:
+            parts = urlsplit(value)
+            is_address = bool(_PUBLIC_URL.fullmatch(value) and parts.hostname and parts.port != 0)
+        except ValueError:  # a port or an address out of range
+            is_address = False
+        if not is_address:
+            self.fail(f"{value!r}: an address is expected, e.g. https://robots.example/depot")
+        return value.rstrip("/")
+
+
+def public_url_option(what: str) -> Callable[..., Any]:
+    """The option for the address at which a proxy serves `what`."""
+    text = f"Address at which a proxy serves the {what}: https://..."
+    return click.option("--public-url", type=PublicUrl(), metavar="URL", help=text)
 
 
 # -- views ------------------------------------------------------------------------------------
@@ -37,7 +66,8 @@ class ChosenViews:
         """Raise InputError, before a team is started, if a view cannot be opened."""
         if not self.viewers:
             views = ", ".join(f"--{name}" for name in VIEWS.names())
-            refuse(f"for a view: give one of {views}", "--host", "--port", "--control", "--robot")
+            options = "--host", "--port", "--public-url", "--control", "--robot"
+            refuse(f"for a view: give one of {views}", *options)
         for viewer in self.viewers.values():
             viewer.check(self.options)
 
@@ -50,7 +80,11 @@ def view_options(function: Callable[..., Any]) -> Callable[..., Any]:
     def call(**values: Any) -> Any:
         chosen = {name: VIEWS.load(name) for name in names if values.pop(name.replace("-", "_"))}
         options = ViewerOptions(
-            values.pop("host"), values.pop("port"), values.pop("control"), values.pop("robot")
+            values.pop("host"),
+            values.pop("port"),
+            values.pop("control"),
+            values.pop("robot"),
+            public_url=values.pop("public_url") or "",
         )
         return function(**values, views=ChosenViews(chosen, options))
 
@@ -60,6 +94,7 @@ def view_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--port", type=PORT, metavar="PORT", help="Port of the view. Default: its own, or any."
         ),
+        public_url_option("view"),
         click.option("--control", is_flag=True, help="The view may also kill, freeze, pause, ..."),
         click.option("--robot", metavar="ID", help="Show the tree of this robot in the view."),
     ]

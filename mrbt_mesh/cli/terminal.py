@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Container, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, TextIO, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 from rich.console import Console
 from rich.table import Table
@@ -20,31 +20,6 @@ from mrbt_mesh.errors import InputError
 _T = TypeVar("_T")
 console = Console()
 errors = Console(stderr=True, highlight=False)
-
-
-class _LosableOutput:
-    """A standard stream whose text is lost where it cannot be written."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        with contextlib.suppress(OSError):
-            self._stream.write(text)
-        return len(text)
-
-    def flush(self) -> None:
-        with contextlib.suppress(OSError):
-            self._stream.flush()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-
-def lose_output_rather_than_end() -> None:
-    """From now on output is lost, and no error, where a pipe is closed or a disk is full."""
-    sys.stdout = cast(TextIO, _LosableOutput(sys.stdout))
-    sys.stderr = cast(TextIO, _LosableOutput(sys.stderr))
 
 
 def labelled(label: str, style: str, text: str) -> Text:

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit, urlunsplit
 
 import anyio
 import click
@@ -18,6 +19,7 @@ from mrbt_mesh import plugins
 from mrbt_mesh.cli.command import BAD_INPUT, EXIT_OF_RESULT, SUCCESS
 from mrbt_mesh.cli.finished import print_summary
 from mrbt_mesh.cli.guide import Guide
+from mrbt_mesh.cli.operator_end import with_operator_end
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
 from mrbt_mesh.cli.terminal import errors, print_json
@@ -37,11 +39,12 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 if TYPE_CHECKING:
-    from mrbt_mesh.plugins import MetricsAddress, OpenView
+    from mrbt_mesh.plugins import MetricsAddress, OpenView, ViewerOptions
 
 # For views: how long messages wait for others, and the longest time between looks.
 BATCH_S, FRAME_S = 0.1, 0.25
 CATCH_UP_S = 1.0
+STOPPED = "stopped by the operator"
 LOOK_S = 0.2
 # Recordings of this size take seconds to read.
 LARGE_MB = 2.0
@@ -78,20 +81,36 @@ async def show_machine(name: str, views: ChosenViews, show: ShowOptions) -> int:
     assert isinstance(viewer, plugins.MachineViewer)
     with anyio.move_on_after(show.timeout):
         async with viewer.showing_machine(views.options) as address:
-            await served_until_interrupted(name, address, show.as_json)
+            public_url = views.options.public_url
+            await served_until_interrupted(name, address, show.as_json, public_url)
     return SUCCESS
 
 
-async def served_until_interrupted(name: str, address: str, as_json: bool) -> None:
-    """Print the address at which something is served, and wait for SIGINT or SIGTERM."""
+async def served_until_interrupted(
+    name: str, address: str, as_json: bool, public_url: str = ""
+) -> None:
+    """Print the address at which something is served, and that of a proxy before it, if there is
+    one; then wait for SIGINT or SIGTERM.
+    """
+    public = public_address(address, public_url)
     if as_json:
-        print_json({name: address})
+        print_json({name: address} | ({f"{name}_public": public} if public else {}))
     else:
         click.echo(f"{name}: {address}")
+        if public:
+            click.echo(f"{name}, by --public-url: {public}")
     sys.stdout.flush()
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async for _ in signals:
             break
+
+
+def public_address(address: str, public_url: str) -> str:
+    """What an address is called behind a proxy at `public_url`; empty: it is behind none."""
+    parts = urlsplit(address)
+    if not public_url or parts.scheme not in ("http", "https"):
+        return ""
+    return urlunsplit((*urlsplit(public_url + parts.path)[:3], parts.query, parts.fragment))
 
 
 def say_if_large(files: Iterable[Path]) -> None:
@@ -161,7 +180,7 @@ class Session:
         status.
         """
         async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
-            for line in _address_lines(opened):
+            for line in _address_lines(opened, self.views.options):
                 click.echo(line, err=self.show.as_json)
             if self.team is not None:
                 group.start_soon(self.team.note_exits, watcher)
@@ -182,9 +201,9 @@ class Session:
                     self.team.result(watcher.observer, boottime_us())
                 group.start_soon(self.team.note_exits, watcher)
             if self.show.as_json:
-                print_json({name: view.address for name, view in opened.items() if view.address})
+                print_json(_addresses(opened, self.views.options))
             else:
-                for line in _address_lines(opened):
+                for line in _address_lines(opened, self.views.options):
                     click.echo(line)
             sys.stdout.flush()
             await self._until_over(watcher, opened, look_on, lambda: None, is_endless=True)
@@ -223,7 +242,7 @@ class Session:
             return
         guiding = self.guide.notes if self.guide is not None else ()
         if _is_live(self.show):
-            notes = [*_address_lines(opened), *guiding]
+            notes = [*_address_lines(opened, self.views.options), *guiding]
             if self.overload is not None:
                 notes.append(f"{self.overload.robots} robots are too many for this machine")
             options = replace(self.views.options, has_control=False, notes=tuple(notes))
@@ -281,7 +300,7 @@ class Session:
                 if now >= deadline:
                     why = "time is up"
                 elif stop.is_set() or any(view.closed.is_set() for view in opened.values()):
-                    why = "stopped by the operator"
+                    why = STOPPED
                 elif now > checked + 1:
                     checked = now
                     if not is_endless and self.team is not None and not self.team.living():
@@ -307,6 +326,9 @@ class Session:
         summary = run_summary(observer.record, result, now_us)
         if why is not None:
             summary["ended_because"] = why
+            run_dir = team.run_dir if team is not None and team.is_launched_here else None
+            by = why if why == STOPPED else ""
+            summary = with_operator_end(summary, observer.record, run_dir, by)
         elif observer.facts.order() is TeamOrder.ABORT:
             summary["ended_because"] = ABORTED
         if self.overload is not None:
@@ -323,8 +345,25 @@ class Session:
         print_refusals(refused)
         if self.guide is not None and team is not None and not self.show.as_json:
             click.echo("\n".join(self.guide.closing(team)))
-        return EXIT_OF_RESULT[result]
+        return EXIT_OF_RESULT[summary["result"]]
 
 
-def _address_lines(opened: Mapping[str, OpenView]) -> list[str]:
-    return [f"{name}: {view.address}" for name, view in opened.items() if view.address]
+def _addresses(opened: Mapping[str, OpenView], options: ViewerOptions) -> dict[str, str]:
+    """By the name of the view; that of a proxy before it is called `NAME_public`."""
+    found = {}
+    for name, view in opened.items():
+        if view.address:
+            found[name] = view.address
+        if public := public_address(view.address, options.public_url):
+            found[f"{name}_public"] = public
+    return found
+
+
+def _address_lines(opened: Mapping[str, OpenView], options: ViewerOptions) -> list[str]:
+    lines = []
+    for name, view in opened.items():
+        if view.address:
+            lines.append(f"{name}: {view.address}")
+        if public := public_address(view.address, options.public_url):
+            lines.append(f"{name}, by --public-url: {public}")
+    return lines

@@ -48,6 +48,7 @@ from mrbt_mesh.formats.file_model import (
     explain,
     place_of,
 )
+from mrbt_mesh.formats.indentation import indentation_hint
 from mrbt_mesh.formats.problems import Report, found
 from mrbt_mesh.formats.tree_model import (
     MAX_SECONDS,
@@ -556,7 +557,8 @@ def validate(data: Any, report: Report) -> MissionModel | None:
         except ValidationError as error:
             details = error.errors(include_url=False)
         for detail in details:
-            report.add(*explain(detail, EXPLAINED_HERE))
+            place, message = explain(detail, EXPLAINED_HERE)
+            report.add(place, message + indentation_hint(detail, place, report.lines))
         if not all(detail["type"] in _STAND_INS for detail in details):
             return None
         # Wrong values, but the right shape: with others in their place, more can be checked.

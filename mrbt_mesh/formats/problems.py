@@ -78,6 +78,8 @@ def found(value: Any) -> str:
         return "a list"
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, int) and value.bit_length() > 1_000:
+        return "a number with hundreds of digits"  # Python writes none with thousands
     text = repr(value)
     if len(text) > MAX_SHOWN_CHARACTERS:
         text = text[:MAX_SHOWN_CHARACTERS] + "..."

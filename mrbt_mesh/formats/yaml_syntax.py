@@ -77,6 +77,8 @@ def _brackets(problem: str, context: str, at: tuple[int, int], lines: Sequence[s
 def _indentation(
     problem: str, context: str, at: tuple[int, int], lines: Sequence[str]
 ) -> _Explained:
+    if problem.startswith("expected '<document start>'") and "block mapping" in problem:
+        return at[0], "the lines above are indented and this one is not; indent them alike"
     if not problem.startswith("expected <block end>"):
         return None
     if "'<scalar>'" in problem:

@@ -40,7 +40,8 @@ def parse_named(text: str) -> tuple[NamedRecording, ...]:
 class RunMetadata:
     """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.
 
-    `epoch_ns`: the Unix time at which the clock of the recording's owner was 0. `has_keys`: facts
+    `epoch_ns`: the Unix time at which the clock of the recording's owner was 0, as it was when the
+    recording began; `clock`: which clock that is, empty if that is not known. `has_keys`: facts
     are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: by how much
     simulated robots are faster. `is_observed`: what launched the robots records their run too.
     `has_summary`: this is that record, and its observer writes summary.json at its end.
@@ -70,6 +71,7 @@ class RunMetadata:
     kept_from: int = 1
     has_summary: bool = False
     earlier: tuple[NamedRecording, ...] = ()
+    clock: str = ""
 
     @property
     def team_digest(self) -> str:
@@ -106,6 +108,8 @@ class RunMetadata:
             "kept_from": str(self.kept_from),
             "is_observed": str(self.is_observed).lower(),
             "has_summary": str(self.has_summary).lower(),
+            "clock": self.clock,
+            # Not empty, and the last: a reader takes zeros at the end for what was never written.
             "earlier": json.dumps(self.earlier),
         }
 
@@ -138,6 +142,7 @@ class RunMetadata:
                 int(values["kept_from"]),
                 _TRUTH[values["has_summary"]],
                 parse_named(values["earlier"]),
+                values["clock"],
             )
         except (KeyError, TypeError, OverflowError, RecursionError) as error:
             raise ValueError(f"its metadata are damaged: {error!r}") from None

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
-from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
@@ -67,7 +67,10 @@ class Player:
 
     def _new_observer(self) -> Observer:
         metadata = self.recording.metadata
-        return Observer(self.mission, metadata.run, metadata.timing, default_solver, self._engine)
+        timing = metadata.timing
+        observer = Observer(self.mission, metadata.run, timing, default_solver, self._engine)
+        observer.speed = metadata.speed
+        return observer
 
     def _rewind(self) -> None:
         self.observer = self._make_observer()
@@ -76,8 +79,8 @@ class Player:
         self.state = RecordedState(known.facts, self.recording.metadata.part)
         self._is_known = self._known_until_us is not None
         self._plan = self._engine.plan_making(default_solver)
-        # Since when robots have been missed: the best known time of their deaths.
-        self._missed_us: dict[str, int] = {}
+        # Since when lives of robots have been missed: the best known time of their deaths.
+        self._missed_us: dict[tuple[str, Incarnation], int] = {}
         self._next = 0
         self.now_us = self.begin_us
 
@@ -209,11 +212,11 @@ class Player:
             self.observer.record.declared_dead(data["robot"], incarnation, at_us)
 
     def _missing(self, data: Mapping[str, Any], at_us: int) -> None:
-        robot, event = data["robot"], data["event"]
+        life, event = (data["robot"], read_incarnation(data["incarnation"])), data["event"]
         if event in ("suspect", "token_lost"):
-            self._missed_us.setdefault(robot, at_us)
+            self._missed_us.setdefault(life, at_us)
         elif event in ("alive", "token_shown"):
-            self._missed_us.pop(robot, None)
+            self._missed_us.pop(life, None)
 
     def _planned(self, data: Mapping[str, Any], at_us: int) -> None:
         observer = self.observer
@@ -282,5 +285,5 @@ class Player:
         if data["joined"]:
             self.observer.record.robot_seen(robot, incarnation, at_us)
         if before is not state:
-            evidence_us = self._missed_us.get(robot, at_us)
+            evidence_us = self._missed_us.get((robot, incarnation), at_us)
             self.observer.record.state(robot, state, evidence_us, at_us)

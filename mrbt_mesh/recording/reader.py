@@ -107,24 +107,25 @@ class RecordedMessages(Sequence[RecordedMessage]):
     A message that fits no schema raises ValueError.
     """
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO | None = None) -> None:
         self.times_us = array("q")
         self.topics: list[str] = []
         # By the index of the first message that is in it.
-        self._files: dict[int, BinaryIO] = {0: file}
+        self._files: dict[int, BinaryIO] = {}
         self._places = array("Q")
         self._lengths = array("I")
         self._numbers = array("I")
         self._until: array[int] | None = None
         # Whose end closes the files.
         self._owners: list[RecordedMessages] = []
-        weakref.finalize(self, file.close)
+        if file is not None:
+            self._files[0] = file
+            weakref.finalize(self, file.close)
 
     @classmethod
     def joined(cls, parts: Sequence[tuple[RecordedMessages, int]]) -> RecordedMessages:
         """The messages of several files in one order, those of each from an index on."""
-        found = cls(parts[0][0]._files[0])
-        found._files = {}
+        found = cls()
         found._owners = [each for each, _ in parts]
         for each, begin in parts:
             found._files[len(found)] = each._files[0]

@@ -252,6 +252,8 @@ class Driver:
                 if not setup.is_guest:
                     group.start_soon(self._guarded_task, self._watch_signals)
                 self._is_ready = True
+                if self._recording is not None and self._recording.why_not_begun:
+                    self._recording_ended(self._recording.why_not_begun)
                 self._journal.start()
                 self.begun.set()
                 self.submit(TimerFired())

@@ -74,6 +74,18 @@ class FencingSelector(selectors.BaseSelector):
         return self.inner.get_map()
 
 
+def selector_of(loop: asyncio.AbstractEventLoop) -> selectors.BaseSelector:
+    """The selector of a loop; raises InputError for a loop without one."""
+    # asyncio has no public way to it; the attribute is as old as asyncio's loops.
+    found: selectors.BaseSelector | None = getattr(loop, "_selector", None)
+    if not isinstance(loop, asyncio.SelectorEventLoop) or found is None:
+        raise InputError(
+            f"a robot cannot fence itself off in {type(loop).__module__}.{type(loop).__name__}: "
+            "run the program in asyncio's SelectorEventLoop, its default on Linux and macOS"
+        )
+    return found
+
+
 @contextmanager
 def fenced(
     loop: asyncio.AbstractEventLoop, limit_us: int, on_gap: Callable[[], None]
@@ -82,14 +94,7 @@ def fenced(
 
     Raises InputError for a loop without a selector: nothing would notice there in time.
     """
-    # asyncio has no public way to it; the attribute is as old as asyncio's loops.
-    inner = getattr(loop, "_selector", None)
-    if not isinstance(loop, asyncio.SelectorEventLoop) or inner is None:
-        raise InputError(
-            f"a robot cannot fence itself off in {type(loop).__module__}.{type(loop).__name__}: "
-            "run the program in asyncio's SelectorEventLoop, its default on Linux and macOS"
-        )
-    mine = FencingSelector(limit_us, inner)
+    mine = FencingSelector(limit_us, selector_of(loop))
     mine.on_gap = on_gap
     loop._selector = mine  # type: ignore[attr-defined]
     try:

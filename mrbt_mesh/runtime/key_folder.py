@@ -16,6 +16,7 @@ import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
@@ -67,7 +68,9 @@ class KeyFolder:
         found = cls(path)
         check_folder(path, "the folder of keys")
         if found.manifest_path.exists():
-            raise KeysError(f"{path} holds a team's keys already: see `mrbt keys show {path}`")
+            raise KeysError(
+                f"{path} holds a team's keys already: see `mrbt keys show {quote(str(path))}`"
+            )
         try:
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:

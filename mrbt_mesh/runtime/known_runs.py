@@ -20,7 +20,7 @@ def remember(run_dir: RunDir) -> None:
     """Make this the newest run of this machine; raises RunDirError."""
     path = os.fsencode(run_dir.path.resolve())
     try:
-        _folder().mkdir(parents=True, exist_ok=True)
+        _folder().mkdir(mode=0o700, parents=True, exist_ok=True)
         # Bytes: what a folder is called does not depend on the locale of a command.
         entry = _folder() / hashlib.sha256(path).hexdigest()[:16]
         write_atomically(entry, path.decode(errors="surrogateescape"))

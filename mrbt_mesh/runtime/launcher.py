@@ -25,7 +25,6 @@ from mrbt_mesh.core.membership.keys import Role
 from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
-from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
 from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
@@ -35,9 +34,11 @@ from mrbt_mesh.runtime.settings import (
     START_S_PER_ROBOT,
     WIRED,
 )
-from mrbt_mesh.runtime.team_address import certificates_of
+from mrbt_mesh.runtime.team_address import AddressError, certificates_of
 
 HOST = "127.0.0.1"
+# Whether a connection on loopback comes about at all.
+LOOPBACK_S = 2.0
 PORT = 7447
 # Below the ports that Linux, macOS and Windows give to sockets that dial.
 DATAGRAM_PORTS = range(10_000, 32_768)
@@ -47,13 +48,26 @@ def free_endpoints(count: int, protocol: str) -> list[str]:
     """Loopback endpoints that are free now.
 
     On Linux no other launcher gets the ports while this process lives: robots take a while to
-    start, and teams may start side by side. Raises OSError where none is free.
+    start, and teams may start side by side. Raises OSError where none is free, AddressError where
+    nothing is heard there: each robot would take itself for the only one, and do all the work.
     """
+    _check_loopback()
     if protocol in PROTOCOLS[WIRED]:
         ports = _stream_ports(count)
     else:
         ports = [_datagram_port() for _ in range(count)]
     return [f"{protocol}/{HOST}:{port}" for port in ports]
+
+
+def _check_loopback() -> None:
+    try:
+        with socket.create_server((HOST, 0)) as server:
+            socket.create_connection(server.getsockname()[:2], LOOPBACK_S).close()
+    except OSError as error:
+        raise AddressError(
+            f"the robots of this run would not hear one another: {HOST} cannot be reached on this "
+            f"machine ({error.strerror or error}); as root, `ip link set lo up`"
+        ) from None
 
 
 def _stream_ports(count: int) -> list[int]:
@@ -224,7 +238,7 @@ async def start_robot(
 
     `environment` are variables that it gets besides those of this process.
     """
-    with open(run_dir.output_path(robot), "ab", opener=private_opener) as output:
+    with run_dir.opened_output(run_dir.output_path(robot)) as output:
         return await anyio.open_process(
             command,
             stdin=subprocess.DEVNULL,

@@ -14,10 +14,13 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import psutil
+from mrbt_mesh.runtime.process_identity import identity_of_this_process, process_in
+from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 
-from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, identity_of_this_process, process_in
+if TYPE_CHECKING:
+    import psutil
 
 # A robot that has not left after so long never will, such as one whose program blocks it.
 LEAVE_LIMIT_S = 10.0

@@ -34,13 +34,15 @@ AGAIN_S = 0.1
 # For so long the rest of the robots may answer, if those that do not are to be named.
 REST_S = 0.3
 ID_BYTES = 8
+# A cause of a refusal: no robot of the team is heard.
+NOT_HEARD = "not_heard"
 
 
 class CommandRefusedError(InputError):
     """A team has refused a command; the text says why, and what its subject is.
 
     `cause`: `invalid`, `unknown` (there is no such subject), `conflict` (the field has another
-    value for good), `ended` (it is too late), or `full`.
+    value for good), `ended` (it is too late), `full`, or `not_heard` (no robot is).
     """
 
     def __init__(self, text: str, cause: str) -> None:
@@ -84,6 +86,9 @@ class OperatorCall:
     rest_s: float = 0.0
     timeout_s: float = CALL_TIMEOUT_S
     _unkept: set[str] = field(default_factory=set)  # Robots that have a job but no journal for it.
+    # Those that would take the command when they were asked to check it.
+    _answering: set[str] = field(default_factory=set)
+    _may_be_written: bool = False
     _id: str = field(default_factory=lambda: secrets.token_hex(ID_BYTES))
 
     async def carry_out(self, stamp: int) -> Acknowledged:
@@ -110,15 +115,21 @@ class OperatorCall:
         return Acknowledged(latest["state"], tuple(sorted(keepers)), tuple(sorted(silent)))
 
     def _shortage(self, keepers: Collection[str]) -> str:
-        listed = ", ".join(sorted(keepers)) or "nobody"
-        silent = sorted({*self.team, *self.needs, *self.robots()} - {*keepers} - self._unkept)
-        text = (
-            f"it is in the journals of {len(keepers)} robots ({listed}), and {self.wanted} were "
-            "asked for"
-        )
+        """Which robots have it, and of each other one why it does not count."""
+        heard = {*self.team, *self.needs, *self.robots()}
+        if not self._may_be_written:
+            listed = _listed(self._answering)
+            text = f"nothing was written: {listed} would take it, and {self.wanted} are needed"
+        else:
+            text = f"it is in the journals of {_listed(keepers)}, and {self.wanted} were asked for"
+            late = self._answering - {*keepers} - self._unkept
+            if late:
+                names, verb = ", ".join(sorted(late)), "have" if len(late) > 1 else "has"
+                text += f"; {names} {verb} not said that it is on disk (is one full?)"
         if self._unkept:
             names, many = ", ".join(sorted(self._unkept)), len(self._unkept) > 1
             text += f"; {names} {'keep' if many else 'keeps'} none, for lack of --run-dir"
+        silent = sorted(heard - {*keepers} - self._unkept - self._answering)
         return f"{text}; {_not_answered(silent)}" if silent else text
 
     def _are_enough(self, robots: Collection[str]) -> bool:
@@ -160,6 +171,7 @@ class OperatorCall:
         ask_at_s: dict[str, float] = {}
         later: list[int] = []
         news = anyio.Event()
+        self._may_be_written = self._may_be_written or step is CommandStep.WRITE
         needs_journal = step is CommandStep.WRITE and entry.parts[0] in JOB_KINDS
 
         async def ask(robot: str) -> None:
@@ -178,6 +190,7 @@ class OperatorCall:
                 self._unkept.add(robot)
             else:
                 takers[robot] = answer
+                self._answering.add(robot)
                 refused.pop(robot, None)
             news.set()
 
@@ -256,6 +269,12 @@ def _is_final(refusal: dict[str, Any], step: CommandStep) -> bool:
 
 def _not_answered(robots: Sequence[str]) -> str:
     return f"{', '.join(robots)} {'has' if len(robots) == 1 else 'have'} not answered"
+
+
+def _listed(robots: Collection[str]) -> str:
+    """`2 robots (A, B)`."""
+    count = "1 robot" if len(robots) == 1 else f"{len(robots)} robots"
+    return f"{count} ({', '.join(sorted(robots)) or 'nobody'})"
 
 
 def _checked(answer: dict[str, Any] | None) -> dict[str, Any] | None:

@@ -142,13 +142,13 @@ class RobotProgram:
         self._functions = ProgramFunctions()
 
     @overload
-    def local_task(self, target: str) -> RegisterTask: ...
+    def local_task(self, target: str | None = None) -> RegisterTask: ...
     @overload
     def local_task(self, target: _Task) -> _Task: ...
     @overload
     def local_task(self, target: _TaskType) -> _TaskType: ...
 
-    def local_task(self, target: Any) -> Any:
+    def local_task(self, target: Any = None) -> Any:
         """Register an async function for a local task, or a class with `async def run(self, ...)`.
 
             @robot.local_task
@@ -167,11 +167,11 @@ class RobotProgram:
         return _decorated(target, register)
 
     @overload
-    def bid(self, target: str) -> Callable[[_Bid], _Bid]: ...
+    def bid(self, target: str | None = None) -> Callable[[_Bid], _Bid]: ...
     @overload
     def bid(self, target: _Bid) -> _Bid: ...
 
-    def bid(self, target: Any) -> Any:
+    def bid(self, target: Any = None) -> Any:
         """Register a function, async or not, for this robot's performance in a local task.
 
         It is called once per activation where the mission has `performance: bid`, also while the
@@ -333,7 +333,11 @@ def functions_of(program: RobotProgram) -> ProgramFunctions:
 
 
 def _decorated(target: Any, register: Callable[[str, Any], object]) -> Any:
-    """Both forms of a decorator: `@decorate("name")`, and `@decorate` with the function's name."""
+    """All forms of a decorator: `@decorate("name")`, and with the function's name `@decorate` and
+    `@decorate()`.
+    """
+    if target is None:
+        return partial(_decorated, register=register)
     if not isinstance(target, str):
         register(getattr(target, "__name__", repr(target)), target)
         return target

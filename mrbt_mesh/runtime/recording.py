@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,20 +21,29 @@ from mrbt_mesh.recording.recorder import Recorder
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.recording.writer import RecordingWriter
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.process_identity import clock_id
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.version import __version__
 
+DISK_TROUBLES = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO)
 _Recorder = TypeVar("_Recorder", bound=Recorder)
 
 
 class GuardedRecorder(Generic[_Recorder]):
     """A recorder that a full disk ends; `report` gets the reason.
 
-    `recorder`: None once it has ended so.
+    `recorder`: None once it has ended so, or if it could not begin; then `why_not_begun` is the
+    reason.
     """
 
-    def __init__(self, recorder: _Recorder, report: Callable[[str], None]) -> None:
-        self.recorder: _Recorder | None = recorder
+    def __init__(
+        self,
+        recorder: _Recorder | None,
+        report: Callable[[str], None],
+        why_not_begun: str = "",
+    ) -> None:
+        self.recorder = recorder
+        self.why_not_begun = why_not_begun
         self._report = report
 
     def do(self, step: Callable[[_Recorder], None]) -> None:
@@ -58,9 +68,10 @@ def robot_recording(
     view: AgentView,
     ended: Callable[[str], None],
 ) -> GuardedRecorder[RobotRecorder] | None:
-    """Begin to record a robot, before its first step; raises InputError if that cannot be.
+    """Begin to record a robot, before its first step; raises InputError for a file that cannot be.
 
-    `ended` gets the reason if it cannot go on.
+    `ended` gets the reason if it cannot go on. A disk that is full, or cannot be written for now,
+    keeps no robot from its work.
     """
     path, beats = options.record, options.record_beats
     if path is None:
@@ -78,14 +89,17 @@ def robot_recording(
         writer = RecordingWriter(path, metadata, options.keep_bytes, beats=beats, keys=config.keys)
         recorder = RobotRecorder(writer, view, boottime_us(), beats=beats)
     except OSError as error:
-        raise InputError(cannot_record(path, error)) from None
+        if error.errno not in DISK_TROUBLES:
+            raise InputError(cannot_record(path, error)) from None
+        return GuardedRecorder(None, ended, error.strerror or str(error))
     return GuardedRecorder(recorder, ended)
 
 
 def metadata_of(mission: Mission, robot: str, run: str, timing: Timing) -> RunMetadata:
     """The metadata of a recording that begins now."""
     epoch_ns = time.time_ns() - boottime_us() * 1_000
-    return RunMetadata.of(mission, robot, run, timing, epoch_ns, __version__)
+    metadata = RunMetadata.of(mission, robot, run, timing, epoch_ns, __version__)
+    return replace(metadata, clock=clock_id())
 
 
 def cannot_record(path: Path, error: OSError) -> str:

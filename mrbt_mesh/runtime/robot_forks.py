@@ -18,7 +18,6 @@ from typing import Any
 
 import psutil
 
-from mrbt_mesh.runtime.private_files import private_opener
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 
 # Elsewhere a fork without an exec may break what the system's libraries keep.
@@ -72,7 +71,7 @@ class RobotForks:
         self._robots: dict[int, ForkedRobot] = {}
         self._started: dict[str, ForkedRobot] = {}
         command = [sys.executable, "-m", "mrbt_mesh.cli.fork_server", str(run_dir.path)]
-        with open(run_dir.fork_server_output_path, "ab", opener=private_opener) as output:
+        with run_dir.opened_output(run_dir.fork_server_output_path) as output:
             # In a session of its own: the keys of the terminal are for the launcher.
             self._server = subprocess.Popen(
                 [*command, *(["arrays"] if arrays else [])],

@@ -92,6 +92,8 @@ def robot_setup(
     functions_of(program).check_computer()
     expected = _expected(options, mission)
     address = on_network(mission, options, robot)
+    if address.transport.misses_ipv6():
+        logger.warning("no_ipv6", listens=address.transport.where())
     keys, manifest = keys_of(address.keys, robot)
     if keys is None:
         logger.warning("not_secure", reason="messages are not signed")
@@ -180,9 +182,11 @@ def open_journal(
 def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> str:
     """Make this process the robot of the run directory; raises InputError if one runs.
 
-    Returns why this could not be written down there: empty if it was.
+    Returns why this could not be written down there: empty if it was. A robot with a directory of
+    its own goes on then. In that of a run no command would find it, and it would outlive its team:
+    InputError.
     """
-    run_dir.mkdir(parents=True, exist_ok=True)
+    run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = RunDir(run_dir)
     running = found.process(robot)
     # In a container that was started again, the last life may have had this very pid.
@@ -194,7 +198,13 @@ def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> str:
     try:
         found.write_process(robot)
     except OSError as error:
-        return error.strerror or str(error)
+        why = error.strerror or str(error)
+        if found.has_run:
+            raise InputError(
+                f"robot {robot} does not start: {run_dir / robot}.process cannot be written: "
+                f"{why}; make room on its disk, or have it mounted for writing"
+            ) from error
+        return why
     return ""
 
 

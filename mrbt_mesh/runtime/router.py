@@ -25,6 +25,7 @@ from mrbt_mesh.runtime.session_config import (
     common_settings,
     open_session,
     tls_settings,
+    without_ipv6,
     zenoh_config,
 )
 from mrbt_mesh.runtime.settings import ENCRYPTED, PROTOCOLS
@@ -86,7 +87,7 @@ def router_settings(config: RouterConfig) -> dict[str, Any]:
     protocols = {endpoint.partition("/")[0] for endpoint in (*config.listen, *config.connect)}
     settings: dict[str, Any] = {
         "mode": "router",
-        "listen/endpoints": list(config.listen),
+        "listen/endpoints": without_ipv6(config.listen),
         "connect/endpoints": list(config.connect),
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,

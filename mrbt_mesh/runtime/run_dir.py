@@ -3,11 +3,11 @@
 run.json            how the run was started (RunInfo)
 mission.json        the compiled mission
 revision.json       the last revision of it that was taken up
-launcher.lock       locked by the process that launched the robots, as long as it lives, with its
-                    pid and start time
+launcher.lock       locked by the process that launched the robots, as long as it lives; which
+                    one that is
 keys/               the keys of all members (see `key_folder`)
-<robot>.process     pid and start time of the robot's process, written by itself; its
-                    modification time is the last sign of life
+<robot>.process     which process is the robot's (see `process_identity`), written by itself;
+                    its modification time is the last sign of life
 <robot>.blocked     what blocks its event loop, while it does
 <robot>.died        why its process ended, where it could still write that
 <robot>.log         its log, JSON lines; <robot>.out: what it printed. What is too long becomes
@@ -33,19 +33,20 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, TYPE_CHECKING, Any
 
-import psutil
-
-from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
-from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.recording.folder import FOLDER as RECORDINGS
-from mrbt_mesh.recording.messages import pack_death, unpack_death
 from mrbt_mesh.runtime.private_files import check_folder, private_opener
+from mrbt_mesh.runtime.process_identity import clock_id, identity_of_this_process, process_in
 from mrbt_mesh.runtime.robot_options import RobotOptions
+
+if TYPE_CHECKING:  # short commands need none of it
+    import psutil
+
+    from mrbt_mesh.core.facts.store import Incarnation
+    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"
@@ -130,25 +131,39 @@ def write_atomically(path: Path, text: str) -> None:
         raise
 
 
+def _overwrite(path: Path, text: str) -> bool:
+    """Write into a file that is there, in its place; whether that was possible.
+
+    Blanks at the end of JSON mean nothing.
+    """
+    data = text.encode()
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_NOFOLLOW)
+        try:
+            data = data.ljust(os.fstat(descriptor).st_size)
+            return os.write(descriptor, data) == len(data)
+        finally:
+            os.close(descriptor)
+    except OSError:
+        return False
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        write_atomically(path, text)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError, what: str = "written") -> RunDirError:
+    return RunDirError(
+        f"{path} cannot be {what}: {error.strerror or error}; nothing is lost: make room on its "
+        "disk, or have it mounted for writing, and give the command again"
+    )
+
+
 def _summary_text(summary: Mapping[str, Any]) -> str:
     return json.dumps(summary, indent=2) + "\n"
-
-
-def identity_of_this_process() -> str:
-    """The pid and start time of this process, for `process_in`."""
-    started_s = psutil.Process().create_time()
-    return json.dumps({"pid": os.getpid(), "started_unix_s": started_s})
-
-
-def process_in(path: Path) -> psutil.Process | None:
-    """The process with the identity in a file, if it runs; another one with its pid is none."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        process = psutil.Process(data["pid"])
-        same = abs(process.create_time() - data["started_unix_s"]) < 1
-        return process if same and process.status() != psutil.STATUS_ZOMBIE else None
-    except (OSError, ValueError, KeyError, psutil.Error):
-        return None
 
 
 class RunDir:
@@ -169,13 +184,14 @@ class RunDir:
 
     def save_revision(self, mission: Mission) -> None:
         """Robots start with this revision from now on. Raises RunDirError."""
-        try:
-            write_atomically(self.path / REVISION_FILE, compile_mission(mission))
-        except OSError as error:
-            raise RunDirError(f"cannot write the run directory: {error}") from error
+        from mrbt_mesh.core.mission.compiled import compile_mission
+
+        _write(self.path / REVISION_FILE, compile_mission(mission))
 
     def is_run_of(self, mission: Mission) -> bool:
         """Whether the mission is the one that it began with, or the one that is in force."""
+        from mrbt_mesh.core.mission.compiled import mission_from_compiled
+
         paths = self.mission_path, self.path / MISSION_FILE
         known = (
             mission_from_compiled(path.read_text(encoding="utf-8"), str(path)) for path in paths
@@ -197,15 +213,27 @@ class RunDir:
         check_folder(path, "the run directory")
         check_folder(path / KEYS_FOLDER, "the folder of keys")
         check_folder(path / RECORDINGS, "the folder of recordings")
+        run_dir = cls(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.mkdir(exist_ok=True, mode=0o700)
             write_atomically(path / MISSION_FILE, compiled_mission)
-            run_dir = cls(path)
             run_dir.save(info)
         except OSError as error:
+            run_dir.discard()
             raise RunDirError(f"cannot write the run directory: {error}") from error
+        except RunDirError:
+            run_dir.discard()
+            raise
         return run_dir
+
+    def discard(self) -> None:
+        """Take back a run that `create` has made and of which no robot was started."""
+        made = self.path / RUN_FILE, self.path / MISSION_FILE, self.metrics_targets_path
+        with contextlib.suppress(OSError):
+            for path in made:
+                path.unlink(missing_ok=True)
+            self.path.rmdir()  # if nothing else is in it
 
     @classmethod
     def of(cls, path: Path) -> RunDir:
@@ -216,15 +244,15 @@ class RunDir:
         return cls(path)
 
     def save(self, info: RunInfo) -> None:
-        """Write run.json, and where metrics are served."""
-        write_atomically(self.path / RUN_FILE, json.dumps(asdict(info), indent=2))
+        """Write run.json, and where metrics are served. Raises RunDirError."""
+        _write(self.path / RUN_FILE, json.dumps(asdict(info), indent=2))
         if info.metrics_ports:
             labels = {"mission": info.mission_name, "run": info.run}
             targets = [
                 {"targets": [f"127.0.0.1:{port}"], "labels": labels | {"robot": robot}}
                 for robot, port in info.metrics_ports.items()
             ]
-            write_atomically(self.metrics_targets_path, json.dumps(targets, indent=2) + "\n")
+            _write(self.metrics_targets_path, json.dumps(targets, indent=2) + "\n")
 
     def info(self) -> RunInfo:
         """Read run.json; raises RunDirError if it is damaged."""
@@ -242,6 +270,13 @@ class RunDir:
             return RunInfo(**data | found | {"places": places})
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
+
+    def opened_output(self, path: Path) -> IO[bytes]:
+        """A file for what a process prints. Raises RunDirError."""
+        try:
+            return open(path, "ab", opener=private_opener)
+        except OSError as error:
+            raise _unwritable(path, error) from error
 
     def output_path(self, robot: str) -> Path:
         """What a robot printed."""
@@ -266,14 +301,32 @@ class RunDir:
     # -- processes ------------------------------------------------------------------------
 
     def write_process(self, robot: str) -> None:
-        """Called by a robot's process at its start."""
+        """Called by a robot's process at its start. Raises OSError."""
         self._last_words(robot).unlink(missing_ok=True)
-        write_atomically(self.path / f"{robot}.process", identity_of_this_process())
+        path, identity = self.path / f"{robot}.process", identity_of_this_process()
+        try:
+            write_atomically(path, identity)
+        except OSError:
+            # On a full disk the file of an earlier life still has its place.
+            if not _overwrite(path, identity):
+                raise
 
     def mark_alive(self, robot: str) -> None:
-        """Called about once a second by a robot whose event loop turns, for health checks."""
+        """Called about once a second by a robot whose event loop turns, for health checks.
+
+        Where its process file could not be written, or is gone, it is written now.
+        """
+        path = self.path / f"{robot}.process"
         with contextlib.suppress(OSError):
-            os.utime(self.path / f"{robot}.process")
+            try:
+                os.utime(path)
+            except FileNotFoundError:
+                write_atomically(path, identity_of_this_process())
+
+    @property
+    def has_run(self) -> bool:
+        """Whether it is a run's, whose commands find its robots by their files here."""
+        return (self.path / RUN_FILE).is_file()
 
     def write_blocked(self, robot: str, text: str) -> None:
         """What blocks the robot's event loop now; empty: nothing does."""
@@ -333,16 +386,23 @@ class RunDir:
 
     def write_deaths(self, deaths: Sequence[MajorFault], now_us: int) -> None:
         """Called by the launcher of the robots, whose times of their deaths count."""
+        from mrbt_mesh.recording.messages import pack_death
+
         rows = [pack_death(fault, now_us) for fault in deaths if not fault.is_older]
-        text = json.dumps({"written_unix_s": time.time(), "deaths": rows})
+        written = {"written_unix_s": time.time(), "clock": clock_id(), "written_us": now_us}
+        text = json.dumps(written | {"deaths": rows})
         with contextlib.suppress(OSError):
             write_atomically(self.path / DEATHS_FILE, text)
 
     def deaths(self, now_us: int) -> list[tuple[str, Incarnation, DeathTimes]]:
         """What was written last, on this machine's clock; empty if nothing was."""
+        from mrbt_mesh.recording.messages import unpack_death
+
         try:
             data = json.loads((self.path / DEATHS_FILE).read_text(encoding="utf-8"))
             written_us = now_us - round((time.time() - data["written_unix_s"]) * 1e6)
+            if data.get("clock") and data["clock"] == clock_id():
+                written_us = int(data["written_us"])
             return [unpack_death(row, written_us) for row in data["deaths"]]
         except (OSError, ValueError, KeyError, TypeError):
             return []
@@ -359,14 +419,13 @@ class RunDir:
         return []
 
     def summary(self) -> dict[str, Any] | None:
-        """The summary of a run that has ended, else None; not that of the run which it resumes."""
-        path = self.path / SUMMARY_FILE
+        """The summary of a run that has ended, else None."""
         try:
-            data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            is_of_now = path.stat().st_mtime >= self.info().started_unix_s
+            text = (self.path / SUMMARY_FILE).read_text(encoding="utf-8")
+            data: dict[str, Any] = json.loads(text)
         except (OSError, ValueError):
             return None
-        return data if is_of_now else None
+        return data
 
     def write_first_summary(self, summary: Mapping[str, Any]) -> bool:
         """Write summary.json unless there is one of this run; whether it was written.
@@ -376,16 +435,16 @@ class RunDir:
         path = self.path / SUMMARY_FILE
         temporary = path.with_name(f".{path.name}.{os.getpid()}.first")
         try:
-            write_atomically(temporary, _summary_text(summary))
+            _write(temporary, _summary_text(summary))
             # Some sticks and network disks have no links: there the file is put in place at once.
             with contextlib.suppress(OSError):
                 os.link(temporary, path)
                 return True
             if self.summary() is not None:
                 return False
-            temporary.replace(path)  # that of the run which it resumes
+            temporary.replace(path)  # a damaged one may be there
         except OSError as error:
-            raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error
+            raise _unwritable(path, error) from error
         finally:
             temporary.unlink(missing_ok=True)
         return True
@@ -396,13 +455,8 @@ class RunDir:
             try:
                 (self.path / name).unlink(missing_ok=True)
             except OSError as error:
-                text = f"{self.path / name} cannot be removed: {error.strerror or error}"
-                raise RunDirError(text) from error
+                raise _unwritable(self.path / name, error, "removed") from error
 
     def write_summary(self, summary: Mapping[str, Any]) -> None:
         """Write summary.json; raises RunDirError."""
-        path = self.path / SUMMARY_FILE
-        try:
-            write_atomically(path, _summary_text(summary))
-        except OSError as error:
-            raise RunDirError(f"{path} cannot be written: {error.strerror or error}") from error
+        _write(self.path / SUMMARY_FILE, _summary_text(summary))

@@ -13,7 +13,7 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,7 @@ from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import ENCRYPTED, PROTOCOLS, WIRED, default_protocol
 
+NO_IPV6 = "this machine has no IPv6"
 # Discover others on all interfaces that can.
 AUTO = "auto"
 _INTERNET = (socket.AF_INET, socket.AF_INET6)
@@ -99,7 +100,18 @@ class TransportConfig:
             there = ", ".join(sorted(set(psutil.net_if_addrs()) - {"lo"})) or "lo alone"
             parts.append(f"multicast of {self.multicast_interface} ({there})")
         parts += [f"{name} {', '.join(ends)}" for name, ends in self._named_ends() if ends]
+        parts += [NO_IPV6] if self.misses_ipv6() else []
         return "; ".join(parts)
+
+    def misses_ipv6(self) -> bool:
+        """Whether it listens on all addresses of a machine that has those of IPv4 alone."""
+        return any(map(_is_any, self.listens_on())) and not has_ipv6()
+
+    def listens_on(self) -> tuple[str, ...]:
+        """The endpoints, also where none is given."""
+        if self.listen or self.multicast_interface is None:
+            return self.listen
+        return (f"{self.protocols[0]}/[::]:0",)
 
     def _named_ends(self) -> list[tuple[str, tuple[str, ...]]]:
         return [("listening on", self.listen), ("dialling", self.connect)]
@@ -128,6 +140,27 @@ class TransportConfig:
                 f"links over {encrypted[0]} need the team's keys: make them with `mrbt keys init`, "
                 "and give every robot its own with --keys"
             )
+
+
+def has_ipv6() -> bool:
+    """Whether this machine can listen on all addresses of IPv6; some kernels have none."""
+    try:
+        with socket.socket(socket.AF_INET6) as probe:
+            probe.bind(("::", 0))
+    except OSError:
+        return False
+    return True
+
+
+def without_ipv6(endpoints: Sequence[str]) -> list[str]:
+    """Endpoints to listen on; without IPv6 `[::]`, all addresses, is `0.0.0.0`."""
+    if not any(map(_is_any, endpoints)) or has_ipv6():
+        return list(endpoints)
+    return [each.replace("/[::]:", "/0.0.0.0:") for each in endpoints]
+
+
+def _is_any(endpoint: str) -> bool:
+    return "/[::]:" in endpoint
 
 
 def own_addresses() -> dict[str, list[str]]:
@@ -212,10 +245,7 @@ def session_config(config: TransportConfig) -> zenoh.Config:
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/unicast/accept_timeout": LEASE_MS,
     }
-    listen = list(config.listen)
-    if not listen and config.multicast_interface is not None:
-        listen = [f"{config.protocols[0]}/[::]:0"]
-    settings["listen/endpoints"] = listen
+    settings["listen/endpoints"] = without_ipv6(config.listens_on())
     if config.routers:
         settings |= _client_settings(config)
     if config.certificates is not None:

@@ -207,7 +207,8 @@ class AgentPort:
         return self.local_conditions.get(name, self._own.value(name))
 
     def report_progress(self, fraction: float) -> None:
-        if isinstance(fraction, bool) or not isinstance(fraction, Real) or fraction != fraction:
+        is_number = isinstance(fraction, Real) and not isinstance(fraction, bool)
+        if not is_number or fraction != fraction or abs(fraction) == math.inf:
             raise ValueError(f"progress is a number from 0 to 1, not {shown(fraction)}")
         if self._ticket is not None:
             percent = round(max(0.0, min(1.0, float(fraction))) * 100)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import secrets
 import signal
 import time
@@ -140,6 +141,7 @@ def address_of(run_dir: RunDir) -> TeamAddress:
         observer_transport(run_dir, info),
         run_dir,
         keys=None if info.options.insecure else run_dir.keys_path,
+        speed=info.options.speed,
     )
 
 
@@ -163,6 +165,8 @@ class Team:
         self.processes: dict[str, StartedRobot] = {}
         self._forks: RobotForks | None = None
         self._started_ns = 0
+        # Robot -> the size of its output before it was started from here.
+        self._printed_before: dict[str, int] = {}
 
     async def start(
         self, robot: str, *, robot_type: str | None = None, takeover: bool = False
@@ -181,6 +185,8 @@ class Team:
             self.processes |= await self._fork({robot: arguments})
         else:
             command = agent_command(self.info, robot, arguments)
+            with contextlib.suppress(OSError):
+                self._printed_before[robot] = self.run_dir.output_path(robot).stat().st_size
             started = await start_robot(self.run_dir, robot, command, self.environment)
             self.processes[robot] = started
         return self.processes[robot]
@@ -286,12 +292,25 @@ class Team:
                 path, said = self.run_dir.output_path(robot), ""
                 with contextlib.suppress(OSError):
                     said = path.read_text(encoding="utf-8", errors="replace").strip()
-                found.append(
-                    said
-                    or f"error: {robot} ended with status {REFUSED} and could not write why to "
-                    f"{path}: is its disk full?"
-                )
+                found.append(said or f"error: {self._wordless(robot, REFUSED)}")
         return found
+
+    def _wordless(self, robot: str, status: int) -> str:
+        path = self.run_dir.output_path(robot)
+        return (
+            f"{robot} ended with status {status} and could not write why to {path}: "
+            "is its disk full?"
+        )
+
+    def last_word(self, robot: str, status: int) -> str:
+        """The last line that a robot printed which was started from here and has ended."""
+        said = ""
+        with contextlib.suppress(OSError), self.run_dir.output_path(robot).open("rb") as file:
+            # What is before is of earlier lives, unless the file was begun anew.
+            before = self._printed_before.get(robot, 0)
+            file.seek(before if file.seek(0, os.SEEK_END) >= before else 0)
+            said = file.read().decode(errors="replace").strip().rpartition("\n")[2]
+        return said or self._wordless(robot, status)
 
     def _settle(self) -> None:
         """Take in the exit statuses of robots that have ended."""

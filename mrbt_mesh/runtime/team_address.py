@@ -28,7 +28,8 @@ class TeamAddress:
     """All that a robot or an observer must know to be heard by a team, and to hear it.
 
     `run_dir`: where the robots' processes are found, if they are of this machine. `keys`: the
-    folder with one's key and the team's manifest; None: messages are not signed.
+    folder with one's key and the team's manifest; None: messages are not signed. `speed`: how many
+    times faster than the mission says its simulated robots work, as far as that is known.
     """
 
     mission: Mission
@@ -37,6 +38,7 @@ class TeamAddress:
     transport: TransportConfig
     run_dir: RunDir | None = None
     keys: Path | None = None
+    speed: float = 1.0
 
 
 def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> TeamAddress:

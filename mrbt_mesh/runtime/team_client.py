@@ -10,8 +10,9 @@ from __future__ import annotations
 import getpass
 import json
 import os
+import re
 import secrets
-from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -21,7 +22,6 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.core.agent.operator_desk import INVALID, UNKNOWN, command_version
-from mrbt_mesh.core.agent.wall_clock import earlier_median
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import (
@@ -39,16 +39,23 @@ from mrbt_mesh.core.facts.records import (
     Hold,
     Loan,
 )
-from mrbt_mesh.core.facts.values import MAX_TEXT
-from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.facts.values import (
+    MAX_STAMP,
+    MAX_TEXT,
+    printable,
+)
+from mrbt_mesh.core.membership.timing import SECOND_US, earlier_median
+from mrbt_mesh.core.mission.blackboard import is_argument
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType
-from mrbt_mesh.core.mission.names import is_job_id
-from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
+from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, is_job_id
+from mrbt_mesh.core.observer.job_rows import JobRow, JobRows, why_over
 from mrbt_mesh.errors import InputError, lone, nearest
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run, is_running
+from mrbt_mesh.runtime.local_time import moment_of
 from mrbt_mesh.runtime.operator_call import (
     CALL_TIMEOUT_S,
+    NOT_HEARD,
     REST_S,
     Acknowledged,
     CommandRefusedError,
@@ -62,6 +69,8 @@ CONNECT_TIMEOUT_S = 10.0
 CLOCKS_TIMEOUT_S = 10.0
 # What a fact can hold of a Unix time, far after any that robots take.
 MAX_UNIX_US = 1 << 53
+# The numbers of a job's place, and its id.
+CURSOR_PATTERN = rf"-?[0-9]{{1,16}}(\.-?[0-9]{{1,16}}){{1,2}}~{ARGUMENT_PATTERN}"
 NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
 ASK_AGAIN_S = 0.01
 # Change of a job -> its field and value.
@@ -117,13 +126,41 @@ class TeamClient:
     @property
     def jobs(self) -> list[JobRow]:
         """All jobs that are known: open ones in their order, then those that have ended."""
-        observer = self.watcher.observer
-        return self._rows.update(observer.facts, observer.plan, observer.membership.members())
+        return self._rows.of(self.watcher.observer)
+
+    def job(self, job_id: str) -> JobRow | None:
+        """One job, also one that ended long ago; None: no such job is known."""
+        row = next((row for row in self.jobs if row.id == job_id), None)
+        jobs = self.watcher.observer.facts.jobs
+        if row is not None or jobs is None or not jobs.is_archived(job_id):
+            return row
+        end = jobs.archived_end(job_id)
+        what = "only that is" if end is not None else "how is not"
+        why = f"it ended long ago, and {what} kept"
+        return JobRow(job_id, "", {}, str(end or "ended"), why, 0, (), "")
+
+    def cursor_of(self, row: JobRow) -> str:
+        """A text for the place of one of the `jobs`, which any client of this team understands."""
+        numbers, name = self._rows.place(row.id)
+        return f"{'.'.join(map(str, numbers))}~{name}"
+
+    def jobs_after(self, cursor: str) -> list[JobRow]:
+        """Those of the `jobs` after this place; raises ValueError for what is none."""
+        if re.fullmatch(CURSOR_PATTERN, cursor, re.ASCII) is None:
+            raise ValueError("this is no cursor")
+        numbers, _, name = cursor.partition("~")
+        after = tuple(map(int, numbers.split("."))), name
+        return [row for row in self.jobs if self._rows.place(row.id) > after]
 
     @property
     def robots(self) -> list[str]:
         """The robots of the team that are alive, sorted."""
         return sorted(self.watcher.observer.membership.members())
+
+    def require_robots(self) -> None:
+        """Raises CommandRefusedError unless a robot is heard, for those that will not wait."""
+        if not self.robots:
+            raise CommandRefusedError("no robot of the team is heard", NOT_HEARD)
 
     def arguments_of(self, kind: str, values: Mapping[str, Any]) -> list[str]:
         """The arguments of a job in order, of texts and whole numbers by the parameters' names.
@@ -141,6 +178,8 @@ class TeamClient:
         for name in names:
             if isinstance(values[name], bool) or not isinstance(values[name], str | int):
                 raise JobRefusedError(f"{name} is a text or a whole number")
+            if isinstance(values[name], int) and abs(values[name]) > MAX_STAMP:
+                raise JobRefusedError(f"{name}: the number has too many digits")
         return [str(values[name]) for name in names]
 
     async def submit(
@@ -162,27 +201,20 @@ class TeamClient:
         `operator`: who submits it; empty: the user who runs this program. Raises JobRefusedError,
         also if the id is another job's, TimeoutError if too few robots answer.
         """
-        mission = self.watcher.observer.mission
-        count = len(mission.robots)
-        if safe is not None and not 1 <= safe <= count:
-            raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
-        name = job_id or _new_id()
-        if kind not in self._job_types():
-            known = ", ".join(sorted(mission.jobs))
-            raise JobRefusedError(f"no job type {kind!r:.80}; there is {known}")
-        if not is_job_id(name):
-            text = f"{name!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -"
-            raise JobRefusedError(text)
-        usual = mission.jobs[kind]
+        name = job_id or new_job_id()
+        usual = self.check_job(kind, arguments, name, priority, safe)
         found = usual.priority if priority is None else priority
-        _check_priority(found)
         content = [kind, *arguments], found, _as_given(not_before), _as_given(deadline)
-        not_before_us = 0 if not_before is None else await self._unix_us(not_before)
+        not_before_us = 0
+        if not_before is not None:
+            not_before_us = await self._unix_us(not_before, "not_before")
         if deadline is None and usual.deadline_us is not None:
-            now_us = await self._unix_us(timedelta())
+            now_us = await self._unix_us(timedelta(), "deadline")
             deadline_us = max(now_us, not_before_us) + usual.deadline_us
         else:
-            deadline_us = 0 if deadline is None else await self._unix_us(deadline)
+            deadline_us = 0
+            if deadline is not None:
+                deadline_us = await self._unix_us(deadline, "deadline")
         for field, given, unix_us in (
             ("not_before", not_before, not_before_us),
             ("deadline", deadline, deadline_us),
@@ -196,6 +228,32 @@ class TeamClient:
         done = await self._command_job(JOB, name, values, operator, safe)
         return JobHandle(name, done.state["state"], self)
 
+    def check_job(
+        self,
+        kind: str,
+        arguments: Sequence[str],
+        job_id: str,
+        priority: int | None,
+        safe: int | None,
+    ) -> JobType:
+        """The type of a job; raises JobRefusedError for what any robot would refuse."""
+        mission = self.watcher.observer.mission
+        count = len(mission.robots)
+        if safe is not None and not 1 <= safe <= count:
+            raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
+        if kind not in self._job_types():
+            known = ", ".join(sorted(mission.jobs))
+            raise JobRefusedError(f"no job type {kind!r:.80}; there is {known}")
+        if not is_job_id(job_id):
+            text = f"{job_id!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -, not . or .."
+            raise JobRefusedError(text)
+        found = mission.jobs[kind]
+        if not all(map(is_argument, arguments)) and (problem := found.problem(arguments)):
+            raise JobRefusedError(problem)  # robots say it of other values, by their own mission
+        if priority is not None:
+            _check_priority(priority)
+        return found
+
     async def change(
         self, job_id: str, change: str, priority: int | None = None, operator: str = ""
     ) -> dict[str, Any]:
@@ -204,6 +262,8 @@ class TeamClient:
 
         Returns once a majority has it in their journals. Raises as `submit`.
         """
+        if not is_job_id(job_id):
+            raise JobRefusedError(f"no job {job_id!r:.80} is known", UNKNOWN)
         if change == "priority":
             _check_priority(priority)
             return (await self._command_job(JOB_PRIORITY, job_id, priority, operator)).state
@@ -281,15 +341,20 @@ class TeamClient:
         while True:
             news = self._news
             facts = self.watcher.observer.facts
-            if facts.jobs is not None and facts.jobs.has_ended(job_id):
-                ended_long_ago = _ended_long_ago(job_id)
-                return next((row for row in self.jobs if row.id == job_id), ended_long_ago)
+            is_over = bool(why_over(self.watcher.observer))
+            if facts.jobs is not None and (is_over or facts.jobs.has_ended(job_id)):
+                found = self.job(job_id)
+                if found is not None:
+                    return found
             await news.wait()
 
-    async def _unix_us(self, when: datetime | timedelta) -> int:
-        """A time, or how long from now, as a Unix time in microseconds."""
+    async def _unix_us(self, when: datetime | timedelta, field: str) -> int:
+        """A time, or how long from now, as a Unix time in microseconds; `field`: what it is of."""
         if isinstance(when, datetime):
-            return round(when.timestamp() * SECOND_US)
+            try:
+                return round(moment_of(when).timestamp() * SECOND_US)
+            except ValueError as error:
+                raise JobRefusedError(f"{field}: {error}") from None
         with anyio.move_on_after(CLOCKS_TIMEOUT_S):
             while True:
                 offsets_us = self.watcher.observer.membership.clock_offsets_us()
@@ -336,9 +401,8 @@ class TeamClient:
         except CommandRefusedError as refusal:
             raise JobRefusedError(str(refusal), refusal.cause) from None
         except TimeoutError as error:
-            raise TimeoutError(
-                f"{job_id}: {error}: give the same command again, or ask for fewer"
-            ) from None
+            fewer = ", or ask for fewer journals (`safe`)" if field == JOB else ""
+            raise TimeoutError(f"{job_id}: {error}{fewer}") from None
         # A robot that did not know the job refused; one that has the change first need not know it.
         done.state.setdefault("state", "open")
         return done
@@ -365,7 +429,7 @@ class TeamClient:
         `is_checked`: robots may refuse it.
         """
         watcher, observer = self.watcher, self.watcher.observer
-        who, count = (operator or user_name())[:MAX_TEXT], len(observer.mission.robots)
+        who, count = printable(operator or user_name())[:MAX_TEXT], len(observer.mission.robots)
         try:
             watcher.make_command(name, value, who, command_version(0, ""))
         except ValueError as error:
@@ -382,7 +446,10 @@ class TeamClient:
             rest_s,
             CALL_TIMEOUT_S,
         )
-        return await call.carry_out(observer.facts.max_stamp + 1)
+        try:
+            return await call.carry_out(observer.facts.max_stamp + 1)
+        except TimeoutError as error:
+            raise TimeoutError(f"{error}: give the same command again") from None
 
 
 def _check_priority(priority: Any) -> None:
@@ -390,12 +457,6 @@ def _check_priority(priority: Any) -> None:
     if isinstance(priority, bool) or not isinstance(priority, int) or abs(priority) > MAX_PRIORITY:
         text = f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}"
         raise JobRefusedError(text)
-
-
-def _ended_long_ago(job_id: str) -> JobRow:
-    """A job of which only the hash of its id is kept."""
-    why = "it ended long ago, and how is not kept"
-    return JobRow(job_id, "", {}, "ended", why, 0, (), "")
 
 
 def _as_given(when: datetime | timedelta | None) -> str | None:
@@ -415,7 +476,8 @@ def user_name() -> str:
         return f"user {os.getuid()}"
 
 
-def _new_id() -> str:
+def new_job_id() -> str:
+    """An id that no other job has."""
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{secrets.token_hex(4)}"
 
 

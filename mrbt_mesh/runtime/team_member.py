@@ -29,6 +29,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.context import RobotContext
 from mrbt_mesh.runtime.driver import Driver, RobotSetup
+from mrbt_mesh.runtime.fencing import selector_of
 from mrbt_mesh.runtime.log import StandardLog
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
@@ -210,6 +211,7 @@ async def join_team(
         loop = asyncio.get_running_loop()
     except RuntimeError:
         raise InputError("join_team needs asyncio: no event loop of it runs here") from None
+    selector_of(loop)  # here, so that the error has no story of tasks that have begun
     driver = Driver(
         _setup(Path(fspath(mission)), robot, program, _checked(options or RobotOptions()))
     )

@@ -85,6 +85,7 @@ class Watcher:
             keys,
             LIVE_ENTRIES,
         )
+        self.observer.speed = address.speed
         recording = observer_recording(record, self.observer, address.run, keys)
         self._recordings = [recording] if recording is not None else []
         self.changed = anyio.Event()

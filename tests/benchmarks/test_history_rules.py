@@ -63,6 +63,7 @@ def history(
 HONEST = {
     "done": history(works=(work("R1", 2),)),
     "done, and long ago": history(works=(work("R1", 2),), final=LONG_AGO),
+    "in doubt, and long ago": history(final=LONG_AGO, faults=(CUT,)),
     "in doubt": history(works=(work("R1", 2, ""),), final="failed"),
     "cancelled": history(op(CANCEL, 2), final="cancelled"),
     "cancelled by a request without an answer": history(op(CANCEL, 2, UNKNOWN), final="cancelled"),
@@ -104,6 +105,8 @@ BROKEN = {
         history(final="succeeded"),
         history(final="cancelled"),
         history(final=LONG_AGO),
+        history(final=LONG_AGO, faults=(Fault("kill", "R1", 0.1, 0.2),)),
+        replace(history(final=LONG_AGO, faults=(CUT,)), exclusive=set()),
         history(op(CANCEL, 2, REFUSED), final="cancelled"),
         replace(HONEST["done"], final={"j": [read("succeeded"), read("failed")]}),
     ],

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from mrbt_mesh.cli import finished
 from mrbt_mesh.cli.finished import summary_of_finished
 from mrbt_mesh.cli.options import chosen_robots
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -41,7 +44,7 @@ def run_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDir:
 def begin(run_dir: RunDir, robot: str) -> Path:
     """A robot whose process has gone; the file that says when it lived last."""
     path = run_dir.path / f"{robot}.process"
-    path.write_text('{"pid": 1, "started_unix_s": 0}')
+    path.write_text('{"pid": 1, "started": ""}')
     return path
 
 
@@ -54,11 +57,52 @@ def test_a_run_that_nobody_watched_has_a_summary(run_dir: RunDir) -> None:
     assert found is not None
     assert (found["result"], found["ended_because"]) == ("blocked", "no robot is left")
     assert run_dir.summary() == found
-    before_s = run_dir.info().started_unix_s - 1
+    before_s = run_dir.info().started_unix_s - 3_600
     os.utime(run_dir.path / "summary.json", (before_s, before_s))
-    assert run_dir.summary() is None, "that of the run that this one resumes"
+    assert run_dir.summary() == found, "after a step of the clock"
+
+
+def test_an_end_that_was_told_too_late_is_not_that_of_what_goes_on(
+    run_dir: RunDir, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the summary is made the run is continued."""
+    begin(run_dir, "R1")
+    make = finished._summary
+
+    def made_slowly(of: RunDir) -> dict[str, Any]:
+        summary = make(of)
+        info = of.info()
+        of.save(replace(info, started_unix_s=info.started_unix_s + 1))
+        return summary
+
+    with monkeypatch.context() as slow:
+        slow.setattr(finished, "_summary", made_slowly)
+        assert summary_of_finished(run_dir) is None
+    assert run_dir.summary() is None
+    assert summary_of_finished(run_dir) is not None
+
+
+@pytest.mark.parametrize(
+    ("commands", "result", "because"),
+    [
+        ([], "blocked", "no robot is left"),
+        ([("mrbt down", "ended by anna")], "ended", "ended by anna"),
+        (
+            [("mrbt down", "ended by anna"), ("mrbt join", "R1 joined")],
+            "blocked",
+            "no robot is left",
+        ),
+    ],
+)
+def test_a_run_that_an_operator_has_ended_says_by_whom(
+    run_dir: RunDir, commands: list[tuple[str, str]], result: str, because: str
+) -> None:
+    begin(run_dir, "R1")
+    for by, what in commands:
+        note_command(run_dir, by, what)
     found = summary_of_finished(run_dir)
-    assert run_dir.summary() == found is not None
+    assert found is not None
+    assert (found["result"], found["ended_because"]) == (result, because)
 
 
 def test_a_run_ends_no_earlier_than_what_was_recorded_of_it(run_dir: RunDir) -> None:

@@ -8,7 +8,8 @@ import sys
 PROGRAM = """
 import click
 from mrbt_mesh.cli.command import end_process
-from mrbt_mesh.cli.terminal import console, lose_output_rather_than_end, note, print_json
+from mrbt_mesh.cli.streams import lose_output_rather_than_end
+from mrbt_mesh.cli.terminal import console, note, print_json
 lose_output_rather_than_end()
 for number in range(5_000):
     click.echo(f"line {number}")

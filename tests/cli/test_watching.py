@@ -40,3 +40,22 @@ def test_it_says_that_it_reads_a_large_recording(
     tell(cast(Any, None))
     assert "reading 3 MB of recordings" in capsys.readouterr().err
     assert told == [tmp_path, tmp_path]
+
+
+@pytest.mark.parametrize(
+    ("address", "public_url", "public"),
+    [
+        ("http://127.0.0.1:8080/", "", ""),
+        ("ws://127.0.0.1:8765", "https://robots.example", ""),
+        ("http://127.0.0.1:8080/", "https://robots.example", "https://robots.example/"),
+        (
+            "http://127.0.0.1:8080/run/a/#secret",
+            "https://robots.example/depot",
+            "https://robots.example/depot/run/a/#secret",
+        ),
+    ],
+)
+def test_the_address_of_a_proxy_has_the_path_and_the_token(
+    address: str, public_url: str, public: str
+) -> None:
+    assert watching.public_address(address, public_url) == public

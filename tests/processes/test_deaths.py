@@ -64,9 +64,10 @@ def test_all_views_show_the_same_times_of_a_death(team: Team) -> None:
     replayed = run_summary(player.observer.record, "success", player.end_us)
     (again,) = replayed["takeovers"]
     # The replay's run begins with the first robot that has joined, by another one's word if that
-    # came first: messages of a burst are taken in together.
-    assert again == takeover | {"at_s": pytest.approx(takeover["at_s"], abs=2 * BATCH_S)}
-    texts = [statement.text for statement in headline(player.observer, ())]
+    # came first: messages of a burst are taken in together, the later the busier the computer is.
+    later_s = abs(replayed["duration_s"] - summary["duration_s"]) + 2 * BATCH_S
+    assert again == takeover | {"at_s": pytest.approx(takeover["at_s"], abs=later_s)}
+    texts = [statement.text for statement in headline(player.observer, (), 0)]
     assert any(text.endswith(f"replaced by {replacement} after {taken}") for text in texts), texts
     view = TeamView(player.observer)
     view.update(player.end_us)

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import signal
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from tests.support.disks import fill, small_disk
+from tests.support.disks import fill, make_read_only, small_disk
 from tests.support.paths import ROOT, mission_file
 from tests.support.team import Team
 
-DISPENSE = mission_file("dispense")
+DISPENSE, EXPLORE = mission_file("dispense"), mission_file("explore")
 FULL = "journal cannot be written: No space left on device"
 NOT_RECORDED = "does not record: No space left on device"
 
@@ -60,6 +61,58 @@ def test_a_full_disk_stops_exclusive_work_alone_until_there_is_room(team: Team, 
     assert summary["takeovers"] == []
     assert set(doses_begun(team).values()) == {1}
     assert len(doses_begun(team)) == 2
+
+
+@pytest.mark.parametrize("trouble", ["full", "read-only"])
+def test_a_run_whose_disk_is_full_or_read_only_is_continued_later(
+    team: Team, disk: Path, trouble: str
+) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_event("explore")
+    team.kill_all()
+    team.end()
+    if trouble == "full":
+        fill(disk)
+    else:
+        make_read_only(disk)
+    run = ("--run-dir", str(disk))
+    refused = team.command("up", str(EXPLORE), "--continue", *run)
+    assert refused.returncode == 2
+    assert "run.json cannot be written: " in refused.stderr
+    joined = team.command("join", team.robots()[0], *run)
+    if trouble == "full":  # it works, without a recording
+        assert joined.returncode == 0, joined.stderr
+        team.signal(team.robots()[0], signal.SIGKILL)
+    else:
+        assert joined.returncode == 2
+        assert "summary.json cannot be removed: Read-only" in joined.stderr
+    if trouble == "full":
+        (disk / "filler").unlink()
+    else:
+        make_read_only(disk, False)
+    team.release()
+    team.up(EXPLORE, "--continue")
+    code, summary = team.end()
+    assert (code, summary["result"]) == (0, "success"), team.logs()
+
+
+def test_a_robot_that_no_command_would_find_is_not_started(team: Team, disk: Path) -> None:
+    team.hold("explore")
+    team.up(EXPLORE)
+    team.wait_for_event("explore")
+    robot = team.robots()[0]
+    team.signal(robot, signal.SIGKILL)
+    (disk / f"{robot}.process").unlink()
+    fill(disk)
+    joined = team.command("join", robot, "--run-dir", str(disk))
+    assert joined.returncode == 2, joined.stdout
+    assert "cannot be written" in joined.stderr or "is its disk full?" in joined.stderr
+    (disk / "filler").unlink()
+    team.mrbt("join", robot, "--run-dir", str(disk))
+    team.release()
+    code, _ = team.end()
+    assert code == 0, team.logs()
 
 
 @pytest.mark.parametrize("sync_s", ["0.3", pytest.param("1.0", marks=pytest.mark.slow)])

@@ -18,6 +18,25 @@ DELIVERIES = mission_file("deliveries")
 COUNT = 12
 
 
+def test_many_jobs_are_handed_in_by_one_command(team: Team) -> None:
+    team.up(DELIVERIES, speed=20)
+    team.wait_until(lambda: len(team.robots()) == 6, "all are there")
+    names = [f"job-{number}" for number in range(COUNT)]
+    lines = [json.dumps({"type": "inspect", "arguments": ["shelf_1"], "id": n}) for n in names]
+    wrong = json.dumps({"type": "paint"})
+    refused = team.command("submit", "--stdin", given="\n".join([*lines, wrong]))
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert f"line {COUNT + 1}: no job type 'paint'" in refused.stderr
+    assert json.loads(team.mrbt("jobs", "--json")) == []
+    done = team.command("submit", "--stdin", given="\n".join(lines))
+    assert (done.returncode, done.stdout.split()) == (0, names), done.stderr
+    other = json.dumps({"type": "inspect", "arguments": ["shelf_2"], "id": names[0]})
+    done = team.command("submit", "--stdin", "--json", given="\n".join([other, lines[1]]))
+    assert done.returncode == 1
+    first, second = map(json.loads, done.stdout.splitlines())
+    assert (first["cause"], second["id"]) == ("conflict", names[1])
+
+
 @pytest.mark.smoke
 def test_acknowledged_jobs_survive_the_robots_that_took_them(team: Team) -> None:
     team.up(DELIVERIES, speed=20)
@@ -62,7 +81,10 @@ def test_a_job_that_too_few_journals_hold_is_not_acknowledged(team: Team) -> Non
 
     with (
         mock.patch("mrbt_mesh.runtime.team_client.CALL_TIMEOUT_S", 2),
-        pytest.raises(TimeoutError, match=r"few: it is in the journals of . robots .* again"),
+        pytest.raises(
+            TimeoutError,
+            match=r"few: nothing was written: 2 robots \(D1, D2\) would .* again, or ask for fewer",
+        ),
     ):
         anyio.run(hand_in)
 

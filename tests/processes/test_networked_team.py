@@ -81,7 +81,7 @@ def test_a_team_with_endpoints_is_watched_by_dialling_them(team: Team) -> None:
     assert observer.returncode == 1, problems
     assert output.startswith("listening for team explore, run ")
     assert re.search(r"\d\.\d\d  R1 joined", output)
-    assert "mission failed" in output
+    assert "mission aborted" in output
 
 
 def test_who_looks_for_another_run_is_told_so(team: Team) -> None:

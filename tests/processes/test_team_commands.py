@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import json
 import socket
 
@@ -66,6 +67,9 @@ def test_detached_teams_run_without_an_observer_and_end_by_themselves(team: Team
     team.wait_until(summary.exists, "its summary is written, though nobody watched")
     assert json.loads(summary.read_text())["result"] == "success"
     assert team.status() | {"over": True, "result": "success"} == team.status()
+    refused = team.command("join", "R1")
+    assert refused.returncode == 2
+    assert "the mission is over (success); `mrbt up` begins one anew" in refused.stderr
 
 
 def test_a_detached_team_that_is_killed_has_a_status(team: Team) -> None:
@@ -82,6 +86,23 @@ def test_a_detached_team_that_is_killed_has_a_status(team: Team) -> None:
     assert {row["state"] for row in summary["robots"].values()} == {"dead"}
     watched = team.command("watch", "--json")
     assert (watched.returncode, json.loads(watched.stdout)) == (3, summary)
+    info = team.run_dir / "run.json"
+    kept = info.read_text()
+    info.write_text(kept.replace(".py", ".no"))
+    refused = team.command("join", "R1", "--run-dir", str(team.run_dir))
+    assert refused.returncode == 2, refused.stdout
+    info.write_text(kept)
+    written = team.run_dir / "summary.json"
+    team.wait_until(written.exists, "the end is written again, though nobody joined")
+    team.release()
+    team.mrbt("join", "R1", "--run-dir", str(team.run_dir))
+    team.mrbt("join", "R2", "--run-dir", str(team.run_dir))
+    over = team.wait_until(lambda: _stopped(team, "R1"), "R1 stopped")
+    assert over[-1]["reason"] == "mission success"
+    path = team.run_dir / "summary.json"
+    team.wait_until(path.exists, "the summary of the second end is written")
+    assert json.loads(path.read_text())["result"] == "success"
+    assert "contradictions" not in team.mrbt("recording", "verify", str(team.run_dir))
 
 
 def test_a_detached_team_that_cannot_start_is_said_and_leaves_no_robot(team: Team) -> None:
@@ -163,9 +184,9 @@ def test_a_run_that_is_stopped_on_its_way_is_not_finished(team: Team) -> None:
     team.wait_for_line("R1: explore(A) for explore_area(A)")
     team.interrupt()
     code, summary = team.end()
-    assert (code, summary["result"]) == (3, "timeout")
+    assert (code, summary["result"]) == (3, "ended")
     assert summary["ended_because"] == "stopped by the operator"
-    assert "mission not finished in time" in team.lines()
+    assert "mission not finished: an operator has ended it" in team.lines()
 
 
 def test_a_team_is_ended_by_its_name(team: Team) -> None:
@@ -178,13 +199,16 @@ def test_a_team_is_ended_by_its_name(team: Team) -> None:
     assert team.mrbt("down", name) == expected
     assert "mrbt down" in (team.run_dir / COMMANDS_FILE).read_text()
     code, summary = team.end()
-    assert (code, summary["ended_because"]) == (3, "stopped by the operator")
+    because = f"ended by {getpass.getuser()} (mrbt down)"
+    assert (code, summary["result"], summary["ended_because"]) == (3, "ended", because)
     other = team.folder / "other"
     team.mrbt("up", str(EXPLORE), "--detach", "--run-dir", str(other))
     team.mrbt("freeze", "R1")
     ended = json.loads(team.mrbt("down", "--json"))
     assert (ended["command"], ended["robots"]) == ("down", ["R1", "R2"])
     assert ended["team"] != name
+    summary = json.loads((other / "summary.json").read_text())
+    assert (summary["result"], summary["ended_because"]) == ("ended", because)
     assert team.running() == []
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -92,6 +94,25 @@ def test_before_and_after_a_death(folder: Path, watched: Recording) -> None:
         assert (fault.robot, fault.replacement) == ("A1", "B1")
         player.seek(player.end_us)
         assert player.observer.record.result is Status.SUCCESS
+
+
+def test_each_life_of_a_robot_has_a_death_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where nothing shows that the next life was heard but that it has joined."""
+    lives = [(4.0, Kill("C1")), (6.0, Restart("C1")), (9.0, Kill("C1"))]
+    record_example(tmp_path, "vehicle_repair", 1, [(round(s * 1e6), f) for s, f in lives])
+    missing = Player._missing
+
+    def only_losses(player: Player, data: Mapping[str, Any], at_us: int) -> None:
+        if data["event"] not in ("token_shown", "alive"):
+            missing(player, data, at_us)
+
+    monkeypatch.setattr(Player, "_missing", only_losses)
+    player = Player(read_recording(robot_file(tmp_path, "C2")))
+    player.seek(player.end_us)
+    deaths_s = [fault.at_us / 1e6 for fault in player.observer.record.major]
+    assert deaths_s == [pytest.approx(4, abs=0.1), pytest.approx(9, abs=0.1)]
 
 
 def recorded(folder: Path, mission: str, schedule: Schedule, seconds: int) -> SimulationResult:

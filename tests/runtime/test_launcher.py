@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import socket
 import sys
@@ -78,3 +79,12 @@ def test_a_run_without_metrics_says_nothing_of_them(tmp_path: Path) -> None:
 def test_robots_for_whom_there_are_no_ports_are_refused() -> None:
     with pytest.raises(AddressError, match="2 robots have no ports from 65535 on: 65535 is"):
         run_with_metrics(65_535)
+
+
+def test_a_team_is_refused_where_loopback_is_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable(*_: object) -> None:
+        raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    monkeypatch.setattr(socket, "create_connection", unreachable)
+    with pytest.raises(AddressError, match=r"127.0.0.1 cannot be reached .* `ip link set lo up`"):
+        free_endpoints(2, "tcp")

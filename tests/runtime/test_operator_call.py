@@ -322,6 +322,46 @@ def test_a_minority_acknowledges_nothing_and_names_who_has_not_answered() -> Non
     in_virtual_time(main)
 
 
+def test_robots_that_would_take_a_job_are_not_said_to_be_silent() -> None:
+    """Too few answer when they are asked whether they would: nothing of it is written."""
+
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        for name in "CDE":
+            robots.frozen_until_s[name] = 60
+        text = (
+            r"^nothing was written: 2 robots \(A, B\) would take it, and 3 are needed; C, D, E have"
+        )
+        with pytest.raises(TimeoutError, match=text):
+            await Client(robots).command("job/a", job(1))
+        assert robots.contexts["A"].facts.map.get(OPERATORS, "job/a") is None
+
+    in_virtual_time(main)
+
+
+def test_robots_whose_disks_are_full_are_not_said_to_be_silent() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+
+        async def ask(robot: str, step: CommandStep, *rest: Any) -> dict[str, Any] | None:
+            if step is CommandStep.WRITE and robot in "BCD":
+                return None  # it waits for its journal; C was not even needed for the check
+            return await robots.ask(robot, step, *rest)
+
+        def make(version: Version) -> Entry:
+            return make_command("job/a", job(1), "me", version, "r", None)
+
+        call = OperatorCall(make, ask, lambda: ROBOTS[:4], ROBOTS, MAJORITY, (), True)
+        text = (
+            r"^it is in the journals of 1 robot \(A\), and 3 were asked for; "
+            r"B, D have not said that it is on disk .*; C, E have not answered$"
+        )
+        with pytest.raises(TimeoutError, match=text):
+            await call.carry_out(1)
+
+    in_virtual_time(main)
+
+
 def test_slow_answers_count_though_the_robots_were_asked_again() -> None:
     async def main() -> None:
         robots = Robots(random.Random(1))

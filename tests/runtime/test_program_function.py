@@ -305,3 +305,17 @@ def test_type_checkers_see_wrong_functions(tmp_path: Path, monkeypatch: pytest.M
     lines = TYPED.splitlines()
     wrong = [number for number, line in enumerate(lines, 1) if line.endswith("# wrong")]
     assert found == wrong, said + problems
+
+
+def test_a_decorator_without_a_name_may_have_brackets() -> None:
+    program = RobotProgram()
+
+    @program.local_task()
+    async def weld(task: TaskContext) -> None: ...
+
+    @program.bid()
+    def grind(task: TaskContext) -> float:
+        return 1.0
+
+    assert functions_of(program).local_task("weld") is not None
+    assert functions_of(program).bid("grind") is not None

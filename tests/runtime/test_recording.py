@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import number_of_part, parts_of
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.recording.writer import RecordingWriter
+from mrbt_mesh.runtime import recording as recording_module
 from mrbt_mesh.runtime.observer_recording import RecordTo, observer_recording
 from mrbt_mesh.runtime.recording import robot_recording
 from mrbt_mesh.runtime.robot_options import RobotOptions
@@ -87,6 +89,23 @@ def test_a_place_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     agent = Agent(MISSION, CONFIG, 0)
     with pytest.raises(InputError, match=r"--record .*file/a\.mcap: cannot be written: "):
         robot_recording(RobotOptions(record=file / "a.mcap"), MISSION, CONFIG, agent.view, full)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_a_disk_that_is_full_keeps_no_robot_from_its_work(
+    tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(recording_module, "RecordingWriter", refused)
+    agent = Agent(MISSION, CONFIG, 0)
+    to = RobotOptions(record=tmp_path / "a.mcap")
+    recording = robot_recording(to, MISSION, CONFIG, agent.view, full)
+    assert recording is not None
+    assert (recording.recorder, recording.why_not_begun) == (None, os.strerror(number))
+    record(recording, agent, TimerFired(), 0)
+    recording.close()
 
 
 def test_nothing_is_recorded_where_nothing_is_asked_for() -> None:

@@ -30,3 +30,13 @@ def test_another_observer_reads_what_was_written(tmp_path: Path) -> None:
     assert (times.detected_us or 0) - times.at_us == 100_000
     (tmp_path / "deaths.json").write_text('{"deaths": [')
     assert run_dir.deaths(NOW_US) == [], "damaged"
+
+
+def test_a_step_of_the_wall_clock_moves_no_death(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_dir = RunDir(tmp_path)
+    run_dir.write_deaths([fault(exact=True)], NOW_US)
+    monkeypatch.setattr("mrbt_mesh.runtime.run_dir.time.time", lambda: 0.0)
+    ((_, _, times),) = run_dir.deaths(NOW_US + 5_000_000)
+    assert times.at_us == pytest.approx(40_000_000, abs=100_000)

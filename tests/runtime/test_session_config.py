@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import json
 import socket
 import threading
 from types import SimpleNamespace
@@ -10,7 +12,12 @@ from unittest import mock
 import psutil
 import pytest
 
-from mrbt_mesh.runtime.session_config import TransportConfig, TransportError, require_threads
+from mrbt_mesh.runtime.session_config import (
+    TransportConfig,
+    TransportError,
+    require_threads,
+    session_config,
+)
 
 V4, V6, LINK = socket.AF_INET, socket.AF_INET6, psutil.AF_LINK
 INTERFACES = {
@@ -52,6 +59,34 @@ def test_interfaces_that_are_there(name: str) -> None:
 def test_interfaces_that_are_not(name: str, reason: str) -> None:
     with pytest.raises(TransportError, match=reason):
         TransportConfig("t", "A", multicast_interface=name)
+
+
+@pytest.fixture
+def no_ipv6(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = socket.socket
+
+    def opened(family: int = V4, *more: int) -> socket.socket:
+        if family == V6:
+            raise OSError(errno.EAFNOSUPPORT, "Address family not supported by protocol")
+        return real(family, *more)
+
+    monkeypatch.setattr(socket, "socket", opened)
+
+
+@pytest.mark.usefixtures("no_ipv6")
+@pytest.mark.parametrize("listen", [(), ("tcp/[::]:7450",), ("tcp/[::]:7450", "tcp/10.0.0.7:1")])
+def test_a_machine_without_ipv6_listens_on_all_addresses_that_it_has(
+    listen: tuple[str, ...],
+) -> None:
+    config = TransportConfig("t", "A", listen, multicast_interface=None if listen else "auto")
+    found = json.loads(session_config(config).get_json("listen/endpoints"))
+    assert found == [each.replace("[::]", "0.0.0.0") for each in listen or ("tcp/[::]:0",)]
+    assert config.where().endswith("this machine has no IPv6")
+
+
+@pytest.mark.usefixtures("no_ipv6")
+def test_it_is_not_said_where_it_changes_nothing() -> None:
+    assert "IPv6" not in TransportConfig("t", "A", ("tcp/10.0.0.7:1",)).where()
 
 
 def test_where_a_robot_hears_others() -> None:

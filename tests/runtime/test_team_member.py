@@ -310,6 +310,27 @@ def test_without_asyncio_it_says_so() -> None:
         entering.__await__().send(None)
 
 
+def test_in_a_loop_without_a_selector_it_says_so_before_anything_begins() -> None:
+    """As in a program of uvloop."""
+
+    async def enter() -> None:
+        async with join_team(EXPLORE, "R1", exploring(), RobotOptions(insecure=True)):
+            raise AssertionError("it has begun")
+
+    loop = asyncio.new_event_loop()
+    selector, loop._selector = loop._selector, None  # type: ignore[attr-defined]
+    try:
+        entering = enter()
+        asyncio._set_running_loop(loop)
+        with pytest.raises(InputError, match="cannot fence itself off") as error:
+            entering.send(None)
+    finally:
+        asyncio._set_running_loop(None)
+        loop._selector = selector  # type: ignore[attr-defined]
+        loop.close()
+    assert error.value.__cause__ is error.value.__context__ is None
+
+
 def test_every_option_is_checked() -> None:
     assert team_member._EXPECTED.keys() == {each.name for each in dataclasses.fields(RobotOptions)}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
@@ -147,6 +148,8 @@ def test_answers_too(kind: str, way: Way) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_so_does_the_cleaning_up_of_work_that_was_cancelled(way: Way) -> None:
+    if way is has_a_timeout and sys.version_info < (3, 11, 3):
+        pytest.skip("asyncio.timeout of Python 3.11.2 ends the cleaning up itself")
     robot, cleaned = RobotProgram(), list[str]()
 
     @robot.local_task("bad")

@@ -10,6 +10,7 @@ import pytest
 from mrbt_mesh.core.engine import DEFINITIONS
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from mrbt_mesh.sim.chaos.campaign import Source, run_seed
+from tests.support.effort import at_size
 from tests.support.mutations import MUTATIONS
 
 CAUGHT = {
@@ -54,7 +55,7 @@ CAUGHT = {
 OF_QUICK_PLANS = {"losses_are_overlooked"}
 
 
-@pytest.mark.parametrize("name", CAUGHT)
+@pytest.mark.parametrize("name", at_size(quick=sorted(CAUGHT)[::4], gate=sorted(CAUGHT)))
 def test_a_deliberate_bug_is_caught(name: str) -> None:
     invariant, seeds = CAUGHT[name]
     is_used = name not in OF_QUICK_PLANS or chosen_engine() is not DEFINITIONS

@@ -318,7 +318,7 @@ def test_a_robot_that_a_revision_removes_has_left(faults: tuple[tuple[float, Fau
     assert {view.facts.declared.revision_number for view in views} == {1}
     assert observer.robot_state("A3") is State.LEFT
     assert [fault for fault in observer.record.major if fault.until_us is None] == []
-    assert not any("dead" in each.text for each in headline(observer, []))
+    assert not any("dead" in each.text for each in headline(observer, [], 0))
     assert result.stops.get("A3") in (None, (0, "left"))
 
 

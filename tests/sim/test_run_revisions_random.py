@@ -25,7 +25,7 @@ from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import Operate, Revise
-from tests.support.effort import seeds
+from tests.support.effort import at_size
 from tests.support.revision_files import File, changed, guarded, random_file, text_of
 from tests.support.revision_model import TEAM, FileJob, Identities, may_have
 
@@ -214,7 +214,7 @@ def unfinished(
     return found
 
 
-@pytest.mark.parametrize("seed", seeds(250))
+@pytest.mark.parametrize("seed", at_size(quick=range(10), gate=range(250)))
 def test_a_random_revision_keeps_what_the_guide_says(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -31,3 +31,9 @@ def fill(disk: Path) -> None:
             with contextlib.suppress(OSError):
                 while True:
                     filler.write(bytes(size))
+
+
+def make_read_only(disk: Path, is_so: bool = True) -> None:
+    """Mount it again, for reading alone or for writing, too."""
+    options = f"remount,{'ro' if is_so else 'rw'}"
+    subprocess.run(["mount", "-o", options, str(disk)], check=True)

@@ -80,7 +80,7 @@ class Intruders:
 
     def ask(self, target: str, who: str) -> None:
         """A member without a process asks for facts."""
-        data = encode(self._header(target), MessageKind.PULL, [{}, bytes(8)])
+        data = encode(self._header(target), MessageKind.PULL, [{}, bytes(8), {}])
         event = inputs.QueryReceived(
             0, MessageKind.PULL, self._guard(target, who).seal(data, (target,))
         )

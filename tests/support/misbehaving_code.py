@@ -314,6 +314,7 @@ saying(
     "text_position", lambda t: t.report_position("1", 0), "a position consists of numbers, not '1'"
 )
 saying("half", lambda t: t.report_progress("half"), "progress is a number from 0 to 1, not 'half'")
+saying("endless_progress", lambda t: t.report_progress(float("-inf")), "progress is a number")
 saying("nan_progress", lambda t: t.report_progress(float("nan")), "progress is a number")
 saying("nan_performance", lambda t: t.report_performance("bad", float("nan")), "a performance is")
 saying("capability_7", lambda t: t.lose_capability(7), "has no local task 7")

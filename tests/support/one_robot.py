@@ -14,6 +14,7 @@ from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.keys import make_command
+from mrbt_mesh.core.observer.job_log import JobLog
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.member_keys import MemberKeys
@@ -50,6 +51,7 @@ class DeskClient(TeamClient):
             mission=MISSION,
             facts=context.facts,
             plan=None,
+            record=SimpleNamespace(job_log=JobLog(MISSION), result=None),
             membership=SimpleNamespace(
                 members=lambda: ["D1"], clock_offsets_us=lambda: [NOW_US - boottime_us()]
             ),

@@ -35,6 +35,8 @@ def validator(name: str) -> Draft202012Validator:
 
 def response_to(kind: Any) -> str:
     """The name of the schema of responses to requests of this type."""
+    if kind == "activitiy_discovery_request":  # as its schema has it
+        kind = "activity_discovery_request"
     name = kind.replace("_request", "_response") if isinstance(kind, str) else ""
     return name if kind in ALL and name in ALL else "simple_response"
 

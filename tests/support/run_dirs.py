@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import psutil
-
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
+from mrbt_mesh.runtime.process_identity import identity_of
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import new_run
@@ -22,7 +20,6 @@ def a_run(path: Path, pids: Mapping[str, int], example: str = "explore") -> RunD
     info = new_run(mission, mission_file(example), sorted(mission.robots), options)
     run_dir = RunDir.create(path, info, compile_mission(mission))
     for robot, pid in pids.items():
-        started_s = psutil.Process(pid).create_time() if pid else 0.0
-        text = json.dumps({"pid": pid, "started_unix_s": started_s})
+        text = identity_of(pid) if pid else '{"pid": 1, "started": ""}'
         (path / f"{robot}.process").write_text(text)
     return run_dir

@@ -64,6 +64,7 @@ class Script:
         self.recorded = Recorded.IF_POSSIBLE
         self.at: dict[str, str] = {}
         self.starts: dict[str, str] = {}
+        self.works: dict[str, int] = {}
         self._lives = 0
         self._intruders = Intruders(self.team)
         team, intruders = self.team, self._intruders
@@ -94,6 +95,10 @@ class Script:
         """robot A lift weld*0.5"""
         pairs = (each.partition("*") for each in capabilities)
         self.robots[name] = {local: float(value or 1) for local, _, value in pairs}
+
+    def do_work(self, local_task: str, seconds: str) -> None:
+        """work lift 4: a robot that does it as well as 1 takes 4 s."""
+        self.works[local_task] = round(float(seconds) * 1e6)
 
     def do_task(self, name: str, *words: str) -> None:
         """task cover lift 2..2 fail_after=0.5; task dose pour exclusive in_doubt=retry;
@@ -152,6 +157,9 @@ class Script:
         places = dict.fromkeys([*self.at.values(), *self.starts.values()], (0, 0))
         # Without schedules: these conversations are about ways.
         travel = Travel(places, self.at, self.starts, horizon=1) if places else None
+        known = mission.local_tasks
+        works = {name: replace(known[name], work=work) for name, work in self.works.items()}
+        mission = replace(mission, local_tasks={**known, **works})
         return replace(mission, ends=self.ends, travel=travel, recorded=self.recorded)
 
     def do_start(self, *names: str) -> None:

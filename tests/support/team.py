@@ -61,12 +61,13 @@ class Team:
 
     # -- commands -------------------------------------------------------------------------
 
-    def command(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        """Run `mrbt ...` to its end."""
+    def command(self, *arguments: str, given: str = "") -> subprocess.CompletedProcess[str]:
+        """Run `mrbt ...` to its end, with this as its standard input."""
         return subprocess.run(
             [sys.executable, "-m", "mrbt_mesh", *arguments],
             env=self.environment,
             cwd=ROOT,
+            input=given,
             capture_output=True,
             text=True,
             timeout=RUN_S,
@@ -115,6 +116,13 @@ class Team:
         )
         self._started.append(process)
         return process
+
+    def serve(self, *options: str) -> tuple[subprocess.Popen[str], str]:
+        """A server of the team's API, and its address."""
+        process = self.start("serve", "--run-dir", str(self.run_dir), "--json", *options)
+        assert process.stdout is not None
+        lines = "".join(iter(process.stdout.readline, "}\n"))
+        return process, json.loads(lines + "}")["serve"]
 
     def interrupt(self) -> None:
         """Stop `up`, as Ctrl-C does."""

@@ -1,7 +1,7 @@
 """A team's connection to an Open-RMF server: updates go out, and requests are answered.
 
 As with RMF's own fleet adapters, the fleet is the client of a websocket, and sends JSON texts. On
-the same connection requests of the task API are taken, one after the other.
+the same connection requests of the task API are taken, and answered in their order.
 """
 
 from __future__ import annotations
@@ -13,29 +13,38 @@ from typing import Any
 
 import anyio
 import click
-from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+from anyio.abc import TaskGroup
+from websockets.asyncio.client import ClientConnection
+from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.frames import CloseCode
 
-from mrbt_mesh.adapters.rmf.messages import fleet_state, task_log, task_state
+from mrbt_mesh.adapters.rmf.connection import MAX_MESSAGE_BYTES, RmfConnection
+from mrbt_mesh.adapters.rmf.in_order import RequestsInOrder
+from mrbt_mesh.adapters.rmf.messages import fleet_state, last_state, task_log, task_state
+from mrbt_mesh.adapters.rmf.own_errors import WARNED_AT, OwnErrors
 from mrbt_mesh.adapters.rmf.requests import TaskApi
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.adapters.rmf.told_tasks import ToldTasks
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.views.model.changes import ChangeLog
 
 RETRY_S = 1.0
 # Robots move all the time; tasks are sent at once.
 FLEET_S, LOOK_S = 1.0, 0.1
-WARNED_AT = (1, 10, 100, 1_000, 10_000, 100_000, 1_000_000)
 
 
 class RmfLink:
     """Keeps one server up to date, and connects again whenever the connection ends."""
 
-    def __init__(self, client: TeamClient, changes: ChangeLog, uri: str) -> None:
-        """`changes`: those of a `TeamView`, which is kept up to date elsewhere."""
+    def __init__(self, client: TeamClient, changes: ChangeLog, uri: str, fleet: str = "") -> None:
+        """`changes`: those of a `TeamView`, which is kept up to date elsewhere. `fleet`: the name
+        of the fleet; empty: that of the mission, which is the same in each run.
+        """
         watcher = client.watcher
-        self._observer, self._fleet = watcher.observer, watcher.address.transport.team
-        self._api = TaskApi(client, self._fleet, _now_ms)
+        self._client, self._observer = client, watcher.observer
+        self._fleet = fleet or watcher.observer.mission.name
+        self._told = ToldTasks(json.dumps([uri, self._fleet]), _say)
+        self._own_errors = OwnErrors("rmf")
+        self._api = TaskApi(client, self._fleet, _now_ms, self._own_errors)
         self._changes = changes
         self._uri = uri
         self._version = 0
@@ -45,35 +54,43 @@ class RmfLink:
         self._wrong = 0
 
     async def run(self) -> None:
-        """Never returns. Raises InputError for a URI that cannot be right."""
+        """Never returns. What a server or this program does wrong ends a connection, and nothing
+        else of the process.
+        """
         said = ""
         while self._changes.version == 0:
             await anyio.sleep(LOOK_S)
-        self._look(is_older=True)
         async with anyio.create_task_group() as group:
             group.start_soon(self._follow)
             while True:
-                try:
-                    async with connect(self._uri, proxy=None) as connection:
-                        await self._serve(connection)
-                    why = "the connection has ended"
-                except InvalidURI as error:
-                    raise InputError(f"--rmf {self._uri}: {error}") from None
-                except (OSError, InvalidHandshake) as error:
-                    why = str(error)
+                why = await self._connect(group)
                 if why != said:
                     said = why
-                    click.echo(f"rmf: {self._uri}: {why}; trying again", err=True)
+                    _say(f"{self._uri}: {why}; trying again")
                 await anyio.sleep(RETRY_S)
+
+    async def _connect(self, group: TaskGroup) -> str:
+        """One connection, until it ends; why it has ended, or why there was none."""
+        try:
+            async with RmfConnection(self._uri) as connection:
+                return await self._serve(connection, group)
+        except (OSError, InvalidHandshake) as error:
+            return str(error)
+        except Exception as error:
+            self._own_errors.report(error)
+            return f"an error of mrbt serve: {type(error).__name__}"
 
     async def _follow(self) -> None:
         """Keep the states of tasks up to date, also without a connection."""
         while True:
-            self._look()
+            try:
+                self._look()
+            except Exception as error:
+                self._own_errors.report(error)
             await anyio.sleep(LOOK_S)
 
-    def _look(self, is_older: bool = False) -> None:
-        """Take in what has changed. `is_older`: it was there before this program."""
+    def _look(self) -> None:
+        """Take in what has changed."""
         items = self._changes.since(self._version)
         self._version = self._changes.version
         for key, row in items.items():
@@ -85,30 +102,46 @@ class RmfLink:
                     known.pop(name, None)
             else:
                 self._rows[name] = row
-                self._api.histories[name].follow(row, _now_ms(), is_older)
+                self._api.histories[name].follow(row, _now_ms())
                 self._api.touched.add(name)
+        types = self._observer.mission.jobs
         for name in self._api.touched & self._rows.keys():
             history = self._api.histories[name]
-            self._states[name] = task_state(self._rows[name], history, self._fleet)
+            self._states[name] = task_state(self._rows[name], history, self._fleet, types)
         self._api.touched.clear()
 
-    async def _serve(self, connection: ClientConnection) -> None:
-        """Until the connection ends."""
-        async with anyio.create_task_group() as group:
-            group.start_soon(self._send_updates, connection)
-            with contextlib.suppress(ConnectionClosed):
+    async def _serve(self, connection: ClientConnection, group: TaskGroup) -> str:
+        """Until the connection ends; why it has. Requests are carried out in `group`."""
+        requests = RequestsInOrder(group, self._api.answer)
+        why = "the connection has ended"
+        async with anyio.create_task_group() as sending:
+            sending.start_soon(self._send_updates, connection)
+            sending.start_soon(self._send_answers, connection, requests)
+            try:
                 async for text in connection:
-                    answer, wrong = await self._api.answer(text)
-                    if wrong:
-                        self._count(wrong)
-                    await connection.send(json.dumps(answer))
-            group.cancel_scope.cancel()
+                    await requests.take(text)
+            except ConnectionClosed as closed:
+                if closed.sent is not None and closed.sent.code == CloseCode.MESSAGE_TOO_BIG:
+                    size = f"more than {MAX_MESSAGE_BYTES} bytes"
+                    why = f"the server sent a message of {size}, which ends the connection"
+            sending.cancel_scope.cancel()
+        return why
+
+    async def _send_answers(
+        self,
+        connection: ClientConnection,
+        requests: RequestsInOrder[str | bytes, tuple[dict[str, Any], str]],
+    ) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            async for answer, wrong in requests.answers():
+                if wrong:
+                    self._count(wrong)
+                await connection.send(json.dumps(answer))
 
     def _count(self, wrong: str) -> None:
         self._wrong += 1
         if self._wrong in WARNED_AT:
-            text = f"rmf: wrong message number {self._wrong} from {self._uri}: {wrong}"
-            click.echo(text.encode("ascii", "backslashreplace").decode(), err=True)
+            _say(f"wrong message number {self._wrong} from {self._uri}: {wrong}")
 
     async def _send_updates(self, connection: ClientConnection) -> None:
         """Everything, and then what changes."""
@@ -129,7 +162,9 @@ class RmfLink:
                     if sent.get(name) is state:
                         continue
                     sent[name] = state
+                    self._told.will_send(state)
                     await send("task_state_update", state)
+                    self._told.has_sent(state)
                     entries = self._api.histories[name].log
                     new = [entry for entry in entries if entry["seq"] >= logged.get(name, 0)]
                     if new:
@@ -138,7 +173,17 @@ class RmfLink:
                 for name in sent.keys() - self._states.keys():
                     sent.pop(name)
                     logged.pop(name, None)
+                for state in self._told.not_among(self._states):
+                    row = self._client.job(state["booking"]["id"])
+                    if row is not None or self._observer.caught_up:
+                        ended = last_state(state, row.state if row is not None else "")
+                        await send("task_state_update", ended)
+                        self._told.has_sent(ended)
                 await anyio.sleep(LOOK_S)
+
+
+def _say(text: str) -> None:
+    click.echo(f"rmf: {text}".encode("ascii", "backslashreplace").decode(), err=True)
 
 
 def _now_ms() -> int:

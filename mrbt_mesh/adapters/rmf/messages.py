@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from http import HTTPStatus
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.mission import JobType, Mission, is_whole_number
+from mrbt_mesh.core.mission.names import robot_condition
 from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.views.model.job_types import ParameterView, job_types
+from mrbt_mesh.views.model.job_types import arguments_schema, job_types
 
 # `expired` has no counterpart: the log says it.
 STATUS = {
@@ -28,6 +30,8 @@ STATUS = {
     "expired": "failed",
 }
 OPEN = (WAITING, HELD, RUNNING)
+# The entry of the blackboard, `per: robot`, that is the charge of a robot's battery.
+BATTERY = "battery"
 MOST_LINES = 100
 
 
@@ -35,29 +39,22 @@ MOST_LINES = 100
 class TaskHistory:
     """What this program has seen and done of one job; times are Unix times in ms.
 
-    `labels`: those it was dispatched with. `cancelled`: when a client asked for its cancellation,
-    and its labels. `log`: the newest entries.
+    `labels`, `priority`, `requested_ms`: those it was dispatched with. `cancelled`: when a client
+    asked for its cancellation, and its labels. `interruptions`: tokens of those that are not
+    discarded. `log`: the newest entries.
     """
 
     labels: list[str] = field(default_factory=list)
-    started_ms: int | None = None
-    finished_ms: int | None = None
+    priority: dict[str, Any] | None = None
+    requested_ms: int | None = None
     cancelled: tuple[int, list[str]] | None = None
+    interruptions: set[str] = field(default_factory=set)
     log: list[dict[str, Any]] = field(default_factory=list)
     count: int = 0
-    state: str = WAITING
 
-    def follow(self, row: Mapping[str, Any], now_ms: int, is_older: bool = False) -> None:
-        """Note a change of the job. `is_older`: it was there before this program, so it is not
-        known since when it is in its state.
-        """
+    def follow(self, row: Mapping[str, Any], now_ms: int) -> None:
+        """Note a change of the job."""
         state = row["state"]
-        if not is_older and self.state != state:
-            if state == RUNNING and self.started_ms is None:
-                self.started_ms = now_ms
-            if state not in OPEN:
-                self.finished_ms = now_ms
-        self.state = state
         text = ": ".join(filter(None, (state, row["why"] or ", ".join(row["robots"]))))
         if not self.log or self.log[-1]["text"] != text:
             tier = "error" if state in ("failed", "expired") else "info"
@@ -66,39 +63,64 @@ class TaskHistory:
             self.log = [*self.log, entry][-MOST_LINES:]
 
 
-def task_state(row: Mapping[str, Any], history: TaskHistory, fleet: str) -> dict[str, Any]:
+def task_state(
+    row: Mapping[str, Any], history: TaskHistory, fleet: str, types: Mapping[str, JobType]
+) -> dict[str, Any]:
     """A `task_state` of a row, a JobRow as a mapping. RMF assigns a task to one robot: the first
-    of those that work on it.
+    of those that work on it. `types`: those of jobs.
     """
     is_dispatched = bool(row["robots"]) or row["state"] not in OPEN
     state: dict[str, Any] = {
         "booking": {
             "id": row["id"],
-            "priority": {"type": "value", "value": row["priority"]},
+            "priority": history.priority or {"type": "value", "value": row["priority"]},
             "labels": history.labels,
             "requester": row["operator"],
         },
         "category": row["type"],
-        "detail": row["arguments"],
+        "detail": _detail(row, types),
         "status": STATUS[row["state"]],
         "dispatch": {
             "status": "dispatched" if is_dispatched else "queued",
             "assignment": {"fleet_name": fleet},
         },
     }
+    requested_ms = history.requested_ms
+    if requested_ms is None and row["submitted_us"] is not None:
+        requested_ms = row["submitted_us"] // 1_000
+    if requested_ms is not None:
+        state["booking"]["unix_millis_request_time"] = requested_ms
     if row["not_before_us"]:
         state["booking"]["unix_millis_earliest_start_time"] = row["not_before_us"] // 1_000
     if row["robots"]:
         state["assigned_to"] = {"group": fleet, "name": row["robots"][0]}
         state["dispatch"]["assignment"]["expected_robot_name"] = row["robots"][0]
-    if history.started_ms is not None:
-        state["unix_millis_start_time"] = history.started_ms
-    if history.finished_ms is not None:
-        state["unix_millis_finish_time"] = history.finished_ms
+    for name, at_us in (("start", row["begun_us"]), ("finish", row["ended_us"])):
+        if at_us is not None:
+            state[f"unix_millis_{name}_time"] = at_us // 1_000
     if history.cancelled is not None:
         at_ms, labels = history.cancelled
         state["cancellation"] = {"unix_millis_request_time": at_ms, "labels": labels}
     return state
+
+
+def _detail(row: Mapping[str, Any], types: Mapping[str, JobType]) -> dict[str, Any]:
+    """The arguments of a job as the schema of its type has them: integers are no texts."""
+    known = types.get(row["type"])
+    ranges = {each.name for each in known.parameters if not each.choices} if known else set()
+    return {
+        name: int(value) if name in ranges and is_whole_number(value) else value
+        for name, value in row["arguments"].items()
+    }
+
+
+def last_state(told: Mapping[str, Any], state: str) -> dict[str, Any]:
+    """The last state of a task that ended so long ago that robots keep little more than that.
+
+    `told`: its state as it was sent before. `state`: how it ended. Where nobody has kept that, the
+    task is an `error`: to call it completed would be a guess.
+    """
+    return {**told, "status": STATUS.get(state, "error")}
 
 
 def task_log(name: str, entries: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -131,11 +153,24 @@ def _robot(observer: Observer, robot: str, now_ms: int) -> dict[str, Any]:
         "unix_millis_time": now_ms,
         "issues": issues,
     }
+    share = charge(observer, robot)
+    if share is not None:
+        found["battery"] = share
     if peer is not None and peer.position is not None:
         where = peer.position.in_units()
         place = {"x": where["x"], "y": where["y"], "yaw": where["heading"] or 0.0}
         found["location"] = {"map": observer.mission.name, **place}
     return found
+
+
+def charge(observer: Observer, robot: str) -> float | None:
+    """The robot's entry `battery` of the blackboard, as a part of the most that it may be."""
+    mission = observer.mission
+    kind = mission.conditions[BATTERY].values if BATTERY in mission.per_robot else None
+    if kind is None or not kind.is_number or kind.high <= 0:
+        return None
+    value = observer.facts.conditions.entry(robot_condition(BATTERY, robot))
+    return min(1.0, max(0.0, value / kind.high)) if isinstance(value, int) else None
 
 
 def discovered_tasks(mission: Mission, fleet: str) -> dict[str, Any]:
@@ -145,12 +180,7 @@ def discovered_tasks(mission: Mission, fleet: str) -> dict[str, Any]:
     """
     tasks = []
     for kind in job_types(mission):
-        schema = {
-            "type": "object",
-            "properties": {each.name: _schema(each) for each in kind.parameters},
-            "required": [each.name for each in kind.parameters],
-            "additionalProperties": False,
-        }
+        schema = arguments_schema(kind)
         detail = f"a job of type {kind.name}"
         both = {"description_schema": schema, "schema": schema}
         tasks.append({"category": kind.name, "detail": detail, **both})
@@ -158,13 +188,7 @@ def discovered_tasks(mission: Mission, fleet: str) -> dict[str, Any]:
     return {"type": "task_discovery_update", "data": data}
 
 
-def _schema(parameter: ParameterView) -> dict[str, Any]:
-    if parameter.choices:
-        return {"enum": list(parameter.choices)}
-    return {"type": "integer", "minimum": parameter.min, "maximum": parameter.max}
-
-
-def failure(code: int, category: str, *details: str) -> dict[str, Any]:
+def failure(code: int, detail: str) -> dict[str, Any]:
     """The answer to a request that was not carried out; `code`: as of HTTP."""
-    errors = [{"code": code, "category": category, "detail": detail} for detail in details]
-    return {"success": False, "errors": errors}
+    error = {"code": code, "category": HTTPStatus(code).phrase, "detail": detail}
+    return {"success": False, "errors": [error]}

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
+import sys
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import asdict
-from datetime import datetime, time, timedelta
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail, refuse
+from mrbt_mesh.cli.job_times import job_time, understood
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
@@ -21,30 +22,11 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_client import TeamClient
 
 FOLLOW_S = 0.5
-# Of times from now: a year.
-MAX_SECONDS = 366 * 86_400
 ENDED = ("succeeded", "failed", "cancelled", "expired")
 
 
-def job_time(
-    _: click.Context, option: click.Parameter, text: str | None
-) -> datetime | timedelta | None:
-    """A time of the local time zone or another one, or seconds from now."""
-    if text is None:
-        return None
-    with contextlib.suppress(ValueError):
-        if text.startswith("+") and 0 <= (seconds := float(text)) <= MAX_SECONDS:
-            return timedelta(seconds=seconds)
-    with contextlib.suppress(ValueError, OverflowError):
-        return datetime.fromisoformat(text).astimezone()
-    with contextlib.suppress(ValueError):
-        return datetime.combine(datetime.now().date(), time.fromisoformat(text)).astimezone()
-    expected = "+600 (seconds from now), 14:30 (today), 2026-05-04T14:30 or 2026-05-04T14:30+02:00"
-    raise click.BadParameter(f"{text!r} is no time: {expected}", param=option)
-
-
 @click.command(cls=MrbtCommand)
-@click.argument("kind", metavar="TYPE", help="A type of jobs of the mission.")
+@click.argument("kind", metavar="[TYPE]", required=False, help="A type of jobs of the mission.")
 @click.argument("arguments", metavar="[ARGUMENT]...", nargs=-1, help="Its arguments, in order.")
 @click.option("--id", "name", metavar="ID", help="Its id; the same id again is the same job.")
 @click.option("--priority", type=int, metavar="N", help="Larger goes first.")
@@ -67,10 +49,17 @@ def job_time(
     help="Answer once this many journals hold it (default: a majority).",
 )
 @click.option("--wait", is_flag=True, help="Wait for its end; status 1 unless it succeeds.")
+@click.option(
+    "--stdin",
+    "from_stdin",
+    is_flag=True,
+    help="Many jobs: a JSON object per line of standard input, with type, arguments (a list, or an "
+    "object by parameter), id, priority, not_before, deadline, safe.",
+)
 @team_options
 @json_option
 def submit(
-    kind: str,
+    kind: str | None,
     arguments: Sequence[str],
     name: str | None,
     priority: int | None,
@@ -78,15 +67,26 @@ def submit(
     deadline: datetime | timedelta | None,
     safe: int | None,
     wait: bool,
+    from_stdin: bool,
     team: TeamOptions,
     as_json: bool,
 ) -> None:
-    """Hand a job to a running team.
+    """Hand a job to a running team, or many with --stdin.
+
+    Those of --stdin are all checked first: if a line is wrong, none is submitted (status 2). Then
+    there is a line for each, in the same order; status 1 if the team has refused one.
 
     \b
     Example: mrbt submit deliver shelf_2 dock_1 --priority 5 --wait
              mrbt submit inspect shelf_5 --not-before 14:30 --deadline +7200
+             mrbt submit --stdin < jobs.jsonl
     """
+    if from_stdin:
+        alone = ("TYPE", "ARGUMENT", "--id", "--priority", "--not-before", "--deadline", "--wait")
+        refuse("with --stdin, lines say which jobs; see `mrbt jobs` for their ends", *alone)
+        _submit_lines(team, safe, as_json)
+    if kind is None:
+        raise InputError("Missing argument 'TYPE': a type of jobs, or --stdin for many jobs")
 
     async def act(client: TeamClient) -> int:
         job = await client.submit(
@@ -98,14 +98,39 @@ def submit(
             deadline=deadline,
             safe=safe,
         )
+        times = understood(not_before=not_before, deadline=deadline)
+        if times and not as_json:
+            listed = ", ".join(f"{name} {text}" for name, text in times.items())
+            click.echo(f"in UTC: {listed}", err=True)
         if not wait:
-            click.echo(json.dumps({"id": job.id}) if as_json else job.id)
+            click.echo(json.dumps({"id": job.id} | times) if as_json else job.id)
             return SUCCESS
         end = await job.done()
         click.echo(json.dumps(asdict(end)) if as_json else _line(end))
         return SUCCESS if end.state == "succeeded" else FAILURE
 
-    _with_client(team, act)
+    _with_client(team, act, FAILURE)
+
+
+def _submit_lines(team: TeamOptions, safe: int | None, as_json: bool) -> NoReturn:
+    """Submit the jobs of standard input, and end the process."""
+    from mrbt_mesh.cli.job_lines import Problems, Result, checked, hand_in, read_lines
+
+    problems = Problems()
+    lines = read_lines(sys.stdin.buffer, problems)
+
+    def show(result: Result) -> None:
+        click.echo(json.dumps(result.data()) if as_json else result.text())
+
+    async def act(client: TeamClient) -> int:
+        jobs = checked(client, lines, safe, problems)
+        problems.check()
+        for each in jobs:
+            for text in each.notes:
+                click.echo(f"line {each.number}: {text}", err=True)
+        return SUCCESS if await hand_in(client, jobs, show) else FAILURE
+
+    _with_client(team, act, FAILURE)
 
 
 @click.command(cls=MrbtCommand)
@@ -114,26 +139,34 @@ def submit(
 @team_options
 @json_option
 def jobs(follow: bool, only_open: bool, team: TeamOptions, as_json: bool) -> None:
-    """List the jobs of a running team: their states, what they wait for, and who does them.
+    """List the jobs of a team: their states, what they wait for, and who does them.
+
+    Of one that does not run any more: those that its robots' journals hold.
 
     Example: mrbt jobs --follow
     """
+
+    from mrbt_mesh.cli.finished import summary_of_finished
+    from mrbt_mesh.cli.jobs_left_behind import jobs_left_behind
+    from mrbt_mesh.formats.mission_file import load_mission
+
+    found = team.run_directory()
+    if found is not None and summary_of_finished(found) is not None:
+        click.echo("the run is over; its journals hold:", err=True)
+        _print_jobs(jobs_left_behind(found, load_mission(found.mission_path)), only_open, as_json)
+        return
 
     async def act(client: TeamClient) -> int:
         import anyio
 
         seen: dict[str, JobRow] = {}
         while True:
-            rows = [row for row in client.jobs if not (only_open and row.state in ENDED)]
-            new = [row for row in rows if seen.get(row.id) != row]
-            if as_json and not follow:
-                click.echo(json.dumps([asdict(row) for row in rows], indent=2))
-            elif not rows and not follow:
-                click.echo("no jobs")
-            for row in () if as_json and not follow else new:
-                click.echo(json.dumps(asdict(row)) if as_json else _line(row))
             if not follow:
+                _print_jobs(client.jobs, only_open, as_json)
                 return SUCCESS
+            rows = _wanted(client.jobs, only_open)
+            for row in [row for row in rows if seen.get(row.id) != row]:
+                click.echo(json.dumps(asdict(row)) if as_json else _line(row))
             seen = {row.id: row for row in rows}
             await anyio.sleep(FOLLOW_S)
 
@@ -179,6 +212,21 @@ def job(
     _with_client(team, act)
 
 
+def _wanted(rows: Sequence[JobRow], only_open: bool) -> list[JobRow]:
+    return [row for row in rows if not (only_open and row.state in ENDED)]
+
+
+def _print_jobs(rows: Sequence[JobRow], only_open: bool, as_json: bool) -> None:
+    wanted = _wanted(rows, only_open)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in wanted], indent=2))
+    elif not wanted:
+        click.echo("no jobs")
+    else:
+        for row in wanted:
+            click.echo(_line(row))
+
+
 def _line(row: JobRow) -> str:
     inside = ",".join(row.arguments.values())
     what = f"{row.type}({inside})" if inside else row.type
@@ -188,8 +236,12 @@ def _line(row: JobRow) -> str:
     return f"{row.id:<28} {row.state:<10} {what}{who}{why}{priority}"
 
 
-def _with_client(team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]]) -> NoReturn:
-    """Attach to a team that takes jobs, act, and end the process with the status of `act`."""
+def _with_client(
+    team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]], interrupted: int = SUCCESS
+) -> NoReturn:
+    """Attach to a team that takes jobs, act, and end the process with the status of `act`, or with
+    `interrupted` after Ctrl-C.
+    """
     import anyio
 
     from mrbt_mesh.runtime.team_client import client_of
@@ -205,5 +257,5 @@ def _with_client(team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]])
     except TimeoutError as error:
         fail(str(error), FAILURE)
     except KeyboardInterrupt:
-        status = SUCCESS
+        status = interrupted
     raise SystemExit(status)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import click
@@ -50,6 +51,6 @@ def new(folder: Path, example: str | None, **flags: bool) -> None:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
     for path in written:
         click.echo(f"wrote {path}")
-    hint = kind.hint.format(folder=folder) if kind is not None else ""
+    hint = kind.hint.format(folder=quote(str(folder))) if kind is not None else ""
     steps = [hint, "then, beside it: "] if hint else ["now: "]
-    click.echo("\n" + "\n".join(steps) + f"mrbt up {folder / 'mission.yaml'}")
+    click.echo("\n" + "\n".join(steps) + f"mrbt up {quote(str(folder / 'mission.yaml'))}")

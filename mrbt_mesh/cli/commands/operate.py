@@ -395,7 +395,9 @@ def join(
     Example: mrbt join C1
     """
     import anyio
+    import psutil
 
+    from mrbt_mesh.cli.finished import reopen, start_summary_writer
     from mrbt_mesh.core.membership.timing import SECOND_US
     from mrbt_mesh.core.mission.names import is_robot_id
     from mrbt_mesh.formats.mission_file import load_mission
@@ -414,10 +416,11 @@ def join(
         raise InputError(f"the mission has no robot {robot}: give its --type ({types})")
     running = found.process(robot)
     if running is not None and not takeover:
-        raise InputError(
-            f"robot {robot} is already running (pid {running.pid}): stop it first, "
-            "or replace it with --takeover"
-        )
+        text = f"robot {robot} is already running (pid {running.pid})"
+        if running.status() == psutil.STATUS_STOPPED:
+            raise InputError(f"{text} and frozen: `mrbt thaw {robot}` lets it go on")
+        raise InputError(f"{text}: stop it first, or replace it with --takeover")
+    had_ended = reopen(found)
     team = Team(found, found.info(), mission)
 
     async def start() -> int | None:
@@ -436,14 +439,11 @@ def join(
         code = anyio.run(start)
     except TimeoutError:
         fail(f"{robot} runs, and has not joined within {JOIN_TIMEOUT_S:g} s", FAILURE)
+    finally:
+        if had_ended:
+            start_summary_writer(found)
     if code is not None and code != SUCCESS:
-        fail(
-            found.output_path(robot)
-            .read_text(encoding="utf-8", errors="replace")
-            .strip()
-            .rpartition("\n")[2],
-            code,
-        )
+        fail(team.last_word(robot, code), code)
     note_command(found, "join", f"{robot} joined")
     report(as_json, team.info.team, [robot], "join", f"{robot} joined")
     raise SystemExit(SUCCESS)

@@ -55,6 +55,7 @@ def validate(
     from mrbt_mesh.errors import FileError, InputError
     from mrbt_mesh.formats.cautions import cautions
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
+    from mrbt_mesh.formats.unused import unused_declarations
     from mrbt_mesh.runtime.program import functions_of
     from mrbt_mesh.runtime.solver_loader import solver_for
 
@@ -64,6 +65,7 @@ def validate(
     team = chosen_robots("--robots", robots, loaded)
     warnings = [*mission_warnings(loaded), *cautions(loaded)]
     reference = program or loaded.program
+    warnings += unused_declarations(mission, reference)
     if reference is not None:
         code = fitting_program(loaded, team, reference)
         try:

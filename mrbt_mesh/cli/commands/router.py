@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Any, NoReturn
 
 import click
@@ -49,6 +50,7 @@ def router(
       mrbt agent --keys keys --mission mission.yaml --robot A1 --router tcp/10.0.0.1:7447
     """
     from mrbt_mesh.runtime import router as routing
+    from mrbt_mesh.runtime.session_config import NO_IPV6, without_ipv6
 
     where = listen or (routing.default_endpoint(keys is not None),)
     if keys is None:
@@ -57,8 +59,11 @@ def router(
         config = routing.config_with_keys(keys, where, connect)
     if write_config is not None:
         routing.write_config(write_config, config)
-        click.echo(f"wrote {write_config}: zenohd -c {write_config}")
+        click.echo(f"wrote {write_config}: zenohd -c {quote(str(write_config))}")
         return
+    found = without_ipv6(where)
+    if found != [*where]:
+        click.echo(f"{NO_IPV6}: listening on {', '.join(found)}", err=True)
     _route(config, as_json)
 
 

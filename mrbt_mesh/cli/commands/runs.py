@@ -76,9 +76,11 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     import anyio
 
     from mrbt_mesh.cli.finished import summary_of_finished
+    from mrbt_mesh.cli.operator_end import DOWN
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.known_runs import find_run, is_running
     from mrbt_mesh.runtime.team import Team
+    from mrbt_mesh.runtime.team_client import user_name
 
     if team is not None and run_dir is not None:
         raise InputError("TEAM and --run-dir are two ways to name a team: give one")
@@ -87,14 +89,13 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     if not is_running(found):
         raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
     robots = [*found.living()]
-    note_command(found, "down", "the team is ended")
+    note_command(found, DOWN, f"ended by {user_name()} (mrbt down)")
     _end_launcher(found)
     anyio.run(Team(found, info, load_mission(found.mission_path)).end)
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
         fail(f"{info.team}: {', '.join(left)} cannot be ended", FAILURE)
     summary = summary_of_finished(found)
     ended = "1 robot" if len(robots) == 1 else f"{len(robots)} robots"
-    # Without robots any other mission counts as blocked: here that is what was asked for.
     has_ended = summary is not None and summary["result"] in ("success", "failure")
     result = f", mission {summary['result']}" if summary and has_ended else ", mission not finished"
     report(as_json, info.team, robots, "down", f"{ended} ended{result}")

@@ -103,11 +103,14 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
     started = run_dir.robots() if run_dir is not None else []
     if run_dir is not None:
         take_noted_problems(run_dir, observer.record, boottime_us())
+        for death in run_dir.deaths(boottime_us()):
+            observer.record.death_recorded(*death)
     robots = {r: _robot(watcher, r) for r in sorted({*observer.robots(), *started})}
     plan = observer.plan
-    statements = headline(observer, robots_that_differ(observer))
+    now_us = boottime_us()
+    statements = headline(observer, robots_that_differ(observer), now_us)
     waiting = plan.waiting if plan else ()
-    forecast = forecast_of(observer, boottime_us())
+    forecast = forecast_of(observer, now_us)
     working: dict[str, list[str]] = {}
     for robot, row in robots.items():
         if row["global_task"]:
@@ -150,7 +153,9 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
     from mrbt_mesh.core.facts.team_facts import changed_performances
     from mrbt_mesh.core.membership.peer import State
     from mrbt_mesh.core.mission.mission import MICRO
+    from mrbt_mesh.core.observer.time_at_work import time_at_work
     from mrbt_mesh.runtime.blocked_loop import SUBJECT
+    from mrbt_mesh.runtime.fencing import boottime_us
 
     observer, run_dir = watcher.observer, watcher.address.run_dir
     member = observer.facts.members.get(robot)
@@ -166,6 +171,7 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
             for (of, subject), episode in observer.record.problems.items()
             if of == robot and subject in (SUBJECT, PROCESS) and episode.to_us is None
         }
+    at_work = time_at_work(observer, robot, boottime_us())
     return {
         "host": member[0].host if member else None,
         "pid": pid,
@@ -176,6 +182,8 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "values": _values(observer, claim),
         "phase": claim.phase.name.lower() if claim else None,
         "under_way": observer.facts.under_way(robot),
+        "at_work_s": round(at_work.for_s, 1) if at_work is not None else None,
+        "expected_s": at_work.expected_s if at_work is not None else None,
         "lost": dict(member[0].lost) if member else {},
         "pending": dict(member[0].pending) if member else {},
         "problems": problems,

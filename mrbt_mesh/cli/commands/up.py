@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -155,6 +156,6 @@ def demo(context: click.Context, example: str, speed: float, headless: bool, as_
         except InputError:
             pass  # without its extra
     if not as_json:
-        click.echo(f"mrbt up {mission}")
+        click.echo(f"mrbt up {quote(str(mission))}")
     how = {"speed": speed, "headless": headless, "as_json": as_json}
     context.invoke(up, mission=mission, guide=Guide(KILL_AFTER_S / speed), **how, **page)

@@ -8,6 +8,7 @@ from typing import Any
 from rich.text import Text
 
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.mission.names import name_order
 
 MARKS = {
     Status.IDLE: ("·", "dim"),
@@ -47,10 +48,10 @@ def by_urgency(robots: Mapping[str, Mapping[str, Any]]) -> list[str]:
     `robots`: by name, with `state`, `lost`, `problems` and `local_task`.
     """
 
-    def rank(robot: str) -> int:
+    def rank(robot: str) -> tuple[int, tuple[tuple[bool, int, str], ...]]:
         row = robots[robot]
         if row["state"] in ("dead", "suspect") or row["lost"] or row["problems"]:
-            return 0
-        return 1 if row["local_task"] else 2
+            return 0, name_order(robot)
+        return 1 if row["local_task"] else 2, name_order(robot)
 
     return sorted(robots, key=rank)

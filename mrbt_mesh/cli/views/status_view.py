@@ -18,6 +18,8 @@ from mrbt_mesh.cli.views.summary_view import (
     failure_line,
 )
 from mrbt_mesh.core.mission.names import with_entries
+from mrbt_mesh.core.observer.headline import duration_text
+from mrbt_mesh.core.observer.time_at_work import OVERDUE
 
 # Reasons of refusals that are named for each robot; `--json` has all.
 MOST_REASONS = 5
@@ -25,7 +27,7 @@ MOST_REASONS = 5
 
 def render_status(data: Mapping[str, Any]) -> RenderableType:
     """The output of `mrbt status --json`, for a terminal."""
-    robots = table("robot", "type", "host", "pid", "state", "works on", "lost or changed")
+    robots = table("robot", "type", "host", "pid", "state", "works on", "for", "lost or changed")
     for robot in by_urgency(data["robots"]):
         row = data["robots"][robot]
         robots.add_row(
@@ -35,6 +37,7 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
             str(row["pid"] or ""),
             Text(row["state"], STATE_MARKS[row["state"]][1]),
             _works_on(row),
+            _for(row),
             capability_changes(row),
         )
     name = data["mission"] + (f", revision {data['revision']}" if data["revision"] else "")
@@ -68,6 +71,17 @@ def _works_on(row: Mapping[str, Any]) -> Text:
     place = row["under_way"]
     task = with_entries(row["local_task"], {n: v for n, v in row["values"].items() if v})
     return Text.assemble(task, (f" (on its way to {place})" if place else "", "dim"))
+
+
+def _for(row: Mapping[str, Any]) -> Text:
+    """For how long it has been at work, of how long that should take."""
+    for_s, expected_s = row["at_work_s"], row["expected_s"]
+    if for_s is None:
+        return Text()
+    if expected_s is None:
+        return Text(duration_text(for_s), "dim", no_wrap=True)
+    style = "yellow" if for_s > OVERDUE * expected_s else "dim"
+    return Text(f"{duration_text(for_s)} of {duration_text(expected_s)}", style, no_wrap=True)
 
 
 def _refused(robot: str, counts: Mapping[str, int]) -> Text:

@@ -13,12 +13,14 @@ from mrbt_mesh.cli.views.marks import STATE_MARKS
 from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.observer.episodes import after_text, lost_text
+from mrbt_mesh.core.observer.summary import ABORTED
 
 RESULTS = {
     "success": ("✔", "bold green", "mission succeeded"),
     "failure": ("✘", "bold red", "mission failed"),
     "timeout": ("⧗", "bold yellow", "mission not finished in time"),
     "blocked": ("■", "bold yellow", "mission blocked"),
+    "ended": ("■", "bold", "mission not finished: an operator has ended it"),
     "not_started": ("…", "bold yellow", "mission not started: its team has not gathered"),
 }
 MOST_BIDS = 20
@@ -74,7 +76,9 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
 def _headline(summary: Mapping[str, Any]) -> Text:
     result = str(summary.get("result"))
     mark, style, words = RESULTS.get(result, ("?", "bold", result))
-    if summary.get("ends") == "never" and result in ("success", "failure"):
+    if summary.get("ended_because") == ABORTED:
+        mark, style, words = "■", "bold yellow", "mission aborted"
+    elif summary.get("ends") == "never" and result in ("success", "failure"):
         words = _standing_by(summary["rounds"], summary.get("older", {}).get("rounds", 0))
     faults = len(summary.get("faults", ()))
     return Text.assemble(

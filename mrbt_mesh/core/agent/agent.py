@@ -362,7 +362,7 @@ class Agent:
                     return
         self._executor.perform(plan, now_us)
         if self._contact is not None:
-            self._contact.perform_return()
+            self._contact.perform_return(now_us)
         if leased is not None:
             leased.request()
 

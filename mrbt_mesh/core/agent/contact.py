@@ -162,7 +162,7 @@ class ContactWatch:
         if self.is_lost:
             self._regain(now_us)
 
-    def perform_return(self) -> None:
+    def perform_return(self, now_us: int) -> None:
         """Begin the local task of RETURN, once nothing else runs."""
         context, work, policy = self._context, self._context.work, self._policy
         if not self._returns or work.action is not None or policy is None:
@@ -171,7 +171,8 @@ class ContactWatch:
         value = context.description.performance(policy.local_task)
         assert value is not None
         activation = str(Activation(context.config.run, -1, policy.local_task, (), 0))
-        start = work.start_alone(activation, policy.local_task, value, context.replica.incarnation)
+        life = context.replica.incarnation
+        start = work.start_alone(activation, policy.local_task, value, life, now_us)
         context.emit(start)
         context.log("info", "returns", local_task=policy.local_task)
 

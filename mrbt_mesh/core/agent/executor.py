@@ -198,7 +198,8 @@ class Executor:
         value = context.description.performance(claim.local_task)
         assert value is not None
         life, partners = context.replica.incarnation, plan.partners(context.me)
-        start = work.start(claim, partners, value, life, clearance.coalition, travel_to)
+        coalition = clearance.coalition
+        start = work.start(claim, partners, value, life, now_us, coalition, travel_to)
         begun: list[Fact] = []
         if start.values and not context.facts.begun_with(start.activation):
             values = tuple(value for _, value in start.values)

@@ -114,7 +114,7 @@ class Heartbeats:
         relays = membership.relays()
         if reports:
             relays = dict(sorted({**relays, **reports}.items()))
-        life = context.replica.incarnation
+        life, since_us = context.replica.incarnation, context.work.running_since_us
         report = SelfReport(life, number, digest, urgent.is_joined, int(result))
         beat = Heartbeat(
             membership.reports.sign(context.me, report),
@@ -130,6 +130,7 @@ class Heartbeats:
             context.position,
             context.work.tree_statuses,
             context.recorded,
+            0 if since_us is None else (now_us - since_us) // 1_000,
             clock.unix_us(now_us) if (clock := context.wall_clock) is not None else None,
             now_us if self._shows_clock else None,
         )

@@ -19,7 +19,7 @@ from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.jobs import Jobs, KnownJob
 from mrbt_mesh.core.facts.records import Hold, Job, JobEnd, OperatorCommand
 from mrbt_mesh.core.facts.store import Entry
-from mrbt_mesh.core.mission.jobs import OpenJob
+from mrbt_mesh.core.mission.jobs import OpenJob, utc_text
 
 MAX_OPEN = 20_000
 # Times are not further ahead than this: a year.
@@ -53,7 +53,7 @@ class _JobDesk:
         """The state of a job as plain data; without one if no job has this id."""
         known = self._jobs.known.get(name)
         if self._jobs.is_archived(name):
-            return {"id": name, "state": "ended"}
+            return {"id": name, "state": str(self._jobs.archived_end(name) or "ended")}
         if known is None or (known.job is None and known.end is None):
             return {"id": name}
         return _state(known)
@@ -73,6 +73,7 @@ class _JobDesk:
         is_same = found.content == job.content or found == job
         if not is_same or (found.type, found.arguments) != (job.type, job.arguments):
             text = f"there is another job of this id, {_description(known, found)}"
+            text = f"{text}; it differs in {_difference(found, job)}"
             raise RefusalError(f"{text}; choose another id", CONFLICT)
         return True
 
@@ -130,8 +131,27 @@ def _description(known: KnownJob, found: Job | JobEnd) -> str:
     if isinstance(found, JobEnd):
         return f"{label}, which has ended: {known.end.state if known.end else found.state}"
     times = {"not before": found.not_before_us, "deadline": found.deadline_us}
-    shown = [f"{what} {us / 1e6:.0f} (Unix time)" for what, us in times.items() if us]
+    shown = [f"{what} {utc_text(us)}" for what, us in times.items() if us]
     return ", ".join([label, f"priority {found.priority}", *shown])
+
+
+def _difference(found: Job | JobEnd, sent: Job) -> str:
+    """`priority (there 5, sent 7)`: all fields in which a job differs from the one sent."""
+    fields: dict[str, tuple[Any, Any]] = {
+        "type": (found.type, sent.type),
+        "arguments": (", ".join(found.arguments), ", ".join(sent.arguments)),
+    }
+    if isinstance(found, Job):
+        fields["priority"] = found.priority, sent.priority
+        fields["not_before"] = _time(found.not_before_us), _time(sent.not_before_us)
+        fields["deadline"] = _time(found.deadline_us), _time(sent.deadline_us)
+    texts = [f"{name} (there {a}, sent {b})" for name, (a, b) in fields.items() if a != b]
+    rest = "its times" if isinstance(found, Job) else "its priority or times"
+    return ", ".join(texts) or f"{rest}, as they were asked for"
+
+
+def _time(unix_us: int) -> str:
+    return utc_text(unix_us) if unix_us else "none"
 
 
 def _state(known: KnownJob) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from the start goes by its own clock.
 from __future__ import annotations
 
 from mrbt_mesh.core.membership.membership import Membership
+from mrbt_mesh.core.membership.timing import earlier_median
 
 TOLERANCE_US = 1_000_000
 # The runtime gives the clock again once it is off by so much from what it gave last.
@@ -95,8 +96,3 @@ def _problem(ahead_us: int) -> str:
         f"its clock is {seconds} s {side} the team's, so it does not decide when jobs are "
         "due or expire: set the clock, or have it set by NTP"
     )
-
-
-def earlier_median(values: list[int]) -> int:
-    """The value in the middle; of an even number the smaller of the two."""
-    return sorted(values)[(len(values) - 1) // 2]

@@ -27,7 +27,8 @@ def _subject(assignment: RobotAssignment | None) -> tuple[object, ...] | None:
 class Work:
     """At most one claim, and at most one action (which may still be stopping).
 
-    `action`: as it was started, until it has ended. `tree_statuses`: of the nodes of the tree that
+    `action`: as it was started, until it has ended. `running_since_us`: since when it runs, None
+    without one, on a way, and while it stops. `tree_statuses`: of the nodes of the tree that
     carries it out, if one does. `ended`: the local task that was assigned last and its outcome,
     until T_Li has been ticked with it. `place`: the last one at which it has arrived, empty if it
     has not yet; `has_arrived`: that is not written yet. `is_between`: it has set out from a place,
@@ -39,6 +40,7 @@ class Work:
         self.assigned_us = 0
         self.claim: Claim | None = None
         self.action: StartAction | None = None
+        self.running_since_us: int | None = None
         self.progress = 0
         self.tree_statuses = b""
         self.ended: tuple[str, Status] | None = None
@@ -94,6 +96,7 @@ class Work:
         partners: tuple[str, ...],
         performance: int,
         incarnation: Incarnation,
+        now_us: int,
         coalition: str = "",
         travel_to: str = "",
     ) -> StartAction:
@@ -101,6 +104,7 @@ class Work:
         self._tickets += 1
         self._stopping = False
         self._clear_progress()
+        self.running_since_us = None if travel_to else now_us
         names = claim.activation, claim.global_task, claim.local_task
         phase = Phase.TRAVELLING if travel_to else Phase.RUNNING
         self.is_between = self.is_between or bool(travel_to)
@@ -112,12 +116,18 @@ class Work:
         return self.action
 
     def start_alone(
-        self, activation: str, local_task: str, performance: int, incarnation: Incarnation
+        self,
+        activation: str,
+        local_task: str,
+        performance: int,
+        incarnation: Incarnation,
+        now_us: int,
     ) -> StartAction:
         """Begin an action that nobody has asked for: it has no claim, and no outcome for others."""
         self._tickets += 1
         self._stopping = False
         self._clear_progress()
+        self.running_since_us = now_us
         self.action = StartAction(
             self._tickets, activation, "", local_task, (), performance, incarnation
         )
@@ -154,7 +164,8 @@ class Work:
                 self.assignment, value = assignment, assignment.performance
         if claim is None or not (travel_to or claim.phase is Phase.RUNNING):
             return []
-        return [self.start(claim, partners, value, incarnation, claim.coalition, travel_to)]
+        names = claim.coalition, travel_to
+        return [self.start(claim, partners, value, incarnation, now_us, *names)]
 
     def progressed(self, number: int, percent: int) -> None:
         """How far the action is."""
@@ -206,4 +217,4 @@ class Work:
         return [CancelAction(self.action.ticket)]
 
     def _clear_progress(self) -> None:
-        self.progress, self.tree_statuses = 0, b""
+        self.progress, self.tree_statuses, self.running_since_us = 0, b"", None

@@ -15,7 +15,7 @@ from bisect import bisect_left, insort
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from heapq import nlargest
+from itertools import islice
 from typing import Any, NamedTuple
 
 from mrbt_mesh.core.bt.tree import Status
@@ -223,7 +223,9 @@ class Jobs:
         self.obsolete: dict[tuple[str, str], None] = {}
         self.arrived: dict[str, None] = {}
         self._in_tree: tuple[OpenJob, ...] | None = None
-        self._ended: dict[str, None] = {}
+        # Those that have ended, with their places among them: by the stamp of the end, then by id.
+        self._ended: dict[str, tuple[int, str]] = {}
+        self._by_end: list[tuple[int, str]] = []
         self._shares: Mapping[str, int] | None = None
         self._unended: dict[str, None] = {}
         # Those that were cancelled, and of which no robot has written the end yet.
@@ -248,14 +250,9 @@ class Jobs:
     def shares(self) -> Mapping[str, int]:
         """Robot -> on how many of the last `COUNTED_ENDS` jobs that have ended it has worked."""
         if self._shares is None:
-            ends = ((name, self.known[name].written_end) for name in self._ended)
-            kept = [
-                (end.stamp, name, end.robots)
-                for name, end in ends
-                if end is not None and not self.is_archived(name)
-            ]
-            latest = nlargest(COUNTED_ENDS, kept)
-            self._shares = Counter(robot for _, _, robots in latest for robot in robots)
+            kept = (name for _, name in reversed(self._by_end) if not self.is_archived(name))
+            ends = (self.known[name].written_end for name in islice(kept, COUNTED_ENDS))
+            self._shares = Counter(robot for end in ends if end is not None for robot in end.robots)
         return self._shares
 
     def has_ended(self, name: str) -> bool:
@@ -306,6 +303,14 @@ class Jobs:
                 found.add(archive.contents[place])
         return found
 
+    def archived_end(self, name: str) -> JobState | None:
+        """How a job ended that has ended long ago; None: it has not, or that is not kept, or
+        archives contradict.
+        """
+        hashed = hash_of(name)
+        found = {archive.end_of(hashed) for archive in self._archives.values()} - {None}
+        return found.pop() if len(found) == 1 else None
+
     # -- those that have ended long ago -------------------------------------------------------
 
     def to_archive(self, turn: int) -> tuple[int, JobArchive] | None:
@@ -316,12 +321,15 @@ class Jobs:
         if len(self._ended) <= KEPT_ENDS + (1 + turn) * MAX_ARCHIVED:
             return None
         settled = [name for name in self._ended if name not in self._unsettled]
-        ends = ((name, self.known[name].written_end) for name in settled)
-        oldest = sorted((end.stamp, name, end.content) for name, end in ends if end is not None)
-        rows = {hash_of(name): content for _, name, content in oldest[:MAX_ARCHIVED]}
+        ends = ((name, self.known[name].end) for name in settled)
+        oldest = sorted((e.stamp, name, e.content, e.state) for name, e in ends if e is not None)
+        rows = {hash_of(name): (content, how) for _, name, content, how in oldest[:MAX_ARCHIVED]}
         hashes = sorted(rows)
         numbers = [int(name) for _, name in self._archives]
-        archive = JobArchive(array("Q", hashes), array("Q", [rows[each] for each in hashes]))
+        contents = array("Q", [rows[each][0] for each in hashes])
+        archive = JobArchive(
+            array("Q", hashes), contents, "".join(rows[each][1][0] for each in hashes)
+        )
         return max(numbers, default=0) + 1, archive
 
     def knows_archive(self, number: int, archive: JobArchive) -> bool:
@@ -496,7 +504,9 @@ class Jobs:
         job = known.job
         if known.ends or known.id in self._ended:
             self._shares = None
-        self._ended.pop(known.id, None)
+        place = self._ended.pop(known.id, None)
+        if place is not None:
+            del self._by_end[bisect_left(self._by_end, place)]
         self._unended.pop(known.id, None)
         self._cancelled.pop(known.id, None)
         self._overruled.pop(known.id, None)
@@ -510,7 +520,8 @@ class Jobs:
             self._unsettled[known.id] = None
         kind = self._mission.jobs.get(end.type) if end is not None else None
         if end is not None and not (kind is not None and kind.ends_mission):
-            self._ended[known.id] = None
+            self._ended[known.id] = place = (end.stamp, known.id)
+            insort(self._by_end, place)
         self._end_node(known)
         if not known.keys and not known.is_begun:
             del self.known[known.id]

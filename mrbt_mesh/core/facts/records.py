@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 from array import array
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -567,6 +568,8 @@ class JobState(enum.StrEnum):
     EXPIRED = "expired"
 
 
+# How an archive says it.
+JOB_ENDS: Mapping[str, JobState] = {state.value[0]: state for state in JobState}
 _JobState: TypeAlias = Annotated[JobState, Plain(lambda value: JobState(read_text(value)), str)]
 
 
@@ -612,20 +615,36 @@ class JobEnd(Record):
 @dataclass(frozen=True, slots=True)
 class JobArchive(Record):
     """Jobs that have ended long ago, of which only that is kept: the hashes of their ids, sorted,
-    and in the same order their `Job.content`.
+    and in the same order their `Job.content`, and how they ended, by the first letter of that.
+    `ends` is empty in archives of earlier versions.
     """
 
     hashes: Annotated[Sequence[int], Plain(_read_hashes, list)]
     contents: Annotated[Sequence[int], Plain(_read_hashes, list)]
+    ends: str = ""
 
     write_once: ClassVar[bool] = True
 
+    def to_value(self) -> list[Any]:
+        value: list[Any] = Record.to_value(self)
+        return value if self.ends else value[:-1]
+
     @classmethod
     def parse(cls, value: Any) -> JobArchive:
-        found = cls(*map(_read_hashes, read_fields(value, 2)))
+        ends = value[2:] if isinstance(value, list) else []
+        hashes, contents = map(_read_hashes, read_fields(value, 2 + len(ends[:1]))[:2])
+        found = cls(hashes, contents, *(read_text(each) for each in ends))
         if len(found.hashes) != len(found.contents) or [*found.hashes] != sorted({*found.hashes}):
             raise ValueError("different hashes in order, and a content for each, expected")
+        if ends and (len(found.ends) != len(found.hashes) or set(found.ends) - set(JOB_ENDS)):
+            raise ValueError("an end of each job expected")
         return found
+
+    def end_of(self, hashed: int) -> JobState | None:
+        """How the job with this hash ended; None: it is not in the archive, or that is not kept."""
+        place = bisect_left(self.hashes, hashed)
+        is_here = place < len(self.hashes) and self.hashes[place] == hashed
+        return JOB_ENDS[self.ends[place]] if is_here and self.ends else None
 
 
 @dataclass(frozen=True, slots=True)

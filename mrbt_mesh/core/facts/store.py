@@ -132,6 +132,16 @@ Change: TypeAlias = tuple[Entry | None, Entry | None]
 Listener: TypeAlias = Callable[[Sequence[Change]], None]
 
 
+# The entries of one author are of so many parts.
+PARTS = 64
+_PART_MODULUS = 1 << 64
+
+
+def part_of(version: Version) -> int:
+    """The part of an author's entries to which those of a batch belong, all of them to one."""
+    return (version.incarnation.counter + version.sequence) % PARTS
+
+
 class FactMap:
     """All entries, with a digest per author that is kept up to date entry by entry."""
 
@@ -204,6 +214,17 @@ class FactMap:
     def author_digests(self) -> dict[str, bytes]:
         """A 16-byte digest of each author's entries, sorted by author: a version summary."""
         return {a: self._digests[a].to_bytes(16, "big") for a in sorted(self._digests)}
+
+    def part_digests(self, author: str) -> bytes:
+        """`PARTS` digests of 8 bytes, each of the author's entries in one part: see `part_of`."""
+        totals = [0] * PARTS
+        for entry in self._by_author.get(author, {}).values():
+            totals[part_of(entry.version)] += entry.hash
+        return b"".join([(total % _PART_MODULUS).to_bytes(8, "big") for total in totals])
+
+    def count_of(self, author: str) -> int:
+        """How many entries an author has."""
+        return len(self._by_author.get(author, {}))
 
     def digest(self) -> bytes:
         """An 8-byte digest of the whole map: of the sum of the hashes of all entries."""

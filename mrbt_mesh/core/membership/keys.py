@@ -83,11 +83,15 @@ def make_command(
 
     `value`: as plain data. `version`: the stamp and the id that the operator's client gives.
     """
+    entry = parse_entry(OPERATORS, name, version, [value, operator, "", ""])
     if keys is None:
-        return parse_entry(OPERATORS, name, version, [value, operator, "", ""])
-    content = command_content(run, name, version, [value, operator])
-    values = [value, operator, keys.name, keys.sign(content).hex()]
-    return parse_entry(OPERATORS, name, version, values)
+        return entry
+    # What is signed is what was read: robots read no more of it, and its numbers can be packed.
+    assert isinstance(entry.record, OperatorCommand)
+    values = entry.record.to_value()[:2]
+    content = command_content(run, entry.name, version, values)
+    values += [keys.name, keys.sign(content).hex()]
+    return parse_entry(OPERATORS, entry.name, version, values)
 
 
 class Authorship:

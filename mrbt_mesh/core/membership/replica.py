@@ -7,7 +7,15 @@ from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.derived import WITNESSED_KINDS, follows_from_others, is_known
 from mrbt_mesh.core.facts.records import MISSION_KINDS, OPERATORS
-from mrbt_mesh.core.facts.store import BatchProof, Entry, Fact, Incarnation, Version, parse_entry
+from mrbt_mesh.core.facts.store import (
+    BatchProof,
+    Entry,
+    Fact,
+    Incarnation,
+    Version,
+    parse_entry,
+    part_of,
+)
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.facts.validation import refusal_reason
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
@@ -35,6 +43,8 @@ from mrbt_mesh.core.membership.wire import (
 TOO_FAR_AHEAD = "its count is too far ahead of those of others"
 # To take in a page takes a robot some milliseconds, in which it does nothing else.
 PAGE_BYTES = 1 << 16
+# Of an author with that many entries it is told which parts of them are known.
+PARTED_FROM = 64
 
 
 @dataclass(slots=True)
@@ -272,19 +282,24 @@ class Replica:
 
     def write_pull(self, alive: bytes = bytes(DIGEST_BYTES)) -> bytes:
         """The question for what others have and this replica lacks; `alive`: of its alive set."""
-        return encode(self.header, MessageKind.PULL, [self.facts.map.author_digests(), alive])
+        facts = self.facts.map
+        digests = facts.author_digests()
+        parted = [author for author in digests if facts.count_of(author) >= PARTED_FROM]
+        parts = {author: facts.part_digests(author) for author in parted}
+        return encode(self.header, MessageKind.PULL, [digests, alive, parts])
 
     def answer_pull(
         self, data: bytes, view: Callable[[bytes], Mapping[str, SelfReport]] | None = None
     ) -> tuple[bytes, ...]:
-        """The answer to a pull: all entries of every author where the asker differs.
+        """The answer to a pull: all entries of every author where the asker differs; of one of whom
+        it has many, those of the parts that differ.
 
         In pages that stay far below what a receiver reads; a batch is never torn apart. `view`,
         of the digest of the asker's alive set: the robots that are held for alive here, if that is
         others; it goes with the last one. Raises WireError.
         """
         _, body = decode(data, self.header, MessageKind.PULL)
-        theirs, alive = parse_pull(body)
+        theirs, alive, parts = parse_pull(body)
         differing = [
             author
             for author, digest in self.facts.map.author_digests().items()
@@ -292,7 +307,7 @@ class Replica:
         ]
         pages: list[list[Entry]] = [[]]
         size = 0
-        for batch in self._batches(differing):
+        for batch in self._batches(differing, parts):
             batch_bytes = sum(len(entry.packed) + len(entry.name) for entry in batch)
             if pages[-1] and size + batch_bytes > PAGE_BYTES:
                 pages.append([])
@@ -313,12 +328,23 @@ class Replica:
             for number, page in enumerate(pages)
         )
 
-    def _batches(self, authors: Iterable[str]) -> Iterable[list[Entry]]:
+    def _batches(self, authors: Iterable[str], parts: Mapping[str, bytes]) -> Iterable[list[Entry]]:
         for author in authors:
+            wanted = self._differing_parts(author, parts.get(author))
             by_version: dict[Version, list[Entry]] = {}
             for entry in self.facts.map.of_author(author):
-                by_version.setdefault(entry.version, []).append(entry)
+                if wanted is None or part_of(entry.version) in wanted:
+                    by_version.setdefault(entry.version, []).append(entry)
             yield from (by_version[version] for version in sorted(by_version))
+
+    def _differing_parts(self, author: str, theirs: bytes | None) -> frozenset[int] | None:
+        """The parts of an author's entries to send; None: all."""
+        if theirs is None:
+            return None
+        mine = self.facts.map.part_digests(author)
+        # Two digests may be equal by chance; the author's own, which is longer, is not.
+        at = range(0, len(mine), 8)
+        return frozenset(n // 8 for n in at if mine[n : n + 8] != theirs[n : n + 8]) or None
 
 
 class Durability:

@@ -222,3 +222,8 @@ class HeartbeatSchedule:
         self._schedule(now_us + (self._fast_period_us if is_fast else self._timing.heartbeat_us))
         self.last_sent_us = now_us
         return self._number
+
+
+def earlier_median(values: list[int]) -> int:
+    """The value in the middle; of an even number the smaller of the two."""
+    return sorted(values)[(len(values) - 1) // 2]

@@ -17,6 +17,7 @@ import msgpack
 from mrbt_mesh.core.facts.records import MAX_NAME, OPERATORS
 from mrbt_mesh.core.facts.store import (
     MAX_VALUE_BYTES,
+    PARTS,
     BatchProof,
     Entry,
     Incarnation,
@@ -26,7 +27,7 @@ from mrbt_mesh.core.facts.store import (
 )
 from mrbt_mesh.core.mission.names import is_robot_id
 
-SCHEMA = 15
+SCHEMA = 16
 MAX_MESSAGE_BYTES = 4 << 20
 # Items of one list, and of all lists of a message together: an empty list takes a byte in a
 # message, and 64 in memory.
@@ -156,7 +157,8 @@ class Heartbeat:
     the nodes, in preorder, of the tree that carries out its local task, if there is one;
     `recorded`: so far it has signed its recording, None if it does not. `unix_us`: what the
     sender's wall clock shows, in missions with jobs; `steady_us`: what its steady clock shows,
-    in missions in which robots stop in time by that. Without, they take no byte.
+    in missions in which robots stop in time by that. Without, they take no byte. `work_ms`: for how
+    long the action of its local task runs, 0 without one.
     """
 
     report: SelfReport
@@ -172,6 +174,7 @@ class Heartbeat:
     position: Position | None = None
     tree_statuses: bytes = b""
     recorded: RecordingHead | None = None
+    work_ms: int = 0
     unix_us: int | None = None
     steady_us: int | None = None
 
@@ -311,6 +314,7 @@ def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
         heartbeat.tree_statuses,
         None if head is None else [head.number, head.check],
         report.signature,
+        heartbeat.work_ms,
         *_clocks(heartbeat),
     ]
 
@@ -352,10 +356,10 @@ def parse_heartbeat(
     Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
     [robot, counter, nonce, number, ...], as yet unchecked.
     """
-    if not isinstance(body, list) or len(body) not in (18, 19, 20):
+    if not isinstance(body, list) or len(body) not in (19, 20, 21):
         raise WireError("beat is malformed")
     counter, nonce, number, flags, plan, facts, alive, statuses, result, progress, *tables = body
-    suspicions, relays, request, grants, where, tree, head, signature, *clocks = tables
+    suspicions, relays, request, grants, where, tree, head, signature, work_ms, *clocks = tables
     flags = _count(flags, 3)
     if not isinstance(statuses, list) or len(statuses) != 4:
         raise WireError("beat statuses are malformed")
@@ -380,6 +384,7 @@ def parse_heartbeat(
         _position(where),
         _tree_statuses(tree),
         _recording_head(head),
+        _count(work_ms),
         *(None if each is None else _count(each) for each in clocks),
     )
 
@@ -522,15 +527,19 @@ def _proof(value: Any) -> BatchProof | None:
     return BatchProof(hashes, signature)
 
 
-def parse_pull(body: Any) -> tuple[Mapping[str, bytes], bytes]:
-    """A pull's version summary, author -> 16-byte digest, and the digest of the asker's alive set.
+def parse_pull(body: Any) -> tuple[Mapping[str, bytes], bytes, Mapping[str, bytes]]:
+    """A pull's version summary, author -> 16-byte digest; the digest of the asker's alive set; and
+    of authors with many entries the digests of their parts, see `FactMap.part_digests`.
 
     Raises WireError.
     """
-    if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], dict):
+    if not isinstance(body, list) or len(body) != 3:
+        raise WireError("version summary is malformed")
+    if not isinstance(body[0], dict) or not isinstance(body[2], dict):
         raise WireError("version summary is malformed")
     summary = {_author(author): _digest(digest, 16) for author, digest in body[0].items()}
-    return summary, _digest(body[1])
+    parts = {_author(a): _digest(digests, PARTS * 8) for a, digests in body[2].items()}
+    return summary, _digest(body[1]), parts
 
 
 # How an agent writes and reads its messages; several agents in one process may share the work.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import NamedTuple, TypeVar
 
 from mrbt_mesh.core.bt.tree import (
@@ -46,6 +47,11 @@ def most_nodes(tree: Tree, index: int = 0) -> int:
     node = tree.nodes[index]
     below = sum(most_nodes(tree, child) for child in node.children)
     return 1 + below * (node.limit if node.kind is Kind.JOBS else 1)
+
+
+def utc_text(unix_us: int) -> str:
+    """A time of a job, as all its users are told it: `2026-05-04 10:03:19 UTC`."""
+    return f"{datetime.fromtimestamp(unix_us // 1_000_000, UTC):%F %T} UTC"
 
 
 class OpenJob(NamedTuple):

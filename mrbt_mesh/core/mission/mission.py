@@ -59,6 +59,12 @@ COMPILED_VERSION = 2
 
 _NUMBER = re.compile(r"0|-?[1-9][0-9]{0,9}")
 
+
+def is_whole_number(text: str) -> bool:
+    """Whether a text is a whole number as arguments of jobs write it."""
+    return _NUMBER.fullmatch(text) is not None
+
+
 RobotId: TypeAlias = str
 LocalTaskId: TypeAlias = str
 GlobalTaskId: TypeAlias = str
@@ -281,7 +287,7 @@ class JobParameter:
         if self.choices:
             listed = ", ".join(self.choices[:20]) + (", ..." if len(self.choices) > 20 else "")
             return "" if value in self.choices else f"{self.name} is one of {listed}"
-        is_number = _NUMBER.fullmatch(value) and self.low <= int(value) <= self.high
+        is_number = is_whole_number(value) and self.low <= int(value) <= self.high
         return "" if is_number else f"{self.name} is a whole number from {self.low} to {self.high}"
 
     def longest(self) -> str:
@@ -713,6 +719,12 @@ class Mission:
         leaves = [ground] if tree is None else [node.subject for node in tree.actions()]
         known = (self.local_tasks.get(type_name(leaf)) for leaf in leaves)
         return sum(task.work if task is not None else MICRO for task in known)
+
+    def declared_work(self, ground: LocalTaskId) -> int | None:
+        """The same; None where the mission does not say, or says what it is anyway."""
+        work = self.nominal_work(ground)
+        tree = self.local_trees.get(ground)
+        return None if work == MICRO * (1 if tree is None else len(list(tree.actions()))) else work
 
     def to_json(self) -> dict[str, Any]:
         """The compiled mission as plain data; `mission_from_json` takes it back.

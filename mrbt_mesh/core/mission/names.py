@@ -100,11 +100,19 @@ def declared_name(condition: str) -> str:
     return type_name(condition.partition(" ")[0].partition(_OF)[0])
 
 
+def name_order(name: str) -> tuple[tuple[bool, int, str], ...]:
+    """A key that sorts names as people do: C2 before C10."""
+    parts = re.findall(r"\d+|\D+", name)
+    return tuple((part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts)
+
+
 def is_robot_id(text: str) -> bool:
     """Whether `text` may name a robot: 1 to 32 letters, digits, `_`, `-`."""
     return _ROBOT.fullmatch(text) is not None
 
 
 def is_job_id(text: str) -> bool:
-    """Whether `text` may name a job: 1 to 64 letters, digits, `_`, `.`, `+`, `-`."""
-    return _JOB_ID.fullmatch(text) is not None
+    """Whether `text` may name a job: 1 to 64 letters, digits, `_`, `.`, `+`, `-`. The two that
+    mean places in a path are none.
+    """
+    return _JOB_ID.fullmatch(text) is not None and text not in (".", "..")

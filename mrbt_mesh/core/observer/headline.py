@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import enum
+import shlex
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import (
     ADDRESS,
     NETWORK,
@@ -20,11 +22,15 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission, Recorded, performance
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import name_order, type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text, lost_text
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.time_at_work import overdue
+from mrbt_mesh.core.planning.demands import LACKS_GRANTS
 from mrbt_mesh.core.planning.plan import Shortage, shortened
 
+# Robots that `mrbt join` starts.
+_STARTABLE = (State.DEAD, State.LEFT)
 # Blocked requests, and remedies of each, that are named; the status has all.
 MOST_BLOCKED, MOST_REMEDIES = 3, 2
 # What a robot reports of how it hears others.
@@ -80,7 +86,7 @@ def _present(observer: Observer) -> set[str]:
     return {robot for robot, peer in observer.membership.peers.items() if peer.state.is_member}
 
 
-def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
+def headline(observer: Observer, differing: Collection[str], now_us: int) -> list[Statement]:
     """What is to be said of a team now, the worst first, of one that has ended its result; never
     empty.
 
@@ -89,7 +95,8 @@ def headline(observer: Observer, differing: Collection[str]) -> list[Statement]:
     """
     found = [*_alone(observer), *_blocked(observer), *_dead(observer)]
     if observer.record.result is None:
-        found += [*_silent(observer), *_faulty(observer), *_agreement(observer, differing)]
+        found += [*_overdue(observer, now_us), *_silent(observer), *_faulty(observer)]
+        found += _agreement(observer, differing)
         found += [*_revision(observer), *_open_jobs(observer)]
     order = list(Level)
     is_bad = any(statement.level is Level.BAD for statement in found)
@@ -164,6 +171,8 @@ def _blocked(observer: Observer) -> Iterator[Statement]:
         parts = [each.reason.removeprefix("blocked: ")]
         for shortage in each.shortages:
             parts += _remedies(observer, shortage)
+        if each.obstacle.startswith(LACKS_GRANTS):
+            parts += _who_could_grant(observer)
         yield Statement(Level.BAD, f"BLOCKED: {each.global_task}: {': '.join(parts)}")
     if len(waiting) > MOST_BLOCKED:
         yield Statement(Level.BAD, f"BLOCKED: {len(waiting) - MOST_BLOCKED} more tasks")
@@ -177,29 +186,55 @@ def _remedies(observer: Observer, shortage: Shortage) -> list[str]:
         if performance(robot.capabilities, task) is None:
             continue
         known = observer.facts.members.get(name)
-        if observer.robot_state(name) in (State.DEAD, State.LEFT):
-            found.append(f"start {name} (`mrbt join {name}`)")
-        elif known is not None and {task, type_name(task)} & known[0].lost.keys():
-            found.append(f"mend {name} (`mrbt fault {name} {task} --end`)")
+        # Its type, if that is lost: it ends the losses of its ground local tasks too.
+        lost = [x for x in (type_name(task), task) if known is not None and x in known[0].lost]
+        if observer.robot_state(name) in _STARTABLE:
+            found.append(_start(name))
+        elif lost:
+            found.append(f"mend {name} (`mrbt fault {name} {shlex.quote(lost[0])} --end`)")
     if not found:
         return [f"no other robot of the mission has {task}"]
-    joined = " or " if missing < len(found) else " and "
-    return [joined.join(found[:MOST_REMEDIES])]
+    return [_joined(found, missing)]
+
+
+def _who_could_grant(observer: Observer) -> list[str]:
+    """The robots that could be started so that a majority can grant an exclusive task."""
+    facts = observer.facts
+    states = {robot: observer.robot_state(robot) for robot in sorted(facts.grantors)}
+    found = [_start(robot) for robot, state in states.items() if state in _STARTABLE]
+    here = [r for r, s in states.items() if s.is_member and r in facts.members]
+    granting = sum(facts.members[robot][0].may_promise for robot in here)
+    return [_joined(found, majority(facts.grantors) - granting)] if found else []
+
+
+def _start(robot: str) -> str:
+    return f"start {robot} (`mrbt join {robot}`)"
+
+
+def _joined(remedies: Sequence[str], missing: int) -> str:
+    """The remedies, of which as many are needed as are missing."""
+    joined = " or " if missing < len(remedies) else " and "
+    return joined.join(remedies[:MOST_REMEDIES])
 
 
 def _dead(observer: Observer) -> Iterator[Statement]:
     """The robots that died and did not come back, with what became of their work."""
-    faults = [fault for fault in observer.record.major if fault.until_us is None]
+    faults = sorted(
+        (fault for fault in observer.record.major if fault.until_us is None),
+        key=lambda fault: name_order(fault.robot),
+    )
     if not faults:
         return
     wanted = wanted_activations(observer)
-    lost = [f for f in faults if f.held and f.held.activation in wanted and not f.replacement]
+    open_ = [f for f in faults if f.held and f.held.activation in wanted and not f.replacement]
+    lost = [fault for fault in open_ if not _now_done_by(observer, fault)]
     text = f"{len(faults)} dead: {shortened([fault.robot for fault in faults])}"
     if len(faults) == 1:
-        text += _fate(faults[0], bool(lost))
+        others = _now_done_by(observer, faults[0]) if open_ else ()
+        text += _fate(observer, faults[0], bool(lost), others)
     elif lost:
         text += f", {len(lost)} not replaced yet"
-    elif all(fault.replacement for fault in faults):
+    elif all(fault.replacement or _now_done_by(observer, fault) for fault in faults):
         text += ", all replaced"
     yield Statement(Level.BAD if lost else Level.WARN, text)
 
@@ -211,13 +246,38 @@ def wanted_activations(observer: Observer) -> set[str]:
     return {request.activation for request in observer.plan.evaluation.requests}
 
 
-def _fate(fault: MajorFault, is_wanted: bool) -> str:
-    """What became of a dead robot's work."""
+def _now_done_by(observer: Observer, fault: MajorFault) -> tuple[str, ...]:
+    """The living robots that work on what a dead one did, if they are as many as it takes; so it
+    is where nobody has seen them begin, too.
+    """
+    held, plan = fault.held, observer.plan
+    if held is None or plan is None:
+        return ()
+    for each in plan.bounds:
+        if (each.activation, each.local_task) == (held.activation, held.local_task):
+            wanted = each.activation, each.local_task
+            claims = [(robot, observer.claim(robot)) for robot in each.robots]
+            at_work = [r for r, c in claims if c and (c.activation, c.local_task) == wanted]
+            return tuple(at_work) if len(at_work) >= max(1, each.lower) else ()
+    return ()
+
+
+def _fate(observer: Observer, fault: MajorFault, is_wanted: bool, others: Sequence[str]) -> str:
+    """What became of a dead robot's work; `others` do it now, as is seen by their claims alone."""
     if fault.held is None:
         return ", was idle"
+    if others:
+        verb = "has" if len(others) == 1 else "have"
+        return f", {shortened(others)} {verb} {fault.held.local_task}"
     if fault.reassigned_after_us is None:
-        how = "not replaced yet" if is_wanted else "no longer needed"
-        return f", {fault.held.local_task} is {how}"
+        if is_wanted:
+            return f", {fault.held.local_task} is not replaced yet"
+        done = observer.facts.results(fault.held.activation, fault.held.local_task)
+        by = sorted((r for r, is_good in done.items() if is_good), key=name_order)
+        by = [robot for robot in by if robot != fault.robot]
+        # Who comes late may know no more than that nobody asks for it.
+        how = f"was done by {shortened(by)}" if by else "is over, or no longer needed"
+        return f", {fault.held.local_task} {how}"
     if fault.is_older:
         # Whether that robot began it before or after the death is not known.
         return f", {fault.replacement} has {fault.held.local_task}"
@@ -228,8 +288,34 @@ def _fate(fault: MajorFault, is_wanted: bool) -> str:
 def _silent(observer: Observer) -> Iterator[Statement]:
     states = {robot: observer.robot_state(robot) for robot in observer.robots()}
     silent = [robot for robot, state in states.items() if state is State.SUSPECT]
+    silent.sort(key=name_order)
     if silent:
         yield Statement(Level.WARN, f"{len(silent)} silent: {shortened(silent)}")
+
+
+def _overdue(observer: Observer, now_us: int) -> Iterator[Statement]:
+    """The robots whose work takes far longer than the mission says: one of them, and how many."""
+    late = list(overdue(observer, now_us))
+    for each in late[:1]:
+        for_s, expected_s = duration_text(each.for_s), duration_text(each.expected_s or 0)
+        text = f"{each.robot} has worked on {each.local_task} for {for_s}, {expected_s} is expected"
+        if len(late) > 1:
+            more = "1 more robot is" if len(late) == 2 else f"{len(late) - 1} more robots are"
+            text += f"; {more} as late"
+        yield Statement(Level.WARN, text)
+
+
+def duration_text(seconds: float) -> str:
+    """A duration that is told again and again: `0.5 s`, `42 s`, `3 min`, `2 h 5 min`."""
+    if seconds < 10:
+        return f"{seconds:.1f} s".replace(".0 ", " ")
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    hours, minutes = divmod(minutes, 60)
+    if not hours:
+        return f"{minutes} min"
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
 def _alone(observer: Observer) -> Iterator[Statement]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from datetime import UTC, datetime
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
-from mrbt_mesh.core.facts.records import JOB, Hold, Phase
+from mrbt_mesh.core.facts.records import JOB, Hold, JobState, Phase, TeamOrder
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.jobs import named_arguments
+from mrbt_mesh.core.membership.timing import earlier_median
+from mrbt_mesh.core.mission.jobs import named_arguments, utc_text
 from mrbt_mesh.core.mission.mission import JobType
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
@@ -19,11 +20,14 @@ HELD, WAITING, RUNNING = "held", "waiting", "running"
 
 @dataclass(frozen=True, slots=True)
 class JobRow:
-    """One job. `state`: held, waiting, running, succeeded, failed, cancelled or expired.
+    """One job. `state`: held, waiting, running, succeeded, failed, cancelled or expired. Where the
+    mission was aborted, or is over, all that were open are cancelled.
 
     `arguments`: parameter -> value. `why`: what it waits for, or why it has failed. `robots`: those
-    that work on it, or have.
-    `not_before_us`, `deadline_us`: Unix times, 0 if there is none or it has ended.
+    that work on it, or have. Times are Unix times. `not_before_us`, `deadline_us`: 0 if there is
+    none. What follows is as the observer has seen it: `submitted_us`, `begun_us` and `ended_us` are
+    None if that has not happened while it watched, `attempts` is how often the job's tree has
+    begun, and `results` are the entries that its tasks have set.
     """
 
     id: str
@@ -36,6 +40,11 @@ class JobRow:
     operator: str
     not_before_us: int = 0
     deadline_us: int = 0
+    submitted_us: int | None = None
+    begun_us: int | None = None
+    ended_us: int | None = None
+    attempts: int = 0
+    results: dict[str, str] = field(default_factory=dict)
 
 
 class JobRows:
@@ -46,12 +55,61 @@ class JobRows:
     def __init__(self) -> None:
         # Id -> what a row was made of: the job, its version; its place among all; the row.
         self._made: dict[str, tuple[KnownJob, int, tuple[int, ...], JobRow]] = {}
+        # Of a mission that is over: id -> an open row, and how it is shown.
+        self._over: dict[str, tuple[JobRow, JobRow]] = {}
         # Those whose rows depend on more than their own facts.
         self._lively: frozenset[str] = frozenset()
 
-    def update(self, facts: TeamFacts, plan: Plan | None, alive: Collection[str]) -> list[JobRow]:
+    def place(self, job: str) -> tuple[tuple[int, ...], str]:
+        """Where a job of the last `update` is among all: larger than those before it."""
+        return self._made[job][2], job
+
+    def of(self, observer: Observer) -> list[JobRow]:
+        """Those of an observer, with what it has seen of them."""
+        membership = observer.membership
+        offsets_us = membership.clock_offsets_us()
+        ahead_us = earlier_median(offsets_us) if offsets_us else None
+        jobs = observer.record.job_log.jobs
+
+        def seen(row: JobRow) -> JobRow:
+            history = jobs.get(row.id)
+            if history is None:
+                return row
+            has_ended = row.state not in (HELD, WAITING, RUNNING)
+            return replace(
+                row,
+                not_before_us=history.not_before_us,
+                deadline_us=history.deadline_us,
+                submitted_us=history.unix_us("submitted", ahead_us),
+                begun_us=history.unix_us("begun", ahead_us),
+                ended_us=history.unix_us("ended", ahead_us) if has_ended else None,
+                attempts=history.attempts,
+                results=dict(history.results),
+            )
+
+        rows = self.update(observer.facts, observer.plan, membership.members(), seen)
+        why = why_over(observer)
+        return [self._given_up(row, why) for row in rows] if why else rows
+
+    def _given_up(self, row: JobRow, why: str) -> JobRow:
+        """A row of a mission that is over: nobody does an open job any more."""
+        if row.state not in (HELD, WAITING, RUNNING):
+            return row
+        before, shown = self._over.get(row.id, (None, row))
+        if before != row:
+            shown = replace(row, state=str(JobState.CANCELLED), why=why)
+            self._over[row.id] = row, shown
+        return shown
+
+    def update(
+        self,
+        facts: TeamFacts,
+        plan: Plan | None,
+        alive: Collection[str],
+        seen: Callable[[JobRow], JobRow] = lambda row: row,
+    ) -> list[JobRow]:
         """All jobs that are known: open ones in their order, then those that have ended, the newest
-        first.
+        first. `seen`: a row with what follows from no facts; called when a row is made anew.
         """
         if facts.jobs is None:
             return []
@@ -77,7 +135,7 @@ class JobRows:
                 made[name] = found
             elif known.end is not None:
                 when = (1, -known.end.stamp)
-                made[name] = known, known.version, when, _ended(known, types)
+                made[name] = known, known.version, when, seen(_ended(known, types))
             elif known.job is not None:
                 why = reasons.get(name, "")
                 if not facts.jobs.fits(known.job):
@@ -87,10 +145,17 @@ class JobRows:
                 arguments = named_arguments(types, known.job.type, known.job.arguments)
                 row = _open(known, arguments, working.get(name, []), why)
                 place = (0, -known.priority, known.arrival)
-                made[name] = known, known.version, place, row
+                made[name] = known, known.version, place, seen(row)
         self._made, self._lively = made, lively
         order = sorted((place, name) for name, (_, _, place, _) in made.items())
         return [made[name][3] for _, name in order]
+
+
+def why_over(observer: Observer) -> str:
+    """Why no open job goes on any more; empty: they do."""
+    if observer.facts.order() is TeamOrder.ABORT:
+        return "the mission was aborted"
+    return "" if observer.record.result is None else "the mission is over"
 
 
 def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
@@ -124,7 +189,7 @@ def _open(
     elif known.hold is not Hold.RELEASED:
         state, why = HELD, ""
     elif not known.is_due:
-        why = f"not before {datetime.fromtimestamp(job.not_before_us // 1_000_000, UTC):%F %T} UTC"
+        why = f"not before {utc_text(job.not_before_us)}"
     shown = tuple(robots)
     return JobRow(
         known.id,

@@ -60,6 +60,8 @@ class Observer:
         self.membership = Membership("", timing, reports=SignedReports(keys, run))
         self.record = RunRecord(mission, limit)
         self.plan: Plan | None = None
+        # How many times faster than the mission says simulated robots work; for people alone.
+        self.speed = 1.0
         self.refused: dict[str, str] = {}
         self._make_plan = engine.plan_making(solver)
         self._engine = engine
@@ -142,6 +144,7 @@ class Observer:
         self.replica.compare_digest(source, beat.fact_digest, now_us)
         if beat.report.has_joined:
             self.record.robot_seen(source, beat.report.incarnation, now_us)
+            self.record.work_log.goes_on(source, beat.work_ms, now_us)
             for suspicion in beat.suspicions:
                 if suspicion.is_dead:
                     self.record.declared_dead(suspicion.robot, suspicion.incarnation, now_us)
@@ -160,6 +163,7 @@ class Observer:
         heard_us = self._first_heard_us
         if heard_us is not None and now_us - heard_us > self.membership.timing.detection_us:
             self.record.missed(now_us)  # every living robot is heard within that time
+        self._take_back(now_us)
         facts, membership = self.facts, self.membership
         self.replica.follow_keys(membership.members())
         state = (facts.changes, membership.member_changes, membership.report_changes)
@@ -185,6 +189,23 @@ class Observer:
             self._ended(result, now_us)
         elif self._has_work:
             self.record.round_runs(now_us)
+
+    def _take_back(self, now_us: int) -> None:
+        """Robots that were silent, or that others held for dead, and that all hear again."""
+        peers = self.membership.peers
+        for robot in self.record.in_doubt():
+            peer = peers.get(robot)
+            if peer is None or not peer.state.is_healthy:
+                continue
+            accused = {
+                suspicion.incarnation
+                for other in peers.values()
+                if other.state.is_healthy and other.heartbeat is not None
+                for suspicion in other.heartbeat.suspicions
+                if suspicion.robot == robot
+            }
+            if peer.incarnation not in accused:
+                self.record.heard_again(robot, peer.incarnation, peer.last_heard_us, now_us)
 
     def _take_shown(self, now_us: int) -> bool:
         """Take in what follows from the facts by the word of robots; whether there was any."""

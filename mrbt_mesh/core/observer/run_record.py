@@ -37,6 +37,7 @@ from mrbt_mesh.core.observer.episodes import (
     ProblemEpisode,
     lost_text,
 )
+from mrbt_mesh.core.observer.job_log import JobLog
 from mrbt_mesh.core.observer.mission_rounds import MissionRounds
 from mrbt_mesh.core.observer.newest import Newest
 from mrbt_mesh.core.observer.task_log import TaskLog
@@ -69,6 +70,7 @@ class RunRecord:
         self.robots: dict[str, dict[str, Any]] = {}
         self.task_log = TaskLog(mission, limit)
         self.work_log = WorkLog(limit)
+        self.job_log = JobLog(mission)
         self.rounds = MissionRounds(limit)
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []
@@ -116,6 +118,7 @@ class RunRecord:
                 self.robots[fault.robot]["state"] = State.LEFT
         self.mission = mission
         self.task_log.revised(mission)
+        self.job_log.revised(mission)
         self.say(now_us, f"revision {mission.revision_number} of the mission is in force")
 
     def watched_from(self, now_us: int, until_us: int | None) -> None:
@@ -190,7 +193,8 @@ class RunRecord:
         known = self.robots.get(robot, {})
         if self.result is not None:
             return  # after the end robots stop one after the other, which is no fault
-        if known.get("described_by") == incarnation != known.get("incarnation"):
+        seen = known.get("incarnation")
+        if known.get("described_by") == incarnation and (seen is None or seen < incarnation):
             # It had joined, and died before its first heartbeat came here; an observer that is late
             # cannot know when.
             is_catching_up = self.is_catching_up
@@ -201,7 +205,7 @@ class RunRecord:
                 self._exits[robot] = exited_us
             self._note_death(robot, incarnation, now_us)
             self.is_catching_up = is_catching_up
-        elif known.get("incarnation") == incarnation:
+        elif seen == incarnation:
             self._note_death(robot, incarnation, now_us)
 
     def _note_death(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
@@ -241,10 +245,25 @@ class RunRecord:
             self.say(now_us, f"{robot} left")
         known["state"] = state
 
+    def in_doubt(self) -> list[str]:
+        """The robots that are suspect here, or dead and not back in a later life."""
+        doubted = (State.SUSPECT, State.DEAD)
+        return [robot for robot, known in self.robots.items() if known.get("state") in doubted]
+
+    def heard_again(self, robot: str, incarnation: Incarnation, heard_us: int, now_us: int) -> None:
+        """Nobody holds a robot for dead that was heard at `heard_us`."""
+        known = self.robots[robot]
+        if known.get("incarnation") != incarnation:
+            return
+        fault = self._open_fault(robot, incarnation)
+        if fault is None or (fault.detected_us is not None and heard_us > fault.detected_us):
+            self.state(robot, State.ALIVE, heard_us, now_us)
+
     def fact(self, entry: Entry, now_us: int) -> None:
         """An entry of the fact map has changed."""
         robot = entry.author
         self.task_log.fact(entry)
+        self.job_log.fact(entry, now_us, self.is_catching_up)
         match entry.record:
             case Member() as member:
                 known = self.robots.setdefault(robot, {})

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
 from mrbt_mesh.core.observer.newest import Newest
 
+# Messages take less, and a moment that moves with each of them is no moment.
+SAME_US = 500_000
+
 
 class WorkEnd(enum.StrEnum):
     """How a robot's work on a local task ended. DROPPED: it or a newer plan gave it up."""
@@ -22,8 +25,9 @@ class WorkEnd(enum.StrEnum):
 class WorkSpan:
     """One claim of a robot. `running_us`: when its action began; None: not (yet).
 
-    `is_older`: it began before the run was watched. `reason`: why it failed, if that is known.
-    `is_way`: the robot had to go to its place first.
+    `is_older`: it began before the run was watched; by its robot's word its action began at
+    `begun_us`. `reason`: why it failed, if that is known. `is_way`: the robot had to go to its
+    place first.
     """
 
     robot: str
@@ -37,6 +41,12 @@ class WorkSpan:
     is_older: bool = False
     reason: str = ""
     is_way: bool = False
+    begun_us: int | None = None
+
+    @property
+    def since_us(self) -> int | None:
+        """When its action began; None: not (yet), or it is not known."""
+        return self.begun_us if self.is_older else self.running_us
 
     def is_of(self, activation: str, local_task: str) -> bool:
         """Whether it is work on this local task of this activation."""
@@ -72,6 +82,15 @@ class WorkLog:
         span.is_way = span.is_way or claim.phase is Phase.TRAVELLING
         if claim.phase is Phase.RUNNING and span.running_us is None:
             span.running_us = now_us
+
+    def goes_on(self, robot: str, work_ms: int, now_us: int) -> None:
+        """The robot's action runs for so long by now, as it says."""
+        span = self._latest.get(robot)
+        if span is None or not span.is_older or span.ended_us is not None or not work_ms:
+            return
+        begun_us = now_us - work_ms * 1_000
+        if span.begun_us is None or abs(span.begun_us - begun_us) > SAME_US:
+            span.begun_us = begun_us
 
     def latest(self, robot: str) -> WorkSpan | None:
         """The robot's last claim, over or not; None before its first."""

@@ -248,6 +248,10 @@ def incarnations(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
     return {robot: worker.incarnation for robot, worker in team.items()}
 
 
+# How it begins that an exclusive request lacks robots that may grant it.
+LACKS_GRANTS = "exclusive: needs grants from"
+
+
 def obstacle(
     facts: TeamFacts, request: Request, group: Sequence[Demand], team: Mapping[str, Worker]
 ) -> str:
@@ -269,6 +273,5 @@ def obstacle(
     needed, present = majority(facts.grantors), sum(grantors)
     if present < needed:
         which = JOURNALS if present < len(grantors) else ""
-        text = f"needs grants from {needed} of {len(facts.grantors)} robots{which}"
-        return f"exclusive: {text}, {present} here"
+        return f"{LACKS_GRANTS} {needed} of {len(facts.grantors)} robots{which}, {present} here"
     return ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
@@ -42,3 +43,19 @@ def job_types(mission: Mission) -> list[JobTypeView]:
         deadline_s = kind.deadline_us / SECOND_US if kind.deadline_us else None
         found.append(JobTypeView(name, parameters, kind.priority, deadline_s))
     return found
+
+
+def arguments_schema(kind: JobTypeView) -> dict[str, Any]:
+    """The JSON Schema of the arguments of a type, by its parameters' names."""
+    return {
+        "type": "object",
+        "properties": {each.name: _schema(each) for each in kind.parameters},
+        "required": [each.name for each in kind.parameters],
+        "additionalProperties": False,
+    }
+
+
+def _schema(parameter: ParameterView) -> dict[str, Any]:
+    if parameter.choices:
+        return {"enum": list(parameter.choices)}
+    return {"type": "integer", "minimum": parameter.min, "maximum": parameter.max}

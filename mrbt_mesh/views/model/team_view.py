@@ -13,8 +13,10 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
-from mrbt_mesh.core.observer.job_rows import JobRow, JobRows
+from mrbt_mesh.core.observer.job_log import JobHistory
+from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.time_at_work import time_at_work
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.views.model.changes import ChangeLog
@@ -51,14 +53,28 @@ LATE_US = SECOND_US
 KNOWN_ACTIVATIONS = 100
 
 
+def since_us(row: JobRow, history: JobHistory | None) -> int | None:
+    """Since when a job that is seen for the first time has been in its state, on the observer's
+    clock; None: that is not known.
+    """
+    if history is None or row.state == HELD:
+        return None
+    if row.state == RUNNING:
+        return history.begun_us
+    if row.state == WAITING:
+        return None if history.has_begun else history.submitted_us
+    return history.ended_us
+
+
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
     `team`: command, rounds, revision, whether it has started, how it ended. `headline`: how it is,
     the worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: a robot.
     `task/NAME`: a global task. `job/ID`: a job, as `JobRow`, and `since_s`: since when it has been
-    in its state. `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever
-    ticked. `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
+    in its state, None if nobody saw it become so. `node/N`: `[status, robots, note, activations]`
+    of a node of T_G that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the
+    position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -89,10 +105,10 @@ class TeamState:
             self._take_up(observer.mission)
         differ = self._agreement.look(observer, now_us)
         self.changes.put("team", self._team())
-        statements = headline(observer, self._agreement.differing)
+        statements = headline(observer, self._agreement.differing, now_us)
         self.changes.put("headline", [statement.to_json() for statement in statements])
         for robot in observer.robots():
-            self.changes.put(f"robot/{robot}", self._robot(robot, differ))
+            self.changes.put(f"robot/{robot}", self._robot(robot, differ, now_us))
             self.changes.put(f"position/{robot}", self._position(robot))
         causes = (observer.facts.changes, observer.membership.member_changes, id(observer.plan))
         if causes != self._causes:
@@ -139,12 +155,14 @@ class TeamState:
     def _put_jobs(self, now_us: int) -> None:
         observer, record, shown = self.observer, self.observer.record, self._jobs
         now_s = None if record.is_catching_up else record.seconds(now_us)
-        rows = self._rows.update(observer.facts, observer.plan, observer.membership.members())
+        rows = self._rows.of(observer)
         for row in rows:
             before, since_s = shown.get(row.id, (None, None))
             if before is row:
                 continue
-            if before is None or before.state != row.state:
+            if before is None:
+                since_s = record.seconds(since_us(row, record.job_log.jobs.get(row.id)))
+            elif before.state != row.state:
                 since_s = now_s
             shown[row.id] = row, since_s
             self.changes.put(f"job/{row.id}", asdict(row) | {"since_s": since_s})
@@ -164,7 +182,7 @@ class TeamState:
             "revision": self._mission.revision_number,
         }
 
-    def _robot(self, robot: str, differ: dict[str, Any]) -> dict[str, Any]:
+    def _robot(self, robot: str, differ: dict[str, Any], now_us: int) -> dict[str, Any]:
         observer = self.observer
         peer = observer.membership.peers.get(robot)
         known = observer.facts.members.get(robot)
@@ -172,6 +190,7 @@ class TeamState:
         beat = peer.heartbeat if peer is not None else None
         is_here = peer is not None and peer.state.is_member
         runs = claim is not None and claim.phase is Phase.RUNNING
+        at_work = time_at_work(observer, robot, now_us) if runs else None
         return {
             "state": self._state(robot, peer),
             "type": known.member.type if known else None,
@@ -189,6 +208,8 @@ class TeamState:
             "global_task": claim.global_task if claim else None,
             "phase": claim.phase.name.lower() if claim else None,
             "under_way": observer.facts.under_way(robot),
+            "begun_s": observer.record.seconds(at_work.since_us) if at_work else None,
+            "expected_s": at_work.expected_s if at_work else None,
             "progress": beat.progress if beat is not None and runs else None,
             "tree": list(running_tree(observer, robot).statuses),
             "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],

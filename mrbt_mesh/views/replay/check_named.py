@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.folder import first_part
 from mrbt_mesh.recording.metadata import NamedRecording
 from mrbt_mesh.recording.reader import Recording
@@ -36,11 +37,23 @@ def check_named(
 
 
 def not_covered(covered: Covered, recordings: Sequence[Recording]) -> Iterator[Recording]:
-    """The recordings that go on after others, and were not there when a summary was signed."""
+    """The recordings that go on after others, and were not there when a summary was signed.
+
+    A robot that was started again once the mission was over adds nothing to what has ended.
+    """
     for recording in recordings:
         is_named = any(_has(recording, each) for each in covered.recordings)
-        if recording.metadata.earlier and not is_named:
+        if recording.metadata.earlier and not is_named and not _began_at_the_end(recording):
             yield recording
+
+
+def _began_at_the_end(recording: Recording) -> bool:
+    """Whether it is of a robot to which the mission was over from the first."""
+    topics = recording.records.topics
+    if not recording.metadata.robot or channels.STATUSES not in topics:
+        return False
+    first = recording.records[topics.index(channels.STATUSES)]
+    return first.data.get("T_G") in ("success", "failure")
 
 
 def _has(recording: Recording, named: NamedRecording) -> bool:

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 
+from mrbt_mesh.core.facts.records import PROBLEM, RECORDING
 from mrbt_mesh.core.facts.store import Incarnation, Version
 from mrbt_mesh.core.membership.keys import Authorship
 from mrbt_mesh.recording.reader import Recording, RecordingError
@@ -120,6 +121,9 @@ def _weight(author: str, rows: Sequence[tuple[RecordingCheck, RecordedFact]]) ->
 def _missing(checks: Sequence[RecordingCheck]) -> None:
     """Facts of a robot that others have and its own recording lacks: it records before it sends.
 
+    One that says itself that it does not record, as on a full disk, has sent the rest unrecorded:
+    its recording then has no end, which is a finding of its own.
+
     In such a place a fact that only its own recording has is a finding too.
     """
     owners: dict[tuple[str, Incarnation], list[RecordingCheck]] = {}
@@ -131,8 +135,20 @@ def _missing(checks: Sequence[RecordingCheck]) -> None:
             owners.setdefault((me, incarnation), []).append(check)
         for fact in check.facts:
             (own if fact.author == me else heard).add(fact.whole)
+    stopped = {
+        (fact.author, fact.version.incarnation)
+        for _, fact in _all_facts(checks)
+        if fact.name == f"{PROBLEM}/{RECORDING}"
+    }
+    newest: dict[tuple[str, Incarnation], Version] = {}
+    for author, _, version, _ in own:
+        life = author, version.incarnation
+        newest[life] = max(version, newest.get(life, version))
     missing: dict[tuple[str, str, Incarnation], set[str]] = {}
     for check, fact in _all_facts(checks):
+        life = fact.author, fact.version.incarnation
+        if life in stopped and (life not in newest or fact.version > newest[life]):
+            continue
         authors = owners.get((fact.author, fact.version.incarnation), [])
         is_kept = all(
             each.begins_after is None or fact.version > each.begins_after for each in authors

@@ -171,7 +171,8 @@ class RobotsPane(Rows):
         width = max(map(len, robots), default=0)
         names = by_urgency(robots)
         is_over = self._shown.team["ended"] is not None
-        self.show(names, [robot_text(name, robots[name], width, is_over) for name in names])
+        now_s = self._shown.now_s
+        self.show(names, [robot_text(name, robots[name], width, now_s, is_over) for name in names])
 
 
 class Lanes(Rows):

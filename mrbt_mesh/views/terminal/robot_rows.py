@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from rich.text import Text
@@ -10,13 +11,20 @@ from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.observer.headline import duration_text
+from mrbt_mesh.core.observer.time_at_work import OVERDUE
 
 BAR_COLUMNS = 8
 TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
-def robot_text(robot: str, item: dict[str, Any], name_width: int, is_over: bool = False) -> Text:
-    """State, task and progress; `item`: as in `TeamView`. The sign alone says that it is alive."""
+def robot_text(
+    robot: str, item: dict[str, Any], name_width: int, now_s: float, is_over: bool = False
+) -> Text:
+    """State, task and progress; `item`: as in `TeamView`, of now.
+
+    The sign alone says that it is alive.
+    """
     sign, style = STATE_MARKS[item["state"]]
     text = Text(no_wrap=True)
     text.append(f"{robot:{name_width}} ", "bold")
@@ -28,6 +36,7 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int, is_over: bool 
         text.append(item["local_task"], "" if runs else "dim")
         phase = f"to {item['under_way']}" if item["under_way"] else item["phase"]
         text.append(" " if runs else f" ({phase}) ", "dim")
+        text.append_text(_time_at_work(item, now_s))
     for reason, names in texts_by_reason(item["lost"]).items():
         text.append("✘", "red")
         text.append(", ".join(names), "red strike")
@@ -43,6 +52,18 @@ def robot_text(robot: str, item: dict[str, Any], name_width: int, is_over: bool 
     if item["local_task"] is None:
         text.append(f"free: {item['idle']}" if item["idle"] else "", "dim")
     return text
+
+
+def _time_at_work(item: dict[str, Any], now_s: float) -> Text:
+    """`for 42 s of 10 s `."""
+    begun_s, expected_s = item["begun_s"], item["expected_s"]
+    if begun_s is None:
+        return Text()
+    for_s = math.floor(max(0.0, now_s - begun_s))
+    if expected_s is None:
+        return Text(f"for {duration_text(for_s)} " if for_s else "", "dim")
+    style = "yellow" if for_s > OVERDUE * expected_s else "dim"
+    return Text(f"for {duration_text(for_s)} of {duration_text(expected_s)} ", style)
 
 
 def bar(percent: int) -> str:

@@ -17,12 +17,13 @@ from starlette.requests import Request
 from mrbt_mesh.formats.file_model import FileModel, Name, one_of, read_model
 from mrbt_mesh.formats.yaml_source import read_mapping
 from mrbt_mesh.runtime.team_client import user_name
-from mrbt_mesh.views.web.protection import why_no_command
+from mrbt_mesh.views.web.protection import OwnNames, why_no_command
 
 Role: TypeAlias = Literal["viewer", "operator"]
 # (request, the role that it needs) -> the operator's name; raises HTTPException 401 or 403.
 Access: TypeAlias = Callable[[Request, Role], str]
 
+MIN_TOKEN = 16
 _DIGEST = re.compile("[0-9a-f]{64}")
 _Digest: TypeAlias = Annotated[
     str,
@@ -33,9 +34,18 @@ _Digest: TypeAlias = Annotated[
 ]
 
 
+_Secret: TypeAlias = Annotated[
+    str,
+    one_of(
+        f"a text of at least {MIN_TOKEN} characters is expected",
+        lambda value: isinstance(value, str) and len(value) >= MIN_TOKEN,
+    ),
+]
+
+
 class _Token(FileModel):
     role: Role
-    token: str | None = Field(default=None, min_length=16)
+    token: _Secret | None = None
     sha256: _Digest | None = None
 
     @model_validator(mode="after")
@@ -61,6 +71,11 @@ def token_access(path: Path) -> Access:
     """
     data, report = read_mapping(path, "tokens: ... is expected")
     model = read_model(_TokensFile, data, report)
+    owners: dict[str, str] = {}
+    for name, token in model.tokens.items():
+        other = owners.setdefault(token.digest(), name)
+        if other != name:
+            report.add(("tokens", name), f"{other} has the same token; give each its own")
     report.raise_if_any()
     known = {name: (token.role, token.digest()) for name, token in model.tokens.items()}
 
@@ -79,27 +94,27 @@ def token_access(path: Path) -> Access:
     return access
 
 
-def local_access(own_hosts: frozenset[str]) -> Access:
+def local_access(own: OwnNames) -> Access:
     """Access for all programs of this machine, but for no page of another site."""
 
     def access(request: Request, role: Role) -> str:
-        if role == "operator":
-            refusal = why_no_command(request.headers, own_hosts)
-            if refusal is not None:
-                raise HTTPException(403, refusal)
+        if role == "operator" and why_no_command(request.headers, own) is not None:
+            text = "web pages of other origins may command nothing here; programs send no header "
+            text += "`Origin`, and behind a proxy the server is started with --public-url"
+            raise HTTPException(403, text)
         return user_name()
 
     return access
 
 
-def page_access(own_hosts: frozenset[str], token: str | None) -> Access:
+def page_access(own: OwnNames, token: str | None) -> Access:
     """Access for the live page: its `token` makes an operator; None: it only watches."""
 
     def access(request: Request, role: Role) -> str:
         if role == "operator":
             if token is None:
                 raise HTTPException(403, "this page only watches: start it with --control")
-            refusal = why_no_command(request.headers, own_hosts, token)
+            refusal = why_no_command(request.headers, own, token)
             if refusal is not None:
                 raise HTTPException(403, refusal)
         return user_name()

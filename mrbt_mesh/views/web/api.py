@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict
 from datetime import datetime, timedelta
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, get_args
+from urllib.parse import quote, urlencode
 
 from pydantic import (
     AwareDatetime,
@@ -20,25 +21,35 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
+    WithJsonSchema,
 )
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from mrbt_mesh.cli.commands.operate import nobody
 from mrbt_mesh.cli.commands.status import status_data
+from mrbt_mesh.core.mission.mission import MAX_PRIORITY
+from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.views.model.job_types import job_types
 from mrbt_mesh.views.web.access import Access, Role
+from mrbt_mesh.views.web.bodies import read_body, whole
 from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.problem import PROBLEMS, RETRY
 
-MAX_BODY_BYTES = 65_536
+MAX_PAGE = 1_000
+# How many events of a stream one request may ask for.
+MAX_EVENTS = 100_000
 CHANGES = ("cancel", "hold", "release", "priority")
-STATES = ("held", "waiting", "running", "succeeded", "failed", "cancelled", "expired")
+State: TypeAlias = Literal[
+    "held", "waiting", "running", "succeeded", "failed", "cancelled", "expired"
+]
+STATES = get_args(State)
+EVENT_STREAM = "text/event-stream"
 # To the whole team.
 ORDERS = ("pause", "resume", "abort")
 
@@ -62,7 +73,35 @@ def _strict_time(given: Any) -> datetime | timedelta | None:
     raise ValueError("a time (2026-05-04T14:30:00+02:00) or a duration (PT10M) is expected")
 
 
-Time: TypeAlias = Annotated[AwareDatetime | timedelta | None, BeforeValidator(_strict_time)]
+# Years that can be: from 1970 to 2254.
+_YEARS = r"^(19[7-9][0-9]|2[01][0-9]{2}|22[0-4][0-9]|225[0-4])-"
+Time: TypeAlias = Annotated[
+    AwareDatetime | timedelta | None,
+    BeforeValidator(_strict_time),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string", "format": "date-time", "pattern": _YEARS},
+                {"type": "string", "format": "duration"},
+                {"type": "null"},
+            ]
+        }
+    ),
+]
+
+
+def _texts_and_numbers(given: Any) -> Any:
+    if isinstance(given, dict):
+        given = {name: whole(value) for name, value in given.items()}
+        for name, value in given.items():
+            if isinstance(value, bool) or not isinstance(value, str | int):
+                raise ValueError(f"a text or a whole number is expected for {name!r:.80}")
+    return given
+
+
+Whole: TypeAlias = Annotated[int, BeforeValidator(whole)]
+Arguments: TypeAlias = Annotated[dict[str, str | int], BeforeValidator(_texts_and_numbers)]
+_PRIORITIES: dict[str, Any] = {"minimum": -MAX_PRIORITY, "maximum": MAX_PRIORITY}
 
 
 class _Body(BaseModel):
@@ -73,16 +112,26 @@ class Submission(_Body):
     """A job to submit. The same `id` again is the same job, at any server of the team."""
 
     type: str
-    arguments: dict[str, str | int] = {}
-    id: str = Field(default="", description="Chosen by the client; empty: by the server.")
-    priority: int | None = Field(default=None, description="Larger goes first.")
+    arguments: Arguments = Field(default={}, description="Parameter -> value.")
+    id: str = Field(
+        default="",
+        description="Chosen by the client: 1 to 64 letters, digits, _, ., + or -, and not . or ..; "
+        "empty: by the server.",
+        json_schema_extra={"pattern": r"^(?!\.{1,2}$)[A-Za-z0-9_.+-]{0,64}$"},
+    )
+    priority: Whole | None = Field(
+        default=None, description="Larger goes first.", json_schema_extra=_PRIORITIES
+    )
     not_before: Time = Field(
-        default=None, description="When it may begin: a time, or how long from now (PT10M)."
+        default=None,
+        description="When it may begin: a time, or how long from now (PT10M); 366 days from now at "
+        "most, by the team's clocks.",
     )
     deadline: Time = Field(
-        default=None, description="When it expires, likewise; null: as its type says."
+        default=None,
+        description="When it expires, likewise, and after `not_before`; null: as its type says.",
     )
-    safe: Annotated[int, Field(ge=1)] | None = Field(
+    safe: Annotated[Whole, Field(ge=1)] | None = Field(
         default=None, description="Answer once this many journals hold it; null: a majority."
     )
 
@@ -90,7 +139,7 @@ class Submission(_Body):
 class Priority(_Body):
     """A new priority."""
 
-    priority: int
+    priority: Whole = Field(json_schema_extra=_PRIORITIES)
 
 
 class HoldRequest(_Body):
@@ -106,16 +155,18 @@ class Nothing(_Body):
 class OrderAcknowledgement(_Body):
     """The team's standing `order`, `robots` whose journals hold it, and `silent` ones."""
 
-    order: str
+    order: Literal["resume", "pause", "abort"]
     robots: list[str]
     silent: list[str]
 
 
 class Acknowledgement(_Body):
-    """A job after a command: `state` is open, held, or how it has ended."""
+    """A job after a command. `state`: open (it waits or runs), held, how it has ended, or ended if
+    that was long ago.
+    """
 
     id: str
-    state: str
+    state: Literal["open", "held", "succeeded", "failed", "cancelled", "expired", "ended"]
 
 
 def client_of_page(watcher: Watcher) -> TeamClient | None:
@@ -128,22 +179,29 @@ def client_of_page(watcher: Watcher) -> TeamClient | None:
 class Api:
     """What the routes answer with. `update` of the client and the feed must be called often."""
 
-    def __init__(self, client: TeamClient, feed: Feed, access: Access) -> None:
+    def __init__(self, client: TeamClient, feed: Feed, access: Access, prefix: str = "") -> None:
+        """`prefix`: what a proxy cuts from the front of the paths that clients see."""
         self._client = client
         self._watcher = client.watcher
         self._feed = feed
         self._access = access
+        self._prefix = prefix
 
     def application(self) -> Starlette:
         """The ASGI application, without the prefix `/v1`."""
+        jobs = self._guarded(self._jobs, "viewer", ("state", "limit", "cursor"))
         submit = self._guarded(self._submit, "operator")
+
+        async def jobs_or_submit(request: Request) -> Response:
+            found: Response = await (submit if request.method == "POST" else jobs)(request)
+            return found
+
         routes = [
             Route("/status", self._guarded(self._status)),
             Route("/job-types", self._guarded(self._job_types)),
-            Route("/jobs", self._guarded(self._jobs)),
-            Route("/jobs", submit, methods=["POST"]),
+            Route("/jobs", jobs_or_submit, methods=["GET", "POST"]),
             Route("/jobs/{id}", self._guarded(self._job)),
-            Route("/events", self._guarded(self._events)),
+            Route("/events", self._guarded(self._events, "viewer", ("limit",))),
         ]
         for order in ORDERS:
             endpoint = self._guarded(self._order(order), "operator")
@@ -151,13 +209,24 @@ class Api:
         for change in CHANGES:
             endpoint = self._guarded(self._change(change), "operator")
             routes.append(Route(f"/jobs/{{id}}/{change}", endpoint, methods=["POST"]))
-        return Starlette(routes=routes, exception_handlers=PROBLEMS)
+        made = Starlette(routes=routes, exception_handlers=PROBLEMS)
+        made.router.redirect_slashes = False  # it would lead past a proxy
+        return made
 
     def _guarded(
-        self, answer: Callable[[Request, str], Any], role: Role = "viewer"
+        self,
+        answer: Callable[[Request, str], Any],
+        role: Role = "viewer",
+        parameters: Collection[str] = (),
     ) -> Callable[[Request], Any]:
+        """`parameters`: those that its query may have."""
+
         async def endpoint(request: Request) -> Response:
             caller = self._access(request, role)
+            for name in request.query_params:
+                if name not in parameters:
+                    text = f"{name!r:.80} is no parameter of this request"
+                    raise HTTPException(422, text + nearest(name, parameters))
             if not self._watcher.observer.robots():
                 raise HTTPException(503, nobody(self._watcher), RETRY)
             found: Response = await answer(request, caller)
@@ -176,44 +245,53 @@ class Api:
         for state in states:
             if state not in STATES:
                 raise HTTPException(422, f"state: {state:.80} is none of {', '.join(STATES)}")
-        rows = [row for row in self._client.jobs if not states or row.state in states]
-        return JSONResponse([asdict(row) for row in rows])
+        limit, cursor = _number(request, "limit", MAX_PAGE), request.query_params.get("cursor")
+        try:
+            rows = self._client.jobs_after(cursor) if cursor is not None else self._client.jobs
+        except ValueError:
+            text = "cursor: give that of the header `Link` of an earlier answer"
+            raise HTTPException(422, text) from None
+        rows = [row for row in rows if not states or row.state in states]
+        headers, found = {}, rows[:limit]
+        if len(found) < len(rows):
+            more = [("limit", limit), ("cursor", self._client.cursor_of(found[-1]))]
+            query = urlencode([*(("state", state) for state in states), *more])
+            headers = {"link": f'<{self._prefix}{request.url.path}?{query}>; rel="next"'}
+        return JSONResponse([asdict(row) for row in found], headers=headers)
 
     async def _job(self, request: Request, _: str) -> Response:
-        name, jobs = request.path_params["id"], self._watcher.observer.facts.jobs
-        row = next((row for row in self._client.jobs if row.id == name), None)
-        if row is not None:
-            return JSONResponse(asdict(row))
-        if jobs is not None and jobs.is_archived(name):
-            raise HTTPException(404, f"job {name:.80} has ended long ago; only its id is known")
-        raise HTTPException(404, f"no job {name!r:.80} is known here")
+        name = request.path_params["id"]
+        row = self._client.job(name)
+        if row is None:
+            raise HTTPException(404, f"no job {name!r:.80} is known here")
+        if row.state not in STATES:
+            raise HTTPException(404, f"job {name}: {row.why}")
+        return JSONResponse(asdict(row))
 
     async def _events(self, request: Request, _: str) -> Response:
-        address = request.client.host if request.client is not None else ""
-        messages = self._feed.messages(request.headers.get("last-event-id", ""), address)
-        return StreamingResponse(messages, media_type="text/event-stream")
+        return events(request, self._feed, _number(request, "limit", MAX_EVENTS), True)
 
     async def _submit(self, request: Request, caller: str) -> Response:
-        given = await _read(request, Submission)
+        given = await read_body(request, Submission)
         more = given.model_dump(exclude={"type", "arguments", "id"})
         arguments = self._client.arguments_of(given.type, given.arguments)
-        self._require_robots()
+        self._client.require_robots()
         job = await self._client.submit(
             given.type, *arguments, job_id=given.id, operator=caller, **more
         )
-        place = {"location": f"{request.url.path}/{job.id}"}
+        place = {"location": f"{self._prefix}{request.url.path}/{quote(job.id)}"}
         return JSONResponse({"id": job.id, "state": job.state}, 201, headers=place)
 
     def _change(self, change: str) -> Callable[[Request, str], Any]:
         async def answer(request: Request, caller: str) -> Response:
             name, priority, wanted = request.path_params["id"], None, change
             if change == "priority":
-                priority = (await _read(request, Priority)).priority
+                priority = (await read_body(request, Priority)).priority
             elif change == "hold":
-                wanted = "hold_now" if (await _read(request, HoldRequest)).now else change
+                wanted = "hold_now" if (await read_body(request, HoldRequest)).now else change
             else:
-                await _read(request, Nothing)
-            self._require_robots()
+                await read_body(request, Nothing)
+            self._client.require_robots()
             state = await self._client.change(name, wanted, priority, caller)
             return JSONResponse({"id": name, "state": state["state"]})
 
@@ -221,8 +299,8 @@ class Api:
 
     def _order(self, order: str) -> Callable[[Request, str], Any]:
         async def answer(request: Request, caller: str) -> Response:
-            await _read(request, Nothing)
-            self._require_robots()
+            await read_body(request, Nothing)
+            self._client.require_robots()
             client = self._client
             give = {"pause": client.pause, "resume": client.resume, "abort": client.abort}[order]
             done = await give(caller)
@@ -231,31 +309,26 @@ class Api:
 
         return answer
 
-    def _require_robots(self) -> None:
-        if not self._client.robots:
-            raise HTTPException(503, "no robot of the team is heard", RETRY)
+
+def events(
+    request: Request, feed: Feed, limit: int | None = None, ends_with_run: bool = False
+) -> Response:
+    """The stream of a feed, which ends after `limit` events, or also with the run."""
+    headers = {"x-accel-buffering": "no"}  # a proxy such as nginx passes each event on at once
+    if request.method == "HEAD":
+        return Response(headers=headers, media_type=EVENT_STREAM)
+    address = request.client.host if request.client is not None else ""
+    last = request.headers.get("last-event-id", "")
+    messages = feed.messages(last, address, limit, ends_with_run)
+    return StreamingResponse(messages, headers=headers, media_type=EVENT_STREAM)
 
 
-async def limited_body(request: Request, limit_bytes: int) -> bytes:
-    """The body of a request; raises HTTPException 413 if it is longer, 400 if it ends early."""
-    body = b""
-    try:
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > limit_bytes:
-                raise HTTPException(413, f"the body is longer than {limit_bytes} bytes")
-    except ClientDisconnect:
-        raise HTTPException(400, "the body is not complete") from None  # nobody reads this
-    return body
-
-
-async def _read(request: Request, model: type[Any]) -> Any:
-    """The body; raises HTTPException 413 or 422. An empty one is an empty object."""
-    try:
-        return model.model_validate_json(await limited_body(request, MAX_BODY_BYTES) or b"{}")
-    except ValidationError as error:
-        problems = [
-            f"{'.'.join(map(str, each['loc'])) or 'the body'}: {each['msg']}"
-            for each in error.errors(include_url=False, include_input=False)[:10]
-        ]
-        raise HTTPException(422, "; ".join(problems)) from None
+def _number(request: Request, name: str, most: int) -> int | None:
+    """A number of the query, None if it has none; raises HTTPException 422."""
+    given = request.query_params.getlist(name)
+    if not given:
+        return None
+    is_number = len(given) == 1 and re.fullmatch("[0-9]{1,9}", given[0])
+    if not is_number or not 1 <= int(given[0]) <= most:
+        raise HTTPException(422, f"{name}: a whole number from 1 to {most} is expected")
+    return int(given[0])

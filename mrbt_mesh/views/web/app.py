@@ -13,7 +13,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
+from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
@@ -28,9 +28,10 @@ from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_robot, why_task
 from mrbt_mesh.views.report.exports import EXPORTS, exported, file_name
 from mrbt_mesh.views.web.access import page_access
-from mrbt_mesh.views.web.api import Api, limited_body
+from mrbt_mesh.views.web.api import Api, events
+from mrbt_mesh.views.web.bodies import json_body
 from mrbt_mesh.views.web.feed import Feed
-from mrbt_mesh.views.web.protection import Protection, policy, why_no_command
+from mrbt_mesh.views.web.protection import OwnNames, Protection, policy, why_no_command
 
 STATIC = Path(__file__).with_name("static")
 MAX_COMMAND_BYTES = 4_096
@@ -60,7 +61,7 @@ class Page:
     def __init__(
         self,
         feed: Feed,
-        own_hosts: frozenset[str],
+        own: OwnNames,
         control: Control | None = None,
         token: str = "",
         projector: Projector | None = None,
@@ -69,9 +70,9 @@ class Page:
         client: TeamClient | None = None,
     ) -> None:
         self._feed = feed
-        self._hosts = own_hosts
+        self._own = own
         self._control = control
-        self._access = page_access(own_hosts, token if control is not None else None)
+        self._access = page_access(own, token if control is not None else None)
         self._client = client
         self._projector = projector
         self._run_dir = run_dir
@@ -95,10 +96,9 @@ class Page:
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
         if self._client is not None:
-            routes.append(Mount("/v1", Api(self._client, self._feed, self._access).application()))
-        protection = Middleware(
-            Protection, own_hosts=self._hosts, content_policy=policy(self._html)
-        )
+            api = Api(self._client, self._feed, self._access, self._own.prefix)
+            routes.append(Mount("/v1", api.application()))
+        protection = Middleware(Protection, own=self._own, content_policy=policy(self._html))
         return Starlette(routes=routes, middleware=[protection])
 
     async def _index(self, request: Request) -> Response:
@@ -125,10 +125,7 @@ class Page:
         return found
 
     async def _events(self, request: Request) -> Response:
-        last = request.headers.get("last-event-id", "")
-        address = request.client.host if request.client is not None else ""
-        messages = self._feed.messages(last, address)
-        return StreamingResponse(messages, media_type="text/event-stream")
+        return events(request, self._feed)
 
     def _about(self, explain: Callable[[Observer, str], Mapping[str, Any]]) -> Endpoint:
         """An endpoint that answers for the name in the path."""
@@ -179,7 +176,7 @@ class Page:
 
     async def _command(self, request: Request) -> Response:
         control = self._controlled(request)
-        body = await limited_body(request, MAX_COMMAND_BYTES)
+        body = await json_body(request, MAX_COMMAND_BYTES)
         try:
             text = await control.carry_out(json.loads(body))
         except (CommandError, ValueError, RecursionError) as error:
@@ -190,10 +187,10 @@ class Page:
         """A viewer of a recording controls the playback; any page of this server may."""
         if self._projector is None:
             raise HTTPException(404, "this page shows a team that runs, no recording")
-        refusal = why_no_command(request.headers, self._hosts)
+        refusal = why_no_command(request.headers, self._own)
         if refusal is not None:
             raise HTTPException(403, refusal)
-        body = await limited_body(request, MAX_COMMAND_BYTES)
+        body = await json_body(request, MAX_COMMAND_BYTES)
         try:
             self._projector.carry_out(json.loads(body))
         except (ValueError, RecursionError) as error:

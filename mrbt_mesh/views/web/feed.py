@@ -42,6 +42,8 @@ class Feed:
         self._clock_us = clock_us
         self._changed = anyio.Event()
         self._is_closed = False
+        # Whether the run had ended when the view was last looked at.
+        self._is_run_over = False
         self._next_us = 0
 
     @property
@@ -68,7 +70,9 @@ class Feed:
 
     def show(self) -> None:
         """Look at the observer at once, and send changes."""
-        if self.view.update(self._clock_us()):
+        has_changed = self.view.update(self._clock_us())
+        self._is_run_over = self.observer.record.result is not None
+        if has_changed:
             self.wake()
 
     def close(self) -> None:
@@ -82,27 +86,52 @@ class Feed:
         self._changed.set()
         self._changed = anyio.Event()
 
-    def messages(self, last: str, address: str = "") -> AsyncGenerator[str, None]:
+    def messages(
+        self,
+        last: str,
+        address: str = "",
+        limit: int | None = None,
+        ends_with_run: bool = False,
+    ) -> AsyncGenerator[str, None]:
         """Server-sent events; `last` is the id of the last one that the page has, or empty.
 
-        It counts as a page from now on. Beyond `MAX_PAGES` an older one ends, of the `address` that
-        has the most; a browser then asks again.
+        With a `limit` it ends after so many, and the first one waits for news. `ends_with_run`: it
+        is over once the run is, and not only when it is closed. It counts as a page from now on.
+        Beyond `MAX_PAGES` an older one ends, of the `address` that has the most; a browser then
+        asks again.
         """
         page = _Page(address)
         if len(self._pages) >= MAX_PAGES:
             self._pages.remove(gives_way(self._pages))
             self.wake()
         self._pages.append(page)
-        return self._messages(self._version_of(last), page)
+        return self._messages(self._version_of(last), page, limit, ends_with_run)
 
-    async def _messages(self, version: int, page: _Page) -> AsyncGenerator[str, None]:
+    async def _messages(
+        self, version: int, page: _Page, limit: int | None, ends_with_run: bool
+    ) -> AsyncGenerator[str, None]:
+        count = 0
+
+        def is_over() -> bool:
+            return self._is_closed or (ends_with_run and self._is_run_over)
+
         try:
+            if limit is not None and version == self.view.changes.version:
+                if not is_over():
+                    with anyio.move_on_after(TICK_S):
+                        await self._changed.wait()
+                elif version:  # it has everything
+                    yield self._message("over", version, {})
+                    return
             while page in self._pages:
-                changed, is_last = self._changed, self._is_closed
+                changed, is_last = self._changed, is_over()
                 news = self.view.changes.since(version)
                 is_new = version == 0
                 version = self.view.changes.version
                 yield self._message("begin" if is_new else "news", version, news)
+                count += 1
+                if count == limit:
+                    return
                 if is_last:
                     yield self._message("over", version, {})
                     return

@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +38,14 @@ from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.api import client_of_page
 from mrbt_mesh.views.web.app import STATIC, Page
 from mrbt_mesh.views.web.feed import Feed
-from mrbt_mesh.views.web.protection import Protection, new_token, policy
+from mrbt_mesh.views.web.protection import OwnNames, Protection, new_token, own_names, policy
 from mrbt_mesh.views.web.server import served
 
 # For how long a run that nobody looks at is still watched, and a list is not made anew.
 WATCHED_S, FRESH_S = 30.0, 1.0
 BELOW = "/run/"
 # Result of a run that is over -> level; others are bad.
-LEVELS = {"success": Level.GOOD, "not_started": Level.INFO, "aborted": Level.WARN}
+LEVELS = {"success": Level.GOOD, "not_started": Level.INFO, "ended": Level.INFO}
 
 
 class _Watched:
@@ -63,15 +64,15 @@ class MachineRuns:
 
     def __init__(self, has_control: bool, group: anyio.abc.TaskGroup) -> None:
         self.token = new_token() if has_control else ""
-        self._hosts: frozenset[str] = frozenset()
+        self._own = own_names((), 0)
         self._group = group
         self._watched: dict[str, _Watched] = {}
         self._rows: list[dict[str, Any]] = []
         self._listed_s = float("-inf")
 
-    def application(self, own_hosts: frozenset[str]) -> ASGIApp:
-        """The ASGI application, for the Host headers that name it."""
-        self._hosts = own_hosts
+    def application(self, own: OwnNames) -> ASGIApp:
+        """The ASGI application, for the names that it is reached by."""
+        self._own = own
         html = (STATIC / "runs.html").read_bytes()
         index = HTMLResponse(html)
         routes = [
@@ -80,12 +81,12 @@ class MachineRuns:
             Route("/metrics", self._metrics),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
-        protection = Middleware(Protection, own_hosts=own_hosts, content_policy=policy(html))
+        protection = Middleware(Protection, own=own, content_policy=policy(html))
         lists = Starlette(routes=routes, middleware=[protection])
 
         async def application(scope: Scope, receive: Receive, send: Send) -> None:
             host = dict(scope.get("headers", ())).get(b"host", b"").decode("latin-1").lower()
-            is_below = scope.get("path", "").startswith(BELOW) and host in own_hosts
+            is_below = scope.get("path", "").startswith(BELOW) and host in own.hosts
             await (self._below if is_below else lists)(scope, receive, send)
 
         return application
@@ -139,7 +140,7 @@ class MachineRuns:
             text = watched.problem or RUNNING
             return row | {"headline": {"level": "info", "text": text}, "dead": None}
         observer = watched.feed.observer
-        worst = headline(observer, robots_that_differ(observer))[0].to_json()
+        worst = headline(observer, robots_that_differ(observer), boottime_us())[0].to_json()
         states = Counter(str(observer.robot_state(robot)) for robot in observer.robots())
         return row | {"headline": worst, "dead": states["dead"]}
 
@@ -199,7 +200,7 @@ class MachineRuns:
             client = client_of_page(watcher)
             page = Page(
                 feed,
-                self._hosts,
+                replace(self._own, prefix=f"{self._own.prefix}{BELOW}{run_dir.info().run}"),
                 control,
                 self.token,
                 run_dir=run_dir.path,

@@ -8,11 +8,15 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.job_rows import JobRow
+from mrbt_mesh.runtime.team_client import CURSOR_PATTERN
 from mrbt_mesh.version import __version__
-from mrbt_mesh.views.model.job_types import JobTypeView
+from mrbt_mesh.views.model.job_types import JobTypeView, arguments_schema, job_types
 from mrbt_mesh.views.web.api import (
     CHANGES,
+    MAX_EVENTS,
+    MAX_PAGE,
     ORDERS,
     STATES,
     Acknowledgement,
@@ -45,15 +49,22 @@ ORDER_SUMMARIES = {
     "abort": "End the mission as failed",
 }
 _TEXT = {"type": "string"}
+_CURSOR = {"type": "string", "pattern": f"^{CURSOR_PATTERN}$"}
 _STATEMENT = {
     "type": "object",
     "required": ["level", "text"],
     "properties": {"level": {"enum": ["bad", "warn", "info", "good"]}, "text": _TEXT},
 }
 _PROBLEM = {
+    "description": "Problem details (RFC 9457). `detail` says what would be right.",
     "type": "object",
-    "required": ["title", "status", "detail"],
-    "properties": {"title": _TEXT, "status": {"type": "integer"}, "detail": _TEXT},
+    "required": ["type", "title", "status", "detail"],
+    "properties": {
+        "type": {"const": "about:blank"},
+        "title": _TEXT,
+        "status": {"type": "integer"},
+        "detail": _TEXT,
+    },
 }
 _TASK = {
     "type": "object",
@@ -104,45 +115,98 @@ _NEWS = {
 }
 
 
-def openapi(has_tokens: bool) -> dict[str, Any]:
-    """The description of a server that asks for tokens, or that does not."""
+_JOB_ID = {"type": "string", "pattern": r"^(?!\.{1,2}$)[A-Za-z0-9_.+-]{1,64}$"}
+_LOCATION = {"Location": {"description": "Where the job is.", "schema": _TEXT}}
+_LINK = {
+    "Link": {
+        "description": 'Where the next ones are, if there are any: `<...>; rel="next"` (RFC 8288).',
+        "schema": _TEXT,
+    }
+}
+_EVENTS = (
+    "Server-sent events: `begin` with everything, then `news`, and `over` when the result of the "
+    "run is known, or the server ends. The stream ends with `over`, or after `limit` events. A "
+    "client that reads a whole answer asks for one event at a time, and gives the id of the last "
+    "one: the next answer waits until something has changed, a second at most."
+)
+
+
+def openapi(
+    has_tokens: bool, public_url: str = "", mission: Mission | None = None
+) -> dict[str, Any]:
+    """The description of a server that asks for tokens, or that does not. `mission`: what may be
+    submitted is said by its types of jobs.
+    """
     schemas = {name: _schema(model) for name, model in MODELS.items()}
+    if mission is not None:
+        _describe_types(schemas["Submission"], mission)
+    schemas["Job"]["properties"]["state"] = {"enum": list(STATES)}
     written = {"Status": _STATUS, "News": _NEWS, "Problem": _PROBLEM}
     states = {"type": "array", "items": {"enum": list(STATES)}}
-    filtered = {"name": "state", "in": "query", "schema": states, "description": "Only these."}
-    last = {"name": "Last-Event-ID", "in": "header", "schema": _TEXT}
+    filtered = _parameter("state", states, "Only these.")
+    limit = _parameter("limit", _numbers(MAX_PAGE), "At most so many; none: all.")
+    cursor = _parameter("cursor", _CURSOR, "Those after this place: of `Link` in an answer.")
+    last = _parameter("Last-Event-ID", _TEXT, "Only what has changed since this event.", "header")
+    count = _parameter("limit", _numbers(MAX_EVENTS), "End after so many events; none: go on.")
     events = {"text/event-stream": {"schema": {"type": "string"}, "x-data": _ref("News")}}
     paths: dict[str, Any] = {
-        "/v1/status": {"get": _operation("The team and its robots", _ref("Status"))},
-        "/v1/job-types": {"get": _operation("The types of jobs", _list("JobType"))},
+        "/v1/status": {"get": _operation("get_status", "The team and its robots", _ref("Status"))},
+        "/v1/job-types": {
+            "get": _operation("get_job_types", "The types of jobs", _list("JobType"))
+        },
         "/v1/jobs": {
-            "get": _operation("The jobs that are known", _list("Job"), parameters=[filtered]),
+            "get": _operation(
+                "get_jobs",
+                "The jobs that are known",
+                _list("Job"),
+                parameters=[filtered, limit, cursor],
+                headers=_LINK,
+            ),
             "post": _operation(
-                "Submit a job", _ref("Acknowledgement"), 201, "Submission", (403, 409, 422, 504)
+                "submit_job",
+                "Submit a job",
+                _ref("Acknowledgement"),
+                201,
+                "Submission",
+                (403, 409, 504),
+                headers=_LOCATION,
             ),
         },
-        "/v1/jobs/{id}": {"get": _operation("One job", _ref("Job"), problems=(404,))},
-        "/v1/events": {"get": _operation("What changes", events, parameters=[last])},
+        "/v1/jobs/{id}": {"get": _operation("get_job", "One job", _ref("Job"), problems=(404,))},
+        "/v1/events": {
+            "get": _operation("get_events", "What changes", events, parameters=[last, count])
+            | {"description": _EVENTS}
+        },
     }
     for change in CHANGES:
         body = {"priority": "Priority", "hold": "HoldRequest"}.get(change, "Nothing")
-        problems = (403, 404, 409, 422, 504)
-        made = _operation(SUMMARIES[change], _ref("Acknowledgement"), body=body, problems=problems)
+        # 405: clients write `.` as a place in the path.
+        answer, problems = _ref("Acknowledgement"), (403, 404, 405, 409, 504)
+        name, text = (
+            f"{change}_job" if change != "priority" else "set_job_priority",
+            SUMMARIES[change],
+        )
+        made = _operation(name, text, answer, body=body, problems=problems)
         paths[f"/v1/jobs/{{id}}/{change}"] = {"post": made}
     for order in ORDERS:
         answer, text = _ref("OrderAcknowledgement"), ORDER_SUMMARIES[order]
-        made = _operation(text, answer, body="Nothing", problems=(403, 422, 504))
+        made = _operation(f"{order}_team", text, answer, body="Nothing", problems=(403, 504))
         paths[f"/v1/{order}"] = {"post": made}
     for path, item in paths.items():
         if "{id}" in path:
-            item["parameters"] = [{"name": "id", "in": "path", "required": True, "schema": _TEXT}]
-    tokens = {"securitySchemes": {"token": {"type": "http", "scheme": "bearer"}}}
+            item["parameters"] = [{"name": "id", "in": "path", "required": True, "schema": _JOB_ID}]
+    token = {
+        "type": "http",
+        "scheme": "bearer",
+        "description": "A token of a server that is started with --tokens; others need none.",
+    }
     return {
         "openapi": "3.1.0",
         "info": {"title": "mrbt-mesh", "version": __version__},
         "paths": paths,
+        **({"servers": [{"url": public_url}]} if public_url else {}),
         "security": [{"token": []}] if has_tokens else [],
-        "components": {"schemas": schemas | written, **(tokens if has_tokens else {})},
+        "components": {"schemas": schemas | written, "securitySchemes": {"token": token}},
     }
 
 
@@ -174,21 +238,50 @@ def _json(schema: dict[str, Any]) -> dict[str, Any]:
     return {"application/json": {"schema": schema}}
 
 
+def _describe_types(submission: dict[str, Any], mission: Mission) -> None:
+    """Say which types there are, and by `if`, `then` and `else`, which arguments each takes."""
+    properties = submission["properties"]
+    properties["type"] |= {"enum": sorted(mission.jobs)}
+    properties["safe"] |= {"minimum": 1, "maximum": len(mission.robots)}
+    place = submission
+    for kind in job_types(mission):
+        arguments = arguments_schema(kind)
+        place["if"] = {"properties": {"type": {"const": kind.name}}}
+        needed = {"required": ["arguments"]} if kind.parameters else {}
+        place["then"] = {"properties": {"arguments": arguments}, **needed}
+        place["else"] = place = {}
+
+
+def _numbers(most: int) -> dict[str, Any]:
+    return {"type": "integer", "minimum": 1, "maximum": most}
+
+
+def _parameter(
+    name: str, schema: dict[str, Any], description: str, where: str = "query"
+) -> dict[str, Any]:
+    return {"name": name, "in": where, "schema": schema, "description": description}
+
+
 def _operation(
+    name: str,
     summary: str,
     answer: dict[str, Any],
     status: int = 200,
     body: str = "",
     problems: Iterable[int] = (),
     parameters: list[Any] | None = None,
+    headers: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """`answer`: a schema of JSON, or a whole content. 401 and 503 are possible everywhere."""
+    """`answer`: a schema of JSON, or a whole content. 401, 421, 422 and 503 may come always."""
     content = answer if "text/event-stream" in answer else _json(answer)
     answers: dict[str, Any] = {str(status): {"description": summary, "content": content}}
-    for each in sorted({401, 503, *problems}):
+    if headers:
+        answers[str(status)]["headers"] = headers
+    for each in sorted({401, 421, 422, 503, *((413, 415) if body else ()), *problems}):
         problem = {"application/problem+json": {"schema": _ref("Problem")}}
         answers[str(each)] = {"description": HTTPStatus(each).phrase, "content": problem}
-    made: dict[str, Any] = {"summary": summary, "responses": answers}
+    made: dict[str, Any] = {"operationId": name, "summary": summary, "responses": answers}
     if body:
-        made["requestBody"] = {"content": _json(_ref(body)), "required": body != "Nothing"}
+        is_needed = body in ("Submission", "Priority")
+        made["requestBody"] = {"content": _json(_ref(body)), "required": is_needed}
     return made | ({"parameters": parameters} if parameters else {})

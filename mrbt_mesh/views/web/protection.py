@@ -15,6 +15,8 @@ import hmac
 import re
 import secrets
 from collections.abc import Iterable
+from dataclasses import dataclass
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -22,6 +24,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from mrbt_mesh.views.web.problem import problem
 
 TOKEN_HEADER = "x-mrbt-token"
+_USUAL_PORTS = {"http": 80, "https": 443}
 _INLINE = re.compile(rb"<script[^>]*>(.+?)</script>", re.DOTALL)
 
 
@@ -40,15 +43,39 @@ def policy(page: bytes) -> str:
     )
 
 
-def hosts(names: Iterable[str], port: int) -> frozenset[str]:
-    """The Host headers that name this server; IPv6 addresses in brackets."""
-    found = {f"[{name}]" if ":" in name else name for name in names}
-    return frozenset(f"{name}:{port}" for name in found)
+@dataclass(frozen=True)
+class OwnNames:
+    """Under which names a server is reached: the Host headers that name it, the origins of its
+    pages, and what a proxy cuts from the front of its paths (`/depot`, mostly empty).
+    """
+
+    hosts: frozenset[str]
+    origins: frozenset[str]
+    prefix: str = ""
 
 
-def why_no_command(
-    headers: Headers, own_hosts: frozenset[str], token: str | None = None
-) -> str | None:
+def own_names(names: Iterable[str], port: int, public_url: str = "") -> OwnNames:
+    """Those of a server at these addresses and this port, and behind a proxy at `public_url`."""
+    hosts = {_host("http", name, port) for name in names}
+    origins = {f"http://{host}" for host in hosts}
+    public = urlsplit(public_url)
+    if public.hostname is not None:
+        named = _host(public.scheme, public.hostname, public.port)
+        origins.add(f"{public.scheme}://{named}")
+        # Proxies pass on the name with or without its port.
+        hosts |= {named, _host(public.scheme, public.hostname, None)}
+    return OwnNames(frozenset(hosts), frozenset(origins), public.path)
+
+
+def _host(scheme: str, name: str, port: int | None) -> str:
+    """A Host header as browsers write it: IPv6 addresses in brackets, no port that goes without
+    saying.
+    """
+    name = f"[{name}]" if ":" in name else name.lower()
+    return name if port in (None, _USUAL_PORTS[scheme]) else f"{name}:{port}"
+
+
+def why_no_command(headers: Headers, own: OwnNames, token: str | None = None) -> str | None:
     """Why a request may not steer what the page shows, or None if it may.
 
     `token`: what it must carry; None: it needs none, since it steers no team.
@@ -56,26 +83,24 @@ def why_no_command(
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
         return "commands are taken from this page alone"
     origin = headers.get("origin")
-    if origin is not None and origin not in {f"http://{host}" for host in own_hosts}:
+    if origin is not None and origin not in own.origins:
         return "commands are taken from this page alone"
     if token is not None and not hmac.compare_digest(
         headers.get(TOKEN_HEADER, "").encode(), token.encode()
     ):
         return "the token is missing or wrong: open the address that was printed"
-    if headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-        return "a command is application/json"
     return None
 
 
 class Protection:
     """ASGI middleware: refuses foreign hosts, and gives every answer its headers.
 
-    `own_hosts` None: any host, for what asks for tokens, which no page of another site has.
+    `own` None: any host, for what asks for tokens, which no page of another site has.
     """
 
-    def __init__(self, app: ASGIApp, own_hosts: frozenset[str] | None, content_policy: str) -> None:
+    def __init__(self, app: ASGIApp, own: OwnNames | None, content_policy: str) -> None:
         self._app = app
-        self._hosts = own_hosts
+        self._hosts = own.hosts if own is not None else None
         self._headers = {
             "content-security-policy": content_policy,
             "cross-origin-opener-policy": "same-origin",
@@ -100,7 +125,8 @@ class Protection:
         if self._hosts is None:
             return await self._app(scope, receive, send_with_headers)
         if headers.get("host", "").lower() not in self._hosts:
-            refusal = problem(421, "this server has another name")
+            text = "this server has another name; behind a proxy give that one with --public-url"
+            refusal = problem(421, text)
             return await refusal(scope, receive, send_with_headers)
         # Other sites may link to the page, and read nothing of it.
         is_foreign = headers.get("sec-fetch-site", "none") not in ("none", "same-origin")

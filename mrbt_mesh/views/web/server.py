@@ -15,7 +15,7 @@ from starlette.types import ASGIApp
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.views.web.connections import LimitedHttp
-from mrbt_mesh.views.web.protection import hosts
+from mrbt_mesh.views.web.protection import OwnNames, own_names
 
 LOOPBACK = "127.0.0.1"
 ANYWHERE = ("0.0.0.0", "::")
@@ -47,9 +47,9 @@ class _Server(uvicorn.Server):
 async def served(
     options: ViewerOptions,
     close: Callable[[], None],
-    make_application: Callable[[frozenset[str]], ASGIApp],
+    make_application: Callable[[OwnNames], ASGIApp],
 ) -> AsyncIterator[str]:
-    """The address of an application, which is made for the Host headers that name it.
+    """The address of an application, which is made for the names that it is reached by.
 
     `close` ends its streams. Raises PageError.
     """
@@ -57,7 +57,7 @@ async def served(
         port = opened.getsockname()[1]
         names = {options.host, LOOPBACK, "localhost", *names_of(options.host)}
         config = uvicorn.Config(
-            make_application(hosts(names, port)),
+            make_application(own_names(names, port, options.public_url)),
             lifespan="off",
             log_config=None,
             access_log=False,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from mrbt_mesh.runtime.team import Team
     from mrbt_mesh.runtime.watcher import Watcher
+    from mrbt_mesh.views.web.protection import OwnNames
 
 
 class WebViewer:
@@ -50,7 +51,7 @@ class WebViewer:
 
             client = client_of_page(watcher)
 
-            def page_for(own: frozenset[str]) -> ASGIApp:
+            def page_for(own: OwnNames) -> ASGIApp:
                 page = Page(feed, own, control, token, run_dir=run_dir, client=client)
                 return page.application()
 

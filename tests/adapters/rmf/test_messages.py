@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.adapters.rmf.messages import STATUS, TaskHistory, fleet_state, task_log, task_state
+from mrbt_mesh.adapters.rmf.messages import (
+    STATUS,
+    TaskHistory,
+    charge,
+    fleet_state,
+    last_state,
+    task_log,
+    task_state,
+)
+from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.observer.job_rows import JobRow
+from tests.support.behaviour import mission_of
+from tests.support.one_robot import MISSION
 from tests.support.rmf import validator
 from tests.support.watched import COVER, watched
 
@@ -26,7 +38,19 @@ ROWS = st.builds(
     operator=st.text(),
     not_before_us=st.integers(0),
     deadline_us=st.integers(0),
+    submitted_us=st.none() | st.integers(0),
+    begun_us=st.none() | st.integers(0),
+    ended_us=st.none() | st.integers(0),
 )
+TYPES = MISSION.jobs
+ONE_TASK = """
+mission: m
+local_tasks: {look: {}}
+robot_types: {T: {capabilities: {look: 1}}}
+robots: {A: T}
+global_tasks: {look: {needs: {look: {}}}}
+tree: look
+"""
 CANCELLED = st.none() | st.tuples(st.integers(), st.lists(st.text()))
 
 
@@ -37,7 +61,7 @@ def test_states_and_logs_of_any_job(
     history = TaskHistory(labels=labels, cancelled=cancelled)
     for now_ms, row in enumerate(rows):
         history.follow(asdict(row), now_ms)
-        data: dict[str, Any] = task_state(asdict(row), history, "depot")
+        data: dict[str, Any] = task_state(asdict(row), history, "depot", TYPES)
         validator("task_state_update").validate({"type": "task_state_update", "data": data})
         log = {"type": "task_log_update", "data": task_log(row.id, history.log)}
         validator("task_log_update").validate(log)
@@ -45,17 +69,36 @@ def test_states_and_logs_of_any_job(
     assert numbers == sorted(set(numbers))
 
 
-def test_the_times_of_a_job_are_those_that_were_seen() -> None:
-    history = TaskHistory()
-    row = asdict(JobRow("one", "inspect", {}, "waiting", "", 0, (), "anna"))
-    for now_ms, state in enumerate(("waiting", "running", "waiting", "running", "succeeded")):
-        history.follow(row | {"state": state}, now_ms)
-    older = TaskHistory()
-    older.follow(row | {"state": "running"}, 7, is_older=True)
-    assert older.started_ms is None
-    found = task_state(row | {"state": "succeeded", "robots": ("D1", "D2")}, history, "depot")
-    assert (found["unix_millis_start_time"], found["unix_millis_finish_time"]) == (1, 4)
+def test_a_task_has_the_times_and_typed_arguments_of_its_job() -> None:
+    arguments = {"shelf": "shelf_1", "dock": "dock_1", "boxes": "3"}
+    times = {"submitted_us": 1_999, "begun_us": 2_000, "ended_us": 5_001}
+    row = asdict(JobRow("one", "deliver", arguments, "succeeded", "", 0, ("D1", "D2"), "anna"))
+    found = task_state(row | times, TaskHistory(), "depot", TYPES)
+    assert found["booking"]["unix_millis_request_time"] == 1
+    assert (found["unix_millis_start_time"], found["unix_millis_finish_time"]) == (2, 5)
     assert (found["status"], found["assigned_to"]["name"]) == ("completed", "D1")
+    assert found["detail"] == {"shelf": "shelf_1", "dock": "dock_1", "boxes": 3}
+    asked = TaskHistory(requested_ms=7, priority={"type": "binary", "value": 1})
+    booking = task_state(row | times, asked, "depot", TYPES)["booking"]
+    assert (booking["unix_millis_request_time"], booking["priority"]["type"]) == (7, "binary")
+
+
+@pytest.mark.parametrize(
+    ("battery", "share"),
+    [
+        ("min: 0, max: 100, default: 40", 0.4),
+        ("min: 0, max: 1, decimals: 2, default: 0.25", 0.25),
+        ("min: -10, max: 50, default: -3", 0.0),
+        ("min: 0, max: 100", None),
+        ("values: [low, high], default: low", None),
+        ("min: -5, max: 0, default: -1", None),
+    ],
+)
+def test_the_charge_of_a_battery_is_a_part_of_its_most(battery: str, share: float | None) -> None:
+    text = ONE_TASK + f"blackboard: {{battery: {{{battery}, per: robot}}}}\n"
+    mission = mission_of(text)
+    observer: Any = SimpleNamespace(mission=mission, facts=TeamFacts(mission, "r"))
+    assert charge(observer, "A") == share
 
 
 @pytest.mark.parametrize(
@@ -75,3 +118,12 @@ def test_a_fleet_and_its_robots(commands: tuple[str, ...], robot: str, status: s
     assert state["robots"][robot]["status"] == status
     is_lost = any("fault" in command for command in commands)
     assert bool(state["robots"][robot]["issues"]) is is_lost
+
+
+def test_a_task_whose_end_nobody_has_kept_is_an_error_not_completed() -> None:
+    told = {"booking": {"id": "a"}, "status": "underway"}
+    assert last_state(told, "succeeded")["status"] == "completed"
+    for unknown in ("", "ended"):
+        state = last_state(told, unknown)
+        assert state["status"] == "error"
+        validator("task_state").validate(state)

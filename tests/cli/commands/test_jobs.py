@@ -1,39 +1,30 @@
-"""Times on the command line of jobs."""
+"""mrbt submit: one job by arguments, or many by lines (see also test_job_lines.py)."""
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
-
-import click
 import pytest
 
-from mrbt_mesh.cli.commands.jobs import job_time, submit
+from tests.support.command import mrbt, refused
 
-OPTION = submit.params[0]
-CONTEXT = click.Context(submit)
+
+def test_a_job_has_a_type() -> None:
+    assert "Missing argument 'TYPE': a type of jobs, or --stdin" in refused(mrbt("submit"))
 
 
 @pytest.mark.parametrize(
-    ("text", "expected"),
+    ("words", "named"),
     [
-        ("+90", timedelta(seconds=90)),
-        ("+0.5", timedelta(seconds=0.5)),
-        ("2026-05-04T14:30+02:00", datetime.fromisoformat("2026-05-04T12:30+00:00")),
-        ("2026-05-04 14:30", datetime(2026, 5, 4, 14, 30).astimezone()),
+        (["inspect", "shelf_1"], "TYPE, ARGUMENT: "),
+        (["--id", "a", "--priority", "3"], "--id, --priority: "),
+        (["--wait"], "--wait: "),
     ],
 )
-def test_a_time_is_absolute_or_from_now(text: str, expected: datetime | timedelta) -> None:
-    assert job_time(CONTEXT, OPTION, text) == expected
+def test_what_lines_say_is_not_said_beside_them(words: list[str], named: str) -> None:
+    said = refused(mrbt("submit", "--stdin", *words))
+    assert f"error: {named}with --stdin, lines say which jobs" in said
 
 
-def test_a_time_of_the_day_is_that_of_today() -> None:
-    found = job_time(CONTEXT, OPTION, "14:30")
-    assert isinstance(found, datetime)
-    assert (found.hour, found.minute) == (14, 30)
-    assert found.tzinfo is not None
-
-
-@pytest.mark.parametrize("text", ["soon", "+", "+nan", "+-5", "+1e99", "-5", "600", "25:00"])
-def test_anything_else_is_refused_with_examples(text: str) -> None:
-    with pytest.raises(click.BadParameter, match="is no time: \\+600"):
-        job_time(CONTEXT, OPTION, text)
+def test_input_without_lines_is_refused_before_a_team_is_looked_for() -> None:
+    assert "standard input has no job; one per line is expected" in refused(
+        mrbt("submit", "--stdin")
+    )

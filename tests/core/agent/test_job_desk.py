@@ -243,3 +243,35 @@ def test_a_job_that_comes_after_a_revocation_expires() -> None:
     context.facts.set_revoked(frozenset({"D2"}))
     asked(found, submission("a", "inspect", "shelf_1", deadline_us=NOW_US + S))
     assert [name for name, _ in clock.passed(2 * S)] == ["job_end/a"]
+
+
+@pytest.mark.parametrize(
+    ("sent", "difference"),
+    [
+        (
+            submission("a", "inspect", "shelf_2", priority=7, content=8),
+            "arguments (there shelf_1, sent shelf_2), priority (there 0, sent 7)",
+        ),
+        (
+            submission("a", "deliver", "shelf_1", "dock_1", "2", content=8),
+            "type (there inspect, sent deliver), arguments (there shelf_1, sent shelf_1, dock_1, 2",
+        ),
+        (
+            submission("a", "inspect", "shelf_1", not_before_us=1_777_888_999 * S, content=8),
+            "not_before (there none, sent 2026-05-04 10:03:19 UTC)",
+        ),
+        (
+            submission("a", "inspect", "shelf_1", deadline_us=1_777_888_999 * S, content=8),
+            "deadline (there none, sent 2026-05-04 10:03:19 UTC)",
+        ),
+        (submission("a", "inspect", "shelf_1", content=8), "its times, as they were asked for"),
+    ],
+)
+def test_another_job_of_an_id_is_refused_with_the_fields_that_differ(
+    sent: Entry, difference: str
+) -> None:
+    found, _ = desk()
+    asked(found, JOB)
+    refusal = asked(found, sent)["refused"]
+    assert refusal.startswith("there is another job of this id, a: inspect(shelf_1), priority 0;")
+    assert f"; it differs in {difference}" in refusal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -237,6 +238,9 @@ def test_long_ended_jobs_are_archived_and_never_begin_again() -> None:
     assert [*record.hashes] == sorted(hash_of(f"j{n}") for n in range(MAX_ARCHIVED))
     facts.map.merge([entry("B", f"job_archive/{number}", record)])
     facts.prune()
+    assert facts.jobs.archived_end("j0") is JobState.SUCCEEDED
+    assert facts.jobs.archived_end("j900") is None, "it is in no archive"
+    assert JobArchive.parse(record.to_value()) == record
     assert len(facts.map) == 2 * (KEPT_ENDS + 1) + 1
     assert facts.jobs.to_archive(0) is None
     facts.map.merge([job("j0"), job("j900")])
@@ -270,6 +274,7 @@ ENTRIES = [
     entry("A", "claim", claim("d")),
     entry("A", "claim", claim("b"), 2),
     entry("B", "job_archive/1", JobArchive((hash_of("e"),), (7,))),
+    entry("A", "job_archive/1", JobArchive((hash_of("e"),), (7,), "c")),
     job("e", stamp=7),
 ]
 
@@ -291,6 +296,44 @@ def test_the_order_in_which_facts_arrive_makes_no_difference(
     assert facts.map.digest() == again.map.digest()
     assert in_tree(facts) == in_tree(again) == ["a", "b"]
     assert facts.mission.tree == again.mission.tree
+
+
+@pytest.mark.parametrize(
+    ("ends", "found"),
+    [
+        (("s", "s"), JobState.SUCCEEDED),
+        (("c", ""), JobState.CANCELLED),
+        (("f", "e"), None),
+        (("", ""), None),
+    ],
+)
+def test_how_a_job_ended_long_ago_is_what_no_archive_contradicts(
+    ends: tuple[str, str], found: JobState | None
+) -> None:
+    records = [JobArchive((hash_of("e"),), (7,), each) for each in ends]
+    archives = [
+        entry(author, "job_archive/1", record) for author, record in zip("AB", records, strict=True)
+    ]
+    jobs = facts_with(*archives).jobs
+    assert jobs is not None
+    assert jobs.archived_end("e") is found
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        [[1], [7], "x"],
+        [[1], [7], ""],
+        [[1], [7], "ss"],
+        [[1], [7], 7],
+        [[1], [7], "s", "s"],
+        [[1]],
+        7,
+    ],
+)
+def test_a_malformed_archive_is_refused(value: Any) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        JobArchive.parse(value)
 
 
 def test_facts_of_jobs_that_the_mission_could_not_have_are_refused() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.records import (
     NO_CLAIM,
@@ -10,7 +12,8 @@ from mrbt_mesh.core.facts.records import (
     Outcome,
     RobotProblem,
 )
-from mrbt_mesh.core.facts.store import Incarnation, Version
+from mrbt_mesh.core.facts.store import PARTS, FactMap, Incarnation, Version
+from mrbt_mesh.core.membership.replica import PARTED_FROM, Replica
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES, WireError
 from tests.support.build import RUN
 from tests.support.replicas import MISSION, replica
@@ -78,6 +81,46 @@ def test_a_long_answer_comes_in_pages_that_tear_no_batch_apart() -> None:
         assert received.has_more is (number < len(pages) - 1)
         for version in {entry.version for entry in received.changed}:
             assert seen.setdefault(version, number) == number
+    assert asking.facts.map.digest() == asked.facts.map.digest()
+
+
+def with_many(count: int) -> Replica:
+    """It has written so many batches of two facts, and replaced some of the facts since."""
+    mine = replica("A")
+    mine.next_incarnation(0)
+    node = next(MISSION.tree.actions()).index
+    for number in range(count):
+        names = [f"outcome/{RUN}:{node}:a::{n}/a" for n in (number % 150, 1_000 + number % 70)]
+        mine.write([(name, Outcome(True, {})) for name in names], 0)
+    return mine
+
+
+@given(st.lists(st.integers(0, 199), max_size=12), st.integers(60, 200))
+def test_of_many_entries_only_those_in_parts_that_differ_are_sent(
+    lacking: list[int], count: int
+) -> None:
+    asked, asking = with_many(count), replica("B")
+    everything = asked.facts.map.of_author("A")
+    lost = {everything[number % len(everything)].version for number in lacking}
+    asking.facts.map.merge([entry for entry in everything if entry.version not in lost])
+    received, pages = [], asked.answer_pull(asking.write_pull())
+    for page in pages:
+        received += asking.receive_state("A", page, 0).changed
+    assert asking.facts.map.digest() == asked.facts.map.digest()
+    assert {entry.version for entry in received} == lost
+    if lost and len(everything) >= PARTED_FROM + 2 * len(lost):
+        plain = asked.answer_pull(replica("C").write_pull())
+        assert sum(map(len, pages)) < sum(map(len, plain))
+
+
+def test_parts_whose_digests_are_equal_by_chance_hide_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked, asking = with_many(100), replica("B")
+    asking.facts.map.merge(asked.facts.map.of_author("A")[2:])
+    monkeypatch.setattr(FactMap, "part_digests", lambda *_: bytes(8 * PARTS))
+    for page in asked.answer_pull(asking.write_pull()):
+        asking.receive_state("A", page, 0)
     assert asking.facts.map.digest() == asked.facts.map.digest()
 
 

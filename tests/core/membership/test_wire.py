@@ -69,6 +69,7 @@ beats = st.builds(
     st.lists(st.integers(0, 3), max_size=20).map(bytes),
     st.none()
     | st.builds(RecordingHead, st.integers(0, 2**40), st.binary(min_size=16, max_size=16)),
+    st.integers(0, 2**40),
     st.none() | st.integers(0, 2**52),
 )
 GOOD_VALUES: list[tuple[str, Any]] = [
@@ -124,7 +125,7 @@ def test_a_clock_takes_no_byte_where_there_are_no_jobs() -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 1)
     beat = Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {})
     packed = pack_heartbeat(beat)
-    assert len(packed) == 18
+    assert len(packed) == 19
     assert pack_heartbeat(replace(beat, unix_us=5)) == [*packed, 5]
     assert pack_heartbeat(replace(beat, steady_us=7)) == [*packed, None, 7]
 
@@ -177,10 +178,14 @@ def test_what_is_written_is_what_was_parsed(name: str, value: Any) -> None:
         assert record.to_value() == value
 
 
-@given(st.dictionaries(robots, st.binary(min_size=16, max_size=16), max_size=5))
-def test_a_question_survives_the_wire(summary: dict[str, bytes]) -> None:
-    data = encode(SOMEONE, MessageKind.PULL, [summary, bytes(range(8))])
-    assert parse_pull(decode(data, MINE, MessageKind.PULL)[1]) == (summary, bytes(range(8)))
+@given(
+    st.dictionaries(robots, st.binary(min_size=16, max_size=16), max_size=5),
+    st.dictionaries(robots, st.binary(min_size=512, max_size=512), max_size=2),
+)
+def test_a_question_survives_the_wire(summary: dict[str, bytes], parts: dict[str, bytes]) -> None:
+    asked = summary, bytes(range(8)), parts
+    data = encode(SOMEONE, MessageKind.PULL, [*asked])
+    assert parse_pull(decode(data, MINE, MessageKind.PULL)[1]) == asked
 
 
 # -- whatever arrives is decoded or refused ---------------------------------------------------
@@ -406,21 +411,21 @@ def test_outcome_data_that_cannot_be_sent_is_a_value_error(value: Any) -> None:
 def test_a_position_that_is_none_is_refused(where: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    *before, _, tree, head, signature = body
+    *before, _, tree, head, signature, work_ms = body
     there = [1_500, -2_000, None]
-    found = parse_heartbeat([*before, there, tree, head, signature])
+    found = parse_heartbeat([*before, there, tree, head, signature, work_ms])
     assert found.position == Position(1_500, -2_000)
     with pytest.raises(WireError, match="position"):
-        parse_heartbeat([*before, where, tree, head, signature])
+        parse_heartbeat([*before, where, tree, head, signature, work_ms])
 
 
 @pytest.mark.parametrize("statuses", ["", None, [1], b"\0\4", bytes(wire.MAX_TREE_NODES + 1)])
 def test_statuses_of_a_tree_that_are_none_are_refused(statuses: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
-    assert parse_heartbeat([*body[:-3], b"\1\2", *body[-2:]]).tree_statuses == b"\1\2"
+    assert parse_heartbeat([*body[:-4], b"\1\2", *body[-3:]]).tree_statuses == b"\1\2"
     with pytest.raises(WireError, match="statuses of a tree"):
-        parse_heartbeat([*body[:-3], statuses, *body[-2:]])
+        parse_heartbeat([*body[:-4], statuses, *body[-3:]])
 
 
 @pytest.mark.parametrize("head", [b"", [1], [1, bytes(15)], [-1, bytes(16)], [1, "0" * 16]])
@@ -428,4 +433,4 @@ def test_a_head_of_a_recording_that_is_none_is_refused(head: Any) -> None:
     report = SelfReport(Incarnation(1, "n"), 1, bytes(8), True, 0)
     body = pack_heartbeat(Heartbeat(report, False, bytes(8), (0, 0, 0, 0), 0, (), {}))
     with pytest.raises(WireError):
-        parse_heartbeat([*body[:-2], head, body[-1]])
+        parse_heartbeat([*body[:-3], head, *body[-2:]])

@@ -19,7 +19,7 @@ from tests.support.watched import ALONE, COVER, WELD, watched
 
 def said(observer: Observer) -> list[str]:
     """The headline; times without their digits."""
-    statements = headline(observer, ())
+    statements = headline(observer, (), 0)
     return [f"{each.level} {each.text}".split(" after ")[0] for each in statements]
 
 
@@ -27,7 +27,7 @@ def test_a_team_at_work() -> None:
     _, observer = watched(WELD)
     assert said(observer) == ["good running", "good all 2 agree"]
     assert robots_that_differ(observer) == []
-    odd = headline(observer, ["B", "A"])
+    odd = headline(observer, ["B", "A"], 0)
     assert [each.text for each in odd] == ["2 with another plan: A, B", "running"]
 
 
@@ -42,13 +42,38 @@ def test_a_death_whose_work_goes_on_is_a_warning_with_the_time_that_it_took() ->
     (fault,) = observer.record.major
     assert fault.reassigned_after_us is not None
     after = after_text(fault.reassigned_after_us, exact=False)
-    assert headline(observer, ())[0].text.endswith(f"after {after}")
+    assert headline(observer, (), 0)[0].text.endswith(f"after {after}")
 
 
 def test_an_observer_that_came_later_does_not_claim_a_replacement() -> None:
     _, observer = watched(COVER, "kill A", "pass 100")
     observer.record.major[0].is_older = True
     assert said(observer)[0] == "warn 1 dead: A, B has weld"
+
+
+def test_a_takeover_whose_begin_nobody_has_seen_is_one_by_the_facts() -> None:
+    _, observer = watched(COVER, "kill A", "pass 100")
+    fault = observer.record.major[0]
+    fault.is_older, fault.reassigned_us, fault.replacement = True, None, None
+    assert said(observer)[0] == "warn 1 dead: A, B has weld"
+
+
+def test_the_dead_are_all_replaced_only_if_each_of_them_is() -> None:
+    script, observer = watched(WELD, "kill A", "kill B", "pass 8000")
+    observer.update(script.team.now_us)
+    worked, idle = observer.record.major
+    worked.replacement = "C"
+    assert idle.replacement is None
+    assert said(observer)[1] == "warn 2 dead: A, B"
+    idle.replacement = "C"
+    assert said(observer)[1] == "warn 2 dead: A, B, all replaced"
+
+
+def test_who_comes_late_says_who_has_done_the_work_of_the_dead() -> None:
+    _, observer = watched(COVER, "kill A", "pass 100", "succeed B", "pass 300")
+    fault = observer.record.major[0]
+    fault.is_older, fault.reassigned_us, fault.replacement = True, None, None
+    assert "warn 1 dead: A, weld was done by B" in said(observer)
 
 
 def test_what_blocks_comes_first_with_the_robot_to_start() -> None:
@@ -67,6 +92,52 @@ def test_nobody_else_can_do_it() -> None:
         "bad BLOCKED: weld: weld needs 1, 0 alive: mend A (`mrbt fault A weld --end`)"
     )
     assert said(observer)[1:] == ["warn A lost weld: operator", "good all 2 agree"]
+
+
+@pytest.mark.parametrize(
+    ("faults", "what"),
+    [
+        (["scan(b3)"], "'scan(b3)'"),
+        (["scan"], "scan"),
+        (["all"], "scan"),
+        (["scan(b3)", "scan"], "scan"),
+    ],
+)
+def test_the_command_that_ends_a_loss_names_what_was_lost(faults: list[str], what: str) -> None:
+    team = (
+        "robot A scan",
+        "robot C look",
+        "task scan scan(b3) 1..1",
+        'tree "scan"',
+        "observe",
+        "start A C",
+        "pass 200",
+    )
+    script, observer = watched(team, *(f"tell A fault {each}" for each in faults), "pass 300")
+    assert f"mend A (`mrbt fault A {what} --end`)" in said(observer)[0]
+    script.block([f"tell A restore {what.strip(chr(39))}", "pass 300"])
+    assert "good running" in said(observer)
+
+
+def test_an_exclusive_task_without_a_majority_names_whom_to_start() -> None:
+    team = (
+        "robot A walk pour",
+        "robot B look",
+        "robot C look",
+        "robot D look",
+        "task dose pour exclusive",
+        'tree Sequence("walk", "dose")',
+        "observe",
+        "start A B C D",
+        "pass 200",
+    )
+    script, observer = watched(team, "kill C", "kill D", "pass 1500", "succeed A", "pass 300")
+    blocked = "bad BLOCKED: dose: exclusive: needs grants from 3 of 4 robots, 2 here: "
+    assert said(observer)[0].replace(", start", ": start") == (
+        f"{blocked}start C (`mrbt join C`) or start D (`mrbt join D`)"
+    )
+    script.block(["start C", "pass 1500"])
+    assert "BLOCKED" not in said(observer)[0]
 
 
 def test_all_are_dead() -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.observer.job_rows import JobRows
+from mrbt_mesh.core.observer.observer import Observer
 from tests.support.commands import command, submission
-from tests.support.one_robot import desk
+from tests.support.one_robot import MISSION, desk
 
 NAMES = [f"job-{number}" for number in range(30)]
 CHANGES = {
@@ -41,3 +44,20 @@ def test_kept_rows_are_as_new_ones(changes: list[tuple[str, str, int]]) -> None:
     places = {"held": 0, "waiting": 0}
     ranks = [places.get(row.state, 1) for row in kept.update(context.facts, None, ())]
     assert ranks == sorted(ranks)
+
+
+def test_no_job_of_a_mission_that_was_aborted_goes_on() -> None:
+    observer = Observer(MISSION, "r", Timing(), min_cost_flow)
+    for stamp, name in enumerate("abc", start=1):
+        observer.facts.map.merge([submission(name, "inspect", "shelf_1", stamp=stamp)])
+    observer.facts.map.merge([command("job_hold/b", "held", 4)])
+    observer.facts.map.merge([command("job_cancelled/c", True, 5)])
+    rows = JobRows()
+    before = {row.id: row.state for row in rows.of(observer)}
+    assert (before["a"], before["b"]) == ("waiting", "held")
+    observer.facts.map.merge([command("aborted", True, 6)])
+    shown = {row.id: row for row in rows.of(observer)}
+    assert {shown[name].state for name in "ab"} == {"cancelled"}
+    assert {shown[name].why for name in "ab"} == {"the mission was aborted"}
+    again = {row.id: row for row in rows.of(observer)}
+    assert all(again[name] is shown[name] for name in "ab"), "nothing has changed"

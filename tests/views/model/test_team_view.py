@@ -7,12 +7,14 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.observer.job_log import JobHistory
+from mrbt_mesh.core.observer.job_rows import JobRow
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.recording.folder import observer_files
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import simulate
-from mrbt_mesh.views.model.team_view import TeamView
+from mrbt_mesh.views.model.team_view import TeamView, since_us
 from tests.support.depot import depot, worker
 from tests.support.runs import run_example
 from tests.support.watched import COVER, watched
@@ -148,3 +150,23 @@ def test_a_team_that_travels_has_a_forecast_until_its_end(tmp_path: Path) -> Non
     assert any(each.endswith("for makespan, 2 tasks") for each in texts), texts
     assert texts[-1] == "no schedule: no task ahead lacks robots, or the horizon is 1"
     assert "forecast" not in view.changes.since(0)
+
+
+@pytest.mark.parametrize(
+    ("state", "history", "since"),
+    [
+        ("waiting", JobHistory(submitted_us=5), 5),
+        ("waiting", JobHistory(), None),
+        ("waiting", JobHistory(submitted_us=5, begun_us=7, has_begun=True), None),
+        ("running", JobHistory(submitted_us=5, begun_us=7, has_begun=True), 7),
+        ("running", JobHistory(submitted_us=5, has_begun=True), None),
+        ("held", JobHistory(submitted_us=5), None),
+        ("succeeded", JobHistory(5, 7, 9, True, True), 9),
+        ("cancelled", None, None),
+    ],
+)
+def test_a_job_that_was_there_before_the_view_has_its_true_time_or_none(
+    state: str, history: JobHistory | None, since: int | None
+) -> None:
+    row = JobRow("a", "inspect", {}, state, "", 0, (), "anna")
+    assert since_us(row, history) == since

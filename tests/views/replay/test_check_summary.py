@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import pytest
 
+from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.metadata import NamedRecording
-from mrbt_mesh.recording.reader import Recording, named
+from mrbt_mesh.recording.reader import RecordedMessages, Recording, named
 from mrbt_mesh.runtime.member_keys import Manifest
 from mrbt_mesh.runtime.summary_signature import Covered, signature_of
 from mrbt_mesh.views.replay.check_files import RunDirFiles
-from mrbt_mesh.views.replay.check_summary import SummaryFile
+from mrbt_mesh.views.replay.check_summary import SummaryFile, check_summary
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.keys import keys_of
 from tests.support.recorded import read_all, record_keyed
@@ -77,6 +78,21 @@ def test_a_summary_of_an_earlier_end_is_named(run: Run) -> None:
     verdict = verify(later, manifest, RunDirFiles(SummaryFile(content, signature)))
     (text,) = map(str, verdict.findings)
     assert text.startswith("summary.json: it is of an earlier end of the run")
+
+
+def test_a_robot_that_joined_after_the_end_does_not_make_the_summary_an_old_one(run: Run) -> None:
+    recordings, manifest, content = run
+    robot = recordings[0]
+    records, statuses = robot.records, robot.records.topics.index(channels.STATUSES)
+    last = len(records) - 1 - [*reversed(records.topics)].index(channels.STATUSES)
+    at_end = named([each.path for each in recordings], robot.metadata.run)
+    summary = SummaryFile(content, covering(run, content, at_end[1:]))
+    metadata = replace(robot.metadata, earlier=at_end[:1])
+    for begin, accused in ((statuses, 1), (last, 0)):
+        later = RecordedMessages.joined([(records, begin)])
+        again = replace(robot, metadata=metadata, records=later)
+        findings, gaps = check_summary(summary, [again, *recordings[1:]], manifest)
+        assert (len(findings), gaps) == (accused, []), findings
 
 
 def test_a_recording_that_the_summary_names_is_missed(run: Run) -> None:

@@ -29,13 +29,14 @@ def shown_at(until_s: float) -> ShownTeam:
 
 def test_state_task_and_progress() -> None:
     shown = shown_at(13.0)
-    rows = {robot: robot_text(robot, item, 2).plain for robot, item in shown.robots.items()}
+    rows = {robot: robot_text(robot, item, 2, 13.0).plain for robot, item in shown.robots.items()}
     assert rows["A1"].rstrip() == "A1 ✖ dead"
     beats = shown.observer.membership.peers["B2"].heartbeat
     assert beats is not None
-    assert f"B2 ● do_diagnosis(5) {beats.progress}% {bar(beats.progress)}" in rows["B2"]
+    done = f"{beats.progress}% {bar(beats.progress)}"
+    assert f"B2 ● do_diagnosis(5) for 1 s of 6 s {done}" in rows["B2"]
     assert rows["B1"].startswith("B1 ● ✘do_diagnosis: injected free: no")
-    over = robot_text("B2", shown.robots["B2"], 2, is_over=True)
+    over = robot_text("B2", shown.robots["B2"], 2, 13.0, is_over=True)
     assert over.plain == "B2 ■ ended"
 
 
@@ -53,7 +54,7 @@ def test_what_is_not_there_yet() -> None:
         "lost": {"go(1)": "no map"},
         "pending": {"fly": "no server yet", "look": "no server yet"},
     }
-    text = robot_text("B2", item, 2).plain
+    text = robot_text("B2", item, 2, 13.0).plain
     assert "✘go(1): no map cannot use fly, look now: no server yet" in text
 
 

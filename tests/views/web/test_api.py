@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,8 @@ from starlette.testclient import TestClient
 
 from mrbt_mesh.core.agent import job_desk
 from mrbt_mesh.views.web.access import Role
-from mrbt_mesh.views.web.api import MAX_BODY_BYTES, Api
+from mrbt_mesh.views.web.api import CHANGES, Api
+from mrbt_mesh.views.web.bodies import MAX_BODY_BYTES
 from tests.support.one_robot import DeskClient
 
 JOB = {"type": "inspect", "arguments": {"where": "shelf_1"}}
@@ -30,7 +32,11 @@ def guest(_: Request, role: Role) -> str:
 
 
 def page(access: Callable[[Request, Role], str] = anna) -> TestClient:
-    return TestClient(Api(DeskClient(), None, access).application())  # type: ignore[arg-type]
+    return of(DeskClient(), access)
+
+
+def of(client: DeskClient, access: Callable[[Request, Role], str] = anna) -> TestClient:
+    return TestClient(Api(client, None, access).application())  # type: ignore[arg-type]
 
 
 def test_the_name_of_the_caller_is_the_operator_of_a_job() -> None:
@@ -47,12 +53,34 @@ def test_the_name_of_the_caller_is_the_operator_of_a_job() -> None:
     [
         (JOB | {"id": "silent"}, 504, "D1 does not answer"),
         (JOB | {"id": "a b"}, 422, "'a b' is no id"),
-        (JOB | {"safe": 0}, 422, "safe: Input should be greater than or equal to 1"),
-        (JOB | {"not_before": "tomorrow"}, 422, "not_before"),
-        ({"arguments": {}}, 422, "type: Field required"),
+        (
+            JOB | {"safe": 0},
+            422,
+            "safe: a whole number of at least 1 is expected",
+        ),
+        (JOB | {"not_before": "tomorrow"}, 422, "not_before: a time (2026-"),
+        (JOB | {"id": "."}, 422, "'.' is no id"),
+        (JOB | {"id": ".."}, 422, "'..' is no id"),
+        (JOB | {"id": "a" * 5_000}, 422, "is no id"),
+        (JOB | {"priority": 1.5}, 422, "priority: a whole number is expected"),
+        (JOB | {"priority": "9"}, 422, "priority: a whole number is expected, the text '9' was"),
+        (JOB | {"priority": 10**4_000}, 422, "a priority is a whole number from"),
+        (JOB | {"arguments": {"where": 10**400}}, 422, "where: the number has too many digits"),
+        (JOB | {"arguments": {"where": "s" * 60_000}}, 422, "where is one of dock_1"),
+        (JOB | {"arguments": {"where": "shelf_1\0"}}, 422, "where is one of dock_1"),
+        (JOB | {"arguments": {"where": 1.5}}, 422, "arguments: a text or a whole number"),
+        (JOB | {"arguments": []}, 422, "arguments: an object is expected, a list was sent"),
+        (JOB | {"priorty": 1}, 422, "priorty: there is no such field; did you mean 'priority'?"),
+        ([], 422, "the body: an object is expected, a list was sent"),
+        (JOB | {"id": {}}, 422, "id: a text is expected, an object was sent"),
+        ({"arguments": {}}, 422, "type: it is missing"),
         (JOB | {"not_before": "P999999Y"}, 422, "not_before: at most a year from now"),
         (JOB | {"deadline": "P2Y"}, 422, "deadline: at most a year from now"),
-        (JOB | {"not_before": "9999-12-31T23:59:59Z"}, 422, "not_before: at most a year"),
+        (
+            JOB | {"not_before": "9999-12-31T23:59:59Z"},
+            422,
+            "not_before: give a time that is at most a year",
+        ),
         (JOB | {"not_before": "0001-01-01T00:00:00Z"}, 422, "not_before: before 1970"),
         (JOB | {"priority": 1 << 70}, 422, "a priority is a whole number from"),
         ("x" * MAX_BODY_BYTES, 413, f"the body is longer than {MAX_BODY_BYTES} bytes"),
@@ -65,6 +93,81 @@ def test_a_wrong_job_is_a_problem_with_its_remedy(body: Any, status: int, text: 
     assert text in answer.json()["detail"]
 
 
+def test_null_is_called_so() -> None:
+    headers = {"content-type": "application/json"}
+    detail = page().post("/jobs", content="null", headers=headers).json()["detail"]
+    assert detail == "the body: an object is expected, null was sent"
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"type": "\\ud800"}', "[" * 50_000, "[" + "9" * 5_000])
+def test_what_is_no_json_is_said_to_be_none(text: str) -> None:
+    answer = page().post("/jobs", content=text, headers={"content-type": "application/json"})
+    assert answer.status_code == 422
+    assert ("type: it is missing" if not text else "the body is not JSON") in answer.json()[
+        "detail"
+    ]
+
+
+@pytest.mark.parametrize("path", [*(f"/jobs/one/{each}" for each in CHANGES), "/pause", "/resume"])
+def test_a_command_needs_no_body_and_takes_one_of_json_alone(path: str) -> None:
+    client = page()
+    client.post("/jobs", json=JOB | {"id": "one"})
+    for media_type in ("text/plain", "application/x-www-form-urlencoded", ""):
+        answer = client.post(path, content="a=b", headers={"content-type": media_type})
+        assert (answer.status_code, answer.headers["accept"]) == (415, "application/json")
+    for headers in ({}, {"content-type": "application/x-www-form-urlencoded"}):
+        answer = client.post(path, headers=headers)
+        assert answer.status_code == (422 if path.endswith("priority") else 200), answer.text
+    body = {"priority": 3} if path.endswith("priority") else {}
+    headers = {"content-type": "Application/JSON; charset=utf-8"}
+    assert client.post(path, content=json.dumps(body), headers=headers).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("path", "query"),
+    [
+        ("/status", "wide=1"),
+        ("/jobs", "stat=held"),
+        ("/jobs/one", "x"),
+        ("/events", "since=1"),
+        ("/events", "limit=0"),
+        ("/jobs", "limit=1001"),
+        ("/jobs", "limit=1&limit=2"),
+        ("/jobs", "limit=%C2%B9"),
+        ("/jobs", "cursor="),
+        ("/jobs", "cursor=0.1.2"),
+        ("/jobs", "cursor=0~a"),
+        ("/jobs", "cursor=0." + "1" * 17 + "~a"),
+        ("/jobs", "cursor=" + "W" * 9_000),
+        ("/jobs", "cursor=%F0%9F%A4%96"),
+    ],
+)
+def test_a_query_that_a_request_does_not_take_is_refused(path: str, query: str) -> None:
+    answer = page().get(f"{path}?{query}")
+    assert (answer.status_code, query.partition("=")[0] in answer.json()["detail"]) == (422, True)
+
+
+def test_pages_have_every_job_once_also_of_another_server() -> None:
+    api = DeskClient()
+    for number in range(7):
+        job = {"id": f"job+{number}", "priority": number % 2}
+        assert of(api).post("/jobs", json=JOB | job).status_code == 201
+    of(api).post("/jobs/job+3/cancel")
+    everything = [row["id"] for row in of(api).get("/jobs").json()]
+    path, found = "/jobs?limit=2", []
+    while path:
+        answer = of(api).get(path)
+        found += [row["id"] for row in answer.json()]
+        link = answer.headers.get("link", "")
+        assert len(answer.json()) == 2 or not link
+        path = link.removeprefix("<").partition(">")[0]
+    assert found == everything
+    assert sorted(found) == [f"job+{number}" for number in range(7)]
+    held = of(api).get("/jobs?state=waiting&state=held&limit=5").headers["link"]
+    assert "state=waiting&state=held&limit=5&cursor=" in held
+    assert held.endswith('>; rel="next"')
+
+
 def test_too_many_open_jobs_are_a_reason_to_ask_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(job_desk, "MAX_OPEN", 1)
     client = page()
@@ -75,9 +178,29 @@ def test_too_many_open_jobs_are_a_reason_to_ask_again(monkeypatch: pytest.Monkey
 
 
 def test_other_paths_and_methods_are_problems_too() -> None:
-    for method, path, status in (("GET", "/none", 404), ("DELETE", "/jobs", 405)):
+    for method, path, status, text in (
+        ("GET", "/none", 404, "there is no '/none'; there are /status, /job-types, /jobs, "),
+        ("DELETE", "/jobs", 405, "'/jobs' takes no DELETE, but "),
+    ):
         answer = page().request(method, path)
         assert (answer.status_code, answer.json()["status"]) == (status, status)
+        assert answer.json()["detail"].startswith(text)
+
+
+@pytest.mark.parametrize(
+    ("path", "methods"),
+    [
+        ("/jobs", "GET HEAD POST"),
+        ("/status", "GET HEAD"),
+        ("/pause", "POST"),
+        ("/jobs/a/hold", "POST"),
+    ],
+)
+def test_which_methods_there_are(path: str, methods: str) -> None:
+    for method in ("OPTIONS", "PUT", "TRACE"):
+        answer = page().request(method, path)
+        assert answer.status_code == 405
+        assert sorted(answer.headers["allow"].split(", ")) == methods.split()
 
 
 @pytest.mark.parametrize("field", ["not_before", "deadline"])

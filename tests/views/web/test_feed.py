@@ -100,3 +100,24 @@ async def test_the_end_is_told() -> None:
     watched.feed.close()
     assert [read(told)[1] async for told in pages] == ["news", "over"]
     assert watched.feed.pages == 0
+
+
+async def test_a_stream_of_the_run_is_over_with_its_result() -> None:
+    watched = Watched()
+    pages, until_closed = (watched.feed.messages("", "", None, ends) for ends in (True, False))
+    await anext(pages)
+    watched.do("succeed A", "pass 1500")
+    assert watched.feed.observer.record.result is not None
+    told = [read(each) async for each in pages]
+    assert [event for _, event, _ in told] == ["news", "over"]
+    assert told[0][2]["headline"][0]["text"].startswith("success"), "what is new comes before"
+    assert read(await anext(until_closed))[1] == "begin"
+    assert read(await anext(until_closed))[1] == "news", "a page goes on"
+    await until_closed.aclose()
+    later = [read(each)[1] async for each in watched.feed.messages("", "", None, True)]
+    assert later == ["begin", "over"]
+    last = told[-1][0]
+    for count in (1, 5):
+        again = [read(each)[1] async for each in watched.feed.messages(last, "", count, True)]
+        assert again == ["over"]
+    assert watched.feed.pages == 0

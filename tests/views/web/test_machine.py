@@ -10,6 +10,7 @@ from starlette.testclient import TestClient
 
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.views.web.machine import MachineRuns
+from mrbt_mesh.views.web.protection import own_names
 from tests.support.run_dirs import a_run
 
 HOST = "127.0.0.1:8000"
@@ -26,7 +27,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TestClient:
     remember(damaged)
     (damaged.path / "run.json").write_text("{")
     runs = MachineRuns(has_control=False, group=cast(Any, None))
-    return TestClient(runs.application(frozenset({HOST})), base_url=f"http://{HOST}")
+    return TestClient(runs.application(own_names(["127.0.0.1"], 8000)), base_url=f"http://{HOST}")
 
 
 def test_each_run_has_its_result_as_a_statement(machine: TestClient) -> None:

@@ -1,6 +1,6 @@
 // A second recording: its lanes below the others, on the same axis, and the differences in numbers.
 
-import { byId, element } from "./text.mjs";
+import { byId, byName, element } from "./text.mjs";
 
 const TIMES = ["claimed_s", "running_s", "ended_s", "at_s", "until_s", "from_s", "to_s"];
 const SIGN = "②";
@@ -11,7 +11,7 @@ export class Beside {
     this._told = told;
     this.align(0);
     this._changed = changed;
-    this.robots = [...new Set(["work", "fault", "loss"].flatMap((kind) => told.lanes[kind].map((item) => named(item.robot))))].sort();
+    this.robots = [...new Set(["work", "fault", "loss"].flatMap((kind) => told.lanes[kind].map((item) => named(item.robot))))].sort(byName);
     this._show();
   }
 

@@ -10,6 +10,8 @@ const OPEN = ["running", "waiting", "held"];
 const MOST = 200;
 
 const label = (job) => `${job.type}(${Object.values(job.arguments).join(", ")})`;
+// As the robots write times: `not before 2026-05-04 10:03:19 UTC`.
+const utc = (unix_us) => `${new Date(unix_us / 1000).toISOString().slice(0, 19).replace("T", " ")} UTC`;
 const isOpen = (job) => OPEN.includes(job.state);
 
 function byOrder(a, b) {
@@ -67,7 +69,7 @@ export class JobsView {
     row.shown = job;
     setData(row.state, "state", job.state);
     setText(row.state, `${SIGNS[job.state]} ${job.state}`);
-    setText(row.note, [job.robots.join(", "), job.why, job.priority ? `priority ${job.priority}` : "", job.deadline_us ? `until ${new Date(job.deadline_us / 1000).toLocaleString()}` : ""].filter(Boolean).join(" · "));
+    setText(row.note, [job.id, job.robots.join(", "), job.why, job.priority ? `priority ${job.priority}` : "", job.deadline_us ? `until ${utc(job.deadline_us)}` : ""].filter(Boolean).join(" · "));
     setText(row.time, job.since_s === null ? "" : `${isOpen(job) ? "since" : "at"} ${seconds(job.since_s)}`);
     if (row.menu) row.menu.hidden = !isOpen(job);
     return row.root;

@@ -34,7 +34,7 @@ async function mission() {
 function headline(store, isRecording) {
   const found = [...(store.get("headline") ?? [{ level: "info", text: "connecting…" }])];
   if (store.state === "lost") return [{ level: "warn", text: "connection lost: this is what was last known; trying again…" }, ...found];
-  if (store.state === "over" || store.state === "replaced") return [...found, { level: "info", text: isRecording ? "its server has ended" : "the run is over" }];
+  if (store.state === "over" || store.state === "replaced") return [{ level: "info", text: isRecording ? "its server has ended" : "the run is over" }, ...found];
   return found;
 }
 
@@ -129,6 +129,7 @@ async function begin() {
   const tick = () => {
     setText(byId("clock"), seconds(store.now()));
     timeline.tick();
+    robots.tick();
     playback?.tick();
     requestAnimationFrame(tick);
   };

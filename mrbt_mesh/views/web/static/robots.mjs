@@ -1,11 +1,10 @@
 // The robots: those in trouble first, then those at work, then the others.
 
-import { STATES, byId, contains, element, hasDifferedLong, lostText, setData, setText, textsByReason } from "./text.mjs";
+import { STATES, byId, byName, contains, element, hasDifferedLong, lostText, setData, setText, textsByReason, timeAtWork } from "./text.mjs";
 
 const GROUPS = { trouble: "in trouble", work: "at work", idle: "idle" };
 // With this many robots, each has a row instead of a card.
 const ROWS_FROM = 10;
-const byName = new Intl.Collator("en", { numeric: true }).compare;
 
 export class RobotsView {
   constructor(store, robots, select, control) {
@@ -37,6 +36,12 @@ export class RobotsView {
     }
     for (const name of drawn) this._draw(name);
     if (drawn.size) this._arrange();
+  }
+
+  // Between changes time passes.
+  tick() {
+    const now = this._store.now();
+    for (const [name, card] of this._cards) this._drawTime(card, this._robot(name), now);
   }
 
   select(name) {
@@ -99,7 +104,7 @@ export class RobotsView {
 
   _card(name) {
     const part = (className) => element("div", { class: className });
-    const card = { robot: name, state: element("span", { class: "state" }, element("span"), element("span", { class: "word" })), type: element("span", { class: "hint" }), task: part("task"),
+    const card = { robot: name, state: element("span", { class: "state" }, element("span"), element("span", { class: "word" })), type: element("span", { class: "hint" }), task: part("task"), since: element("em", { class: "since" }),
       can: part("can"), wrong: part("wrong"), problems: part("problems"), canShown: "" };
     // Its inner part is scaled, which needs no new layout.
     card.done = element("div", {});
@@ -136,6 +141,7 @@ export class RobotsView {
     const phase = robot.phase === "ready" ? "waits for its partners" : "about to begin";
     const waits = robot.phase === "running" ? "" : ` (${robot.under_way ? `on its way to ${robot.under_way}` : phase})`;
     this._drawTask(card, robot, hasTask, waits);
+    this._drawTime(card, robot, this._store.now());
     card.task.classList.toggle("none", !hasTask);
     const isRunning = robot.phase === "running";
     if (card.bar.hidden === isRunning) card.bar.hidden = !isRunning;
@@ -156,7 +162,13 @@ export class RobotsView {
     if (card.taskShown === key) return;
     card.taskShown = key;
     card.task.title = hasTask ? `${text}${whole}` : "";
-    card.task.replaceChildren(text, hasTask ? element("span", {}, whole) : "", hasTask ? waits : "");
+    card.task.replaceChildren(text, hasTask ? element("span", {}, whole) : "", hasTask ? waits : "", card.since);
+  }
+
+  _drawTime(card, robot, now) {
+    const { text, isLate } = this._isOver ? { text: "", isLate: false } : timeAtWork(robot, now);
+    setText(card.since, text);
+    card.since.classList.toggle("late", isLate);
   }
 
   _state(robot, hasTask) {

@@ -60,6 +60,29 @@ export function seconds(value) {
   return `${Math.floor(value / 60)} min ${String(Math.floor(value % 60)).padStart(2, "0")} s`;
 }
 
+// Names as people order them: C2 before C10.
+export const byName = new Intl.Collator("en", { numeric: true }).compare;
+
+// A duration that is told again and again: "0.5 s", "42 s", "3 min", "2 h 5 min".
+export function duration(value) {
+  if (value < 10) return `${Math.max(0, value).toFixed(1).replace(".0", "")} s`;
+  if (value < 100) return `${Math.round(value)} s`;
+  const minutes = Math.round(value / 60), hours = Math.floor(minutes / 60);
+  if (!hours) return `${minutes} min`;
+  return minutes % 60 ? `${hours} h ${minutes % 60} min` : `${hours} h`;
+}
+
+// Work that takes this many times as long as it should is overdue.
+const OVERDUE = 3;
+
+// For how long a robot has been at its work, of how long it should take, where that is known.
+export function timeAtWork(robot, now) {
+  if (robot.begun_s === null || robot.begun_s === undefined || robot.phase !== "running") return { text: "", isLate: false };
+  const passed = Math.max(0, Math.floor((now ?? 0) - robot.begun_s)), expected = robot.expected_s;
+  if (expected === null || expected === undefined) return { text: passed ? ` for ${duration(passed)}` : "", isLate: false };
+  return { text: ` for ${duration(passed)} of ${duration(expected)}`, isLate: passed > OVERDUE * expected };
+}
+
 // Plans differ for a moment after every event; that is no disagreement yet.
 export const hasDifferedLong = (since, now) => since !== null && since !== undefined && now - since > 0.5;
 

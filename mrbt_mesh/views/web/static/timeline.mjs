@@ -4,7 +4,7 @@ import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
 import { Beside } from "./beside.mjs";
-import { ENDS, byId, contains, element, knownAt, lostText, seconds, setText, timelineLegend } from "./text.mjs";
+import { ENDS, byId, byName, contains, element, knownAt, lostText, seconds, setText, timelineLegend } from "./text.mjs";
 
 const HATCH = 9;
 // Few robots have high lanes.
@@ -22,6 +22,7 @@ export class TimelineView {
     this._recording = recording;
     this._seek = seek;
     this._robots = [];
+    this._lost = new Set();
     this._all = [];
     this._wanted = "";
     this._beside = recording?.beside ? new Beside(recording.beside, () => { this._whole(); this.draw(); }) : null;
@@ -49,7 +50,7 @@ export class TimelineView {
         isNew = true;
         isTaken ||= kind === "fault";
         this._addLane(this._store.get(key)?.robot);
-      } else if (kind === "robot" && this._store.get(key)) isNew = this._addLane(name) || isNew;
+      } else if (kind === "robot" && this._store.get(key)) isNew = this._takeLane(name) || isNew;
       else if (kind === "event") this._isEventful = true;
       else if (key === "forecast" || key === "connection") isNew = true;
       else if (key === "older") { byId("events").replaceChildren(); this._isEventful = isNew = true; }
@@ -62,7 +63,17 @@ export class TimelineView {
 
   _addLane(robot) {
     if (!robot || this._all.includes(robot)) return false;
-    this._all = [...this._all, robot].sort();
+    this._all.push(robot);
+    this._chooseLanes();
+    return true;
+  }
+
+  // As in the list of robots, those that are dead or silent come first. A recording's lanes keep their places.
+  _takeLane(robot) {
+    const isLost = !this._recording && ["dead", "suspect"].includes(this._store.get(`robot/${robot}`).state);
+    const isNew = this._addLane(robot);
+    if (this._lost.has(robot) === isLost) return isNew;
+    if (isLost) this._lost.add(robot); else this._lost.delete(robot);
     this._chooseLanes();
     return true;
   }
@@ -71,6 +82,7 @@ export class TimelineView {
   _chooseLanes() {
     const works = this._items("work").map(([, work]) => work);
     const fits = (robot) => contains(robot, this._wanted) || works.some((work) => work.robot === robot && contains(workName(work), this._wanted));
+    this._all.sort((a, b) => this._lost.has(b) - this._lost.has(a) || byName(a, b));
     const all = [...this._all, ...this._beside?.robots ?? []], found = all.filter(fits);
     this._robots = found.length ? found : all;
   }

@@ -1,6 +1,6 @@
 // The tree T_G as rows, of which only those are made that can be seen.
 
-import { STATUS, SIGN, byId, contains, element, kindSign, setData, setText } from "./text.mjs";
+import { STATUS, SIGN, byId, byName, contains, element, kindSign, setData, setText } from "./text.mjs";
 
 const ROW = 26;
 const SIZES = [11, 12, 13, 15, 17, 20];
@@ -155,7 +155,7 @@ export class TreeView {
   _inside(node) {
     const marked = [...this._marked].filter(([index]) => index >= node.index && index <= node.end), marks = marked.map(([, mark]) => mark);
     const task = marked[0]?.[0] ?? this._nodes.slice(node.index, node.end + 1).find((inner) => inner.kind === "Action")?.index;
-    return [[...new Set(marks.flatMap(([robots]) => robots))].sort(), ["blocked", "waits"].find((note) => marks.some((mark) => mark[1] === note)) ?? "",
+    return [[...new Set(marks.flatMap(([robots]) => robots))].sort(byName), ["blocked", "waits"].find((note) => marks.some((mark) => mark[1] === note)) ?? "",
       node.name || task === undefined ? "" : this._nodes[task].label];
   }
 

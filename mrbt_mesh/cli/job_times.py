@@ -1,0 +1,68 @@
+"""Times of jobs, as people write them: a moment, a time of today, or how long from now."""
+
+from __future__ import annotations
+
+import contextlib
+from datetime import UTC, datetime, time, timedelta
+
+import click
+
+from mrbt_mesh.runtime.local_time import moment_of
+
+# Of times from now: a year.
+MAX_SECONDS = 366 * 86_400
+
+
+def time_of(text: str) -> tuple[datetime | timedelta, bool]:
+    """(a time of the local time zone or another one, in UTC, or how long from now; whether it is a
+    time of today that has passed). Raises ValueError, whose text names the time.
+    """
+    seconds = -1.0
+    with contextlib.suppress(ValueError):
+        seconds = float(text) if text.startswith("+") else -1.0
+    if seconds > MAX_SECONDS:
+        raise ValueError(f"{text:.80}: at most +{MAX_SECONDS} (a year from now)")
+    if seconds >= 0:
+        return timedelta(seconds=seconds), False
+    when, is_of_today = None, False
+    with contextlib.suppress(ValueError):
+        when = datetime.fromisoformat(text)
+    if when is None:
+        with contextlib.suppress(ValueError):
+            when = datetime.combine(datetime.now().date(), time.fromisoformat(text))
+            is_of_today = True
+    if when is None:
+        expected = "+600 (seconds from now), 14:30 (today), 2026-05-04T14:30 or ...T14:30+02:00"
+        raise ValueError(f"{text!r:.80} is no time: {expected}")
+    try:
+        moment = moment_of(when).astimezone(UTC)
+    except ValueError as error:
+        raise ValueError(f"{text}: {error}") from None
+    return moment, is_of_today and moment < datetime.now(UTC)
+
+
+def passed_text(text: str) -> str:
+    """What is said of a time of today, at which a job may begin, that has passed."""
+    return f"{text} today has passed: it may begin at once"
+
+
+def job_time(
+    _: click.Context, option: click.Parameter, text: str | None
+) -> datetime | timedelta | None:
+    """The value of an option with a time."""
+    if text is None:
+        return None
+    try:
+        when, has_passed = time_of(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param=option) from None
+    if has_passed and option.name == "not_before":
+        click.echo(passed_text(text), err=True)
+    return when
+
+
+def understood(**times: datetime | timedelta | None) -> dict[str, str]:
+    """The moments among these, by their names, as they are in UTC."""
+    return {
+        name: f"{at:%Y-%m-%dT%H:%M:%SZ}" for name, at in times.items() if isinstance(at, datetime)
+    }

@@ -1,0 +1,43 @@
+"""The jobs of a run that has ended, as its robots' journals hold them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.solver_loader import chosen_engine
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import timing_of
+
+OPEN = (WAITING, HELD, RUNNING)
+MOST_NAMED = 5
+
+
+def jobs_left_behind(run_dir: RunDir, mission: Mission) -> list[JobRow]:
+    """All that are still known, in the order of `mrbt jobs`. Raises InputError for a damaged run
+    directory.
+    """
+    info = run_dir.info()
+    timing = timing_of(info.options.beat_s, info.options.detection_s, mission)
+    observer = Observer(mission, info.run, timing, default_solver, chosen_engine())
+    journals = Team(run_dir, info, mission).journals()
+    observer.read((entry for kept in journals.values() for entry in kept), boottime_us())
+    rows = JobRows().of(observer) if observer.facts.jobs is not None else []
+    # Nobody is there: what each waits for would be the same of all.
+    return [replace(row, why="") if row.state in OPEN else row for row in rows]
+
+
+def open_jobs_text(rows: list[JobRow]) -> str:
+    """For people: `3 jobs go on: morning-1, ...`; empty without an open one."""
+    named = [row.id for row in rows if row.state in OPEN]
+    if not named:
+        return ""
+    more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+    count = "1 job goes on" if len(named) == 1 else f"{len(named)} jobs go on"
+    cancel = "`mrbt job cancel ID` takes one back"
+    return f"{count}: {', '.join(named[:MOST_NAMED])}{more} ({cancel})"
