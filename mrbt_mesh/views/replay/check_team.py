@@ -179,10 +179,11 @@ class TeamCheck:
             remedy = "give the whole file; what the power or a full disk cut off is lost"
             self._gap(GapKind.END, recording.name, _with_torn(text, recording), remedy)
             return "no end"
-        at_us, by, begun_us = found[0]
+        at_us, by, looked_us = found[0]
         timing = recording.metadata.timing
-        # One that began later has not looked before: all may have ended at once.
-        silent_us = at_us - max(last_us, begun_us)
+        # One that began or joined later has not looked before: all may have ended at once, and one
+        # that hears nobody waits for long before it joins.
+        silent_us = at_us - max(last_us, looked_us)
         if silent_us - timing.max_detection_us - SIGN_US > CLOCKS_US:
             text = f"it ends {silent_us / 1e6:.1f} s before {by} noticed the end of {robot}"
             self._gap(GapKind.END, recording.name, text, "give the whole file")
@@ -191,7 +192,7 @@ class TeamCheck:
         return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
 
     def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str, int]]:
-        """(Unix time, file, when that began): others in which this life of a robot is over."""
+        """(Unix time, file, since when it looked): others in which this life of a robot is over."""
         robot = recording.metadata.robot
         for check in self.checks:
             other = check.recording
@@ -211,7 +212,7 @@ class TeamCheck:
                     is_known = each.number > check.state_until
                     end_us = _unix_us(recording, recording.records[-1].at_us)
                     at_us = _unix_us(other, each.at_us) if is_known else end_us
-                    yield at_us, other.name, _unix_us(other, other.begin_us)
+                    yield at_us, other.name, _unix_us(other, _joined_us(other))
                     break
 
     # -- what robots have said of their recordings --------------------------------------------
@@ -323,6 +324,14 @@ def lives(recording: Recording) -> list[Incarnation]:
         for record in recording.records.of(channels.LIFE, channels.PARTS)
         if record.data.get("event", "joined") == "joined" and record.data["incarnation"]
     ]
+
+
+def _joined_us(recording: Recording) -> int:
+    """When its robot began to watch the others; an observer does from the beginning."""
+    joined = (
+        each.at_us for each in recording.records.of(channels.LIFE) if each.data["event"] == "joined"
+    )
+    return next(joined, recording.begin_us)
 
 
 def _last_life(recording: Recording) -> Incarnation | None:

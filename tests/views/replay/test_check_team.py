@@ -11,6 +11,7 @@ import pytest
 
 from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 from mrbt_mesh.sim import Freeze, Kill, Restart, Schedule, Thaw
+from mrbt_mesh.views.replay import check_team
 from mrbt_mesh.views.replay.findings import GapKind, Verification
 from mrbt_mesh.views.replay.verify import verify
 from tests.support.forger import FORGERIES, Cast, Run, written_again
@@ -108,3 +109,20 @@ def test_another_teams_manifest_proves_nothing(keyed: tuple[Run, Manifest]) -> N
     assert "what was recorded before was not signed by B1" in texts(
         verify(list(keyed[0].values()), other)
     )
+
+
+@pytest.mark.slow
+def test_a_robot_that_joins_late_has_noticed_no_end_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All died at once, and A1, which hears nobody, waits before it joins again."""
+    killed = [(4_000_000, Kill(robot)) for robot in ROBOTS]
+    again = [(5_000_000 if robot == "A1" else 25_000_000, Restart(robot)) for robot in ROBOTS]
+    _, manifest = record_keyed(tmp_path, "vehicle_repair", 7, (*killed, *again))
+    robots = [each for each in read_all(tmp_path) if each.metadata.robot]
+    alone = [replace(r, metadata=replace(r.metadata, is_observed=False)) for r in robots]
+    # No delay at all is allowed from when a robot could notice to when it did.
+    allowed_us = robots[0].metadata.timing.max_detection_us + check_team.SIGN_US
+    monkeypatch.setattr(check_team, "CLOCKS_US", -allowed_us)
+    verdict = verify(alone, manifest)
+    assert verdict.is_proved, texts(verdict)
