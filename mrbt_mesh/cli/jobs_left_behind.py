@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from mrbt_mesh.cli.terminal import warn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
@@ -19,13 +20,14 @@ MOST_NAMED = 5
 
 
 def jobs_left_behind(run_dir: RunDir, mission: Mission) -> list[JobRow]:
-    """All that are still known, in the order of `mrbt jobs`. Raises InputError for a damaged run
-    directory.
+    """All that are still known, in the order of `mrbt jobs`; warns of journals that cannot be used.
+
+    Raises InputError for a damaged run directory.
     """
     info = run_dir.info()
     timing = timing_of(info.options.beat_s, info.options.detection_s, mission)
     observer = Observer(mission, info.run, timing, default_solver, chosen_engine())
-    journals = Team(run_dir, info, mission).journals()
+    journals = Team(run_dir, info, mission).journals(warn)
     observer.read((entry for kept in journals.values() for entry in kept), boottime_us())
     rows = JobRows().of(observer) if observer.facts.jobs is not None else []
     # Nobody is there: what each waits for would be the same of all.

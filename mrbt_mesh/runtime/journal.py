@@ -98,6 +98,8 @@ class Journal:
         self._commits = 0
         self._database: sqlite3.Connection | None = None
         self._file: tuple[int, int] | None = None
+        # For people, of the last file that could not be used; empty if there was none.
+        self.set_aside_text = ""
 
     @property
     def is_open(self) -> bool:
@@ -128,6 +130,7 @@ class Journal:
             return self._open()
         except DamagedError as error:
             self._set_aside(str(error))
+            self.set_aside_text += ", and what no other robot knows of it is lost"
         return self._open()
 
     def _open(self) -> tuple[Entry, ...]:
@@ -225,6 +228,7 @@ class Journal:
         for suffix in ("", "-wal", "-shm"):
             with contextlib.suppress(FileNotFoundError):
                 self._beside(suffix).rename(aside.with_name(aside.name + suffix))
+        self.set_aside_text = f"journal {reason}; it is kept as {aside.name}"
         self._log("error", "journal_set_aside", reason=reason, kept_as=str(aside))
 
     def _beside(self, suffix: str) -> Path:
@@ -356,17 +360,27 @@ def _read_copy(journal: Journal) -> tuple[Entry, ...]:
 
 
 def read_journals(
-    run_dir: Path, robots: Iterable[str], mission: str, run: str
+    run_dir: Path,
+    robots: Iterable[str],
+    mission: str,
+    run: str,
+    on_problem: Callable[[str], None] = lambda _: None,
 ) -> dict[str, tuple[Entry, ...]]:
-    """Robot -> the entries in its journal; one that is missing or unusable holds none.
+    """Robot -> the entries in its journal; one that is missing or cannot be used holds none.
 
-    They are read from copies: their robots say in their own logs what is wrong with them.
+    They are read from copies: their robots repair them. `on_problem` is told of each that is there
+    and cannot be used.
     """
     found: dict[str, tuple[Entry, ...]] = dict.fromkeys(robots, ())
     for robot in found:
-        with contextlib.suppress(*JOURNAL_ERRORS, DamagedError):
-            path = journal_path(run_dir, robot)
-            found[robot] = _read_copy(Journal(path, mission, run, robot, _ignore))
+        path = journal_path(run_dir, robot)
+        try:
+            if path.exists():
+                found[robot] = _read_copy(Journal(path, mission, run, robot, _ignore))
+        except DamagedError as error:
+            on_problem(f"{path} cannot be used: {error}")
+        except JOURNAL_ERRORS as error:
+            on_problem(f"{path} cannot be used: {reason_of(error)}")
     return found
 
 

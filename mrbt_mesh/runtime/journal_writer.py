@@ -168,7 +168,9 @@ class JournalWriter:
         now_s = time.monotonic()
         if took_s >= SLOW_S:
             self._slow_at_s = now_s
-        self._report(SLOW if now_s < self._slow_at_s + SLOW_FOR_S else "")
+        is_slow = now_s < self._slow_at_s + SLOW_FOR_S
+        assert self._journal is not None
+        self._report(SLOW if is_slow else self._journal.set_aside_text)
         if number > self._told:
             self._told = number
             self._tell(JournalSynced(number))

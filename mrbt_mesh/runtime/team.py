@@ -7,7 +7,7 @@ import os
 import secrets
 import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -267,10 +267,13 @@ class Team:
         found = {robot: self.process(robot) for robot in robots}
         return {robot: process for robot, process in found.items() if process is not None}
 
-    def journals(self) -> dict[str, tuple[Entry, ...]]:
-        """Robot -> what its journal holds."""
+    def journals(
+        self, on_problem: Callable[[str], None] = lambda _: None
+    ) -> dict[str, tuple[Entry, ...]]:
+        """Robot -> what its journal holds; `on_problem` is told of each that cannot be used."""
         robots = sorted({*self.run_dir.robots(), *self.processes})
-        return read_journals(self.run_dir.path, robots, self.mission.team_digest, self.info.run)
+        mission = self.mission.team_digest
+        return read_journals(self.run_dir.path, robots, mission, self.info.run, on_problem)
 
     def result(self, observer: Observer, now_us: int) -> str:
         """The run's result if it ends now, by what the observer knows and the journals.

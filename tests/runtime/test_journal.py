@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.runtime import journal as journal_module
-from mrbt_mesh.runtime.journal import Journal, reason_of
+from mrbt_mesh.runtime.journal import Journal, journal_path, read_journals, reason_of
 from tests.support.disks import fill, small_disk
 
 MISSION, RUN = "d" * 64, "run1"
@@ -136,6 +136,27 @@ def test_a_torn_or_corrupt_journal_never_stops_a_robot(
     if "journal_set_aside" in diary.events:
         kept = next(fields["kept_as"] for _, _, fields in diary.lines if "kept_as" in fields)
         assert Path(kept).read_bytes() == torn
+
+
+def test_journals_that_cannot_be_used_are_named_to_who_reads_them(tmp_path: Path) -> None:
+    for robot in ("A1", "B1"):
+        first = Journal(journal_path(tmp_path, robot), MISSION, RUN, robot, Diary())
+        first.open()
+        put(first, entry(robot))
+        first.close()
+    damaged = journal_path(tmp_path, "B1")
+    damaged.write_bytes(b"no database")
+    problems: list[str] = []
+    found = read_journals(tmp_path, ("A1", "B1", "C1"), MISSION, RUN, problems.append)
+    assert found == {"A1": (entry("A1"),), "B1": (), "C1": ()}
+    assert problems == [f"{damaged} cannot be used: damaged: file is not a database"]
+    second = Journal(damaged, MISSION, RUN, "B1", Diary())
+    assert second.open() == ()
+    assert second.set_aside_text == (
+        "journal damaged: file is not a database; it is kept as B1.journal.aside-1, "
+        "and what no other robot knows of it is lost"
+    )
+    second.close()
 
 
 def flipped(path: Path, bit: int) -> bytes:

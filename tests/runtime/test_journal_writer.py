@@ -29,6 +29,7 @@ class Disk:
     def __init__(self) -> None:
         self.is_open = True
         self.moved = False
+        self.set_aside_text = ""
         self.entries: dict[tuple[str, str], Entry | None] = {}
         self.writes: list[int] = []
         self.errors: list[Exception] = []
@@ -153,6 +154,18 @@ def test_a_journal_that_could_not_be_opened_is_opened_later() -> None:
     with at:
         assert at.news() == JournalOpened((entry(7),))
         assert [at.news(), at.news()] == [JournalReported(""), JournalSynced(1)]
+
+
+def test_a_journal_that_was_set_aside_is_said_as_long_as_the_robot_lives() -> None:
+    with Writing() as at:
+        at.disk.set_aside_text = (
+            "journal damaged: it has no tables; it is kept as A1.journal.aside-1"
+        )
+        at.writer.carry_out(Persist((entry(1),), True, 1))
+        assert at.news() == JournalReported(at.disk.set_aside_text, is_failing=False)
+        assert at.news() == JournalSynced(1)
+        at.writer.carry_out(Persist((entry(2),), True, 2))
+        assert at.news() == JournalSynced(2)
 
 
 def test_a_journal_that_is_deleted_is_noticed_though_nothing_is_written() -> None:
