@@ -7,6 +7,7 @@ cheap to import: what needs an extra is imported when the plug-in is used, after
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
@@ -99,6 +100,21 @@ class ViewerOptions:
     robot: str | None = None
     notes: tuple[str, ...] = ()
     public_url: str = ""
+
+
+def check_listens(host: str, port: int, what: str) -> None:
+    """Raise InputError if `what` could not listen there now; port 0: any that is free."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as tried:
+            # As servers do: what a connection that has ended still holds is no obstacle.
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind((host, port))
+            tried.listen()
+    except OSError as error:
+        why = error.strerror or str(error)
+        text = f"{what} cannot listen at {host} port {port}: {why} (--port 0: any that is free)"
+        raise InputError(text) from None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import anyio
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import OpenView, ViewerOptions, require
+from mrbt_mesh.plugins import OpenView, ViewerOptions, check_listens, require
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS
 from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import RunMetadata
@@ -41,15 +41,16 @@ class FoxgloveViewer:
     summary = "Serve the team to Foxglove: open a connection (Foxglove WebSocket) to the address."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without the extra."""
+        """Raises InputError without the extra, and where it could not listen."""
         _require()
+        check_listens(options.host, _port(options), "Foxglove's protocol")
 
     @asynccontextmanager
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
         """Serve it until the watcher is closed. Raises InputError if it cannot listen."""
-        port = PORT if options.port is None else options.port
+        port = _port(options)
         opened: list[FoxgloveServer] = []
 
         def open_sink(metadata: RunMetadata) -> FoxgloveServer:
@@ -61,6 +62,10 @@ class FoxgloveViewer:
 
 
 viewer = FoxgloveViewer()
+
+
+def _port(options: ViewerOptions) -> int:
+    return PORT if options.port is None else options.port
 
 
 class FoxgloveServer:

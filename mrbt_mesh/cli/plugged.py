@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 import click
 
 from mrbt_mesh.cli.command import PATH, PORT, refuse, with_options
+from mrbt_mesh.cli.options import chosen_robots
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ADAPTERS, VIEWS, Viewer, ViewerOptions
 
@@ -62,14 +63,18 @@ class ChosenViews:
     viewers: Mapping[str, Viewer]
     options: ViewerOptions
 
-    def check(self) -> None:
-        """Raise InputError, before a team is started, if a view cannot be opened."""
+    def check(self, mission: Mission | None = None) -> None:
+        """Raise InputError, before a team is started, if a view cannot be opened, or if the robot
+        to show is not of the mission that is to be run.
+        """
         if not self.viewers:
             views = ", ".join(f"--{name}" for name in VIEWS.names())
             options = "--host", "--port", "--public-url", "--control", "--robot"
             refuse(f"for a view: give one of {views}", *options)
         for viewer in self.viewers.values():
             viewer.check(self.options)
+        if mission is not None and self.options.robot is not None:
+            chosen_robots("--robot", self.options.robot, mission)
 
 
 def view_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,7 +10,7 @@ import anyio
 import anyio.lowlevel
 
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import OpenView, ViewerOptions, require
+from mrbt_mesh.plugins import OpenView, ViewerOptions, check_listens, require
 
 if TYPE_CHECKING:
     import zmq.asyncio
@@ -31,8 +31,9 @@ class Groot2Viewer:
     summary = "Show the team's tree, or with --robot a robot's, live in Groot2."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without the extra."""
+        """Raises InputError without the extra, and where it could not listen."""
         require_library()
+        check_listens(options.host, _port(options), "Groot2's protocol")
 
     @asynccontextmanager
     async def showing(
@@ -44,8 +45,7 @@ class Groot2Viewer:
         from mrbt_mesh.runtime.fencing import boottime_us
 
         tree = ObservedTree(watcher.observer.mission, options.robot)
-        port = PORT if options.port is None else options.port
-        with listening(options.host, port) as (socket, opened):
+        with listening(options.host, _port(options)) as (socket, opened):
             monitored = MonitoredTree(tree, watcher.observer)
             async with anyio.create_task_group() as group:
                 group.start_soon(answer_all, socket, monitored)
@@ -58,6 +58,10 @@ class Groot2Viewer:
 
 
 viewer = Groot2Viewer()
+
+
+def _port(options: ViewerOptions) -> int:
+    return PORT if options.port is None else options.port
 
 
 def require_library() -> None:

@@ -103,10 +103,10 @@ def up(
         refuse("with --detach the run is not shown; see mrbt watch", *shown)
     if no_record:
         refuse("with --no-record nothing is recorded", "--record-beats")
-    views.check()
     if how["metrics_port"] is not None:
         plugins.metrics().check()
     loaded = load_mission(mission)
+    views.check(loaded)
     chosen = chosen_robots("--robots", robots, loaded)
     reference = checked_program(loaded, chosen, program)
     solver_for(loaded, how["solver"])
