@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import pytest
 
+from mrbt_mesh.core.assignment.problem import Solver
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST
+from mrbt_mesh.core.facts.store import Incarnation
+from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.planning.make_plan import PlanFunction
+from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.sim import SimulationResult
-from mrbt_mesh.sim.run import run_scenario
+from mrbt_mesh.sim.run import SimulationError, run_scenario
+from tests.support.compared_plans import compared
 from tests.support.effort import at_size
 from tests.support.runs import source
 
@@ -42,3 +51,20 @@ def _are_one(results: list[SimulationResult]) -> None:
     assert [result.violations for result in results] == [[], []]
     assert len({result.effect_log_digest for result in results}) == 1
     assert results[0].effect_log_digest
+
+
+def test_a_plan_that_is_not_that_of_the_definitions_breaks_a_run() -> None:
+    def wrong(solver: Solver) -> PlanFunction:
+        make_plan = DEFINITIONS.plan_making(solver)
+
+        def plan(facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
+            made = make_plan(facts, alive)
+            return replace(made, consistent=not made.consistent)
+
+        return plan
+
+    engine = compared(replace(FASTEST, plan_making=wrong))
+    mission, program = source("explore").load(2)
+    scenario = source("explore").scenario(2, mission)
+    with pytest.raises((AssertionError, SimulationError), match="not that of the definitions"):
+        run_scenario(mission, program, scenario, engine=engine)
