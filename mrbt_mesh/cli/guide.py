@@ -9,14 +9,12 @@ from shlex import quote
 
 import anyio
 
+from mrbt_mesh.cli.command_notes import note_command
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_file
-from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.settings import WARNING
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
@@ -28,7 +26,7 @@ class Guide:
 
     def __init__(self, kill_after_s: float) -> None:
         self._kill_after_s = kill_after_s
-        self._problem: list[str] = []
+        self._problems: list[str] = []
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -50,17 +48,15 @@ class Guide:
                 process = team.process(robot)
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
-                    try:
-                        killed = f"{robot} (pid {process.pid}) killed"
-                        note_command(team.run_dir, "mrbt demo", killed)
-                    except InputError as error:
-                        self._problem = [f"{WARNING} {error}"]
+                    killed = f"{robot} (pid {process.pid}) killed"
+                    # A view has the terminal: a warning waits for the closing words.
+                    note_command(team.run_dir, "demo", killed, warn=self._problems.append)
                     return
 
     def closing(self, team: Team) -> list[str]:
         """Where the recording is, and three commands to try with it."""
         return [
-            *self._problem,
+            *self._problems,
             "",
             "The run is recorded. Try:",
             f"  mrbt recording replay {quote(str(observer_file(team.run_dir.path)))}",

@@ -11,6 +11,7 @@ import anyio
 import click
 
 from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS
+from mrbt_mesh.cli.command_notes import note_command
 from mrbt_mesh.cli.finished import start_summary_writer
 from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.jobs_left_behind import jobs_left_behind, open_jobs_text
@@ -30,7 +31,6 @@ from mrbt_mesh.runtime.capacity import (
     Overload,
     overload,
 )
-from mrbt_mesh.runtime.command_log import note_command
 from mrbt_mesh.runtime.known_runs import remember
 from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
@@ -82,10 +82,7 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
     if left_behind:
         note(left_behind)
     found.remove_summary()
-    try:
-        note_command(found, "mrbt up --continue", "the team goes on")
-    except InputError as error:
-        note(str(error))
+    note_command(found, "up --continue", "the team goes on")
     return found
 
 

@@ -49,6 +49,8 @@ LOOK_S = 0.2
 # Recordings of this size take seconds to read.
 LARGE_MB = 2.0
 TERMINAL_VIEW = "top"
+# What follows the name of a view in the name of its address at a proxy.
+_PUBLIC = "_public"
 
 
 def print_where(address: TeamAddress, show: ShowOptions) -> None:
@@ -92,13 +94,11 @@ async def served_until_interrupted(
     """Print the address at which something is served, and that of a proxy before it, if there is
     one; then wait for SIGINT or SIGTERM.
     """
-    public = public_address(address, public_url)
+    found = addresses_by_name({name: address}, public_url)
     if as_json:
-        print_json({name: address} | ({f"{name}_public": public} if public else {}))
+        print_json(found)
     else:
-        click.echo(f"{name}: {address}")
-        if public:
-            click.echo(f"{name}, by --public-url: {public}")
+        click.echo("\n".join(address_lines(found)))
     sys.stdout.flush()
     with anyio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
         async for _ in signals:
@@ -111,6 +111,26 @@ def public_address(address: str, public_url: str) -> str:
     if not public_url or parts.scheme not in ("http", "https"):
         return ""
     return urlunsplit((*urlsplit(public_url + parts.path)[:3], parts.query, parts.fragment))
+
+
+def addresses_by_name(served: Mapping[str, str], public_url: str) -> dict[str, str]:
+    """By the name of the view; that of a proxy before it is called `NAME_public`."""
+    found = {}
+    for name, address in served.items():
+        found[name] = address
+        if public := public_address(address, public_url):
+            found[f"{name}{_PUBLIC}"] = public
+    return found
+
+
+def address_lines(addresses: Mapping[str, str]) -> list[str]:
+    """The addresses of `addresses_by_name` for people, a line each."""
+    return [
+        f"{name.removesuffix(_PUBLIC)}, by --public-url: {address}"
+        if name.endswith(_PUBLIC)
+        else f"{name}: {address}"
+        for name, address in addresses.items()
+    ]
 
 
 def say_if_large(files: Iterable[Path]) -> None:
@@ -349,21 +369,9 @@ class Session:
 
 
 def _addresses(opened: Mapping[str, OpenView], options: ViewerOptions) -> dict[str, str]:
-    """By the name of the view; that of a proxy before it is called `NAME_public`."""
-    found = {}
-    for name, view in opened.items():
-        if view.address:
-            found[name] = view.address
-        if public := public_address(view.address, options.public_url):
-            found[f"{name}_public"] = public
-    return found
+    served = {name: view.address for name, view in opened.items() if view.address}
+    return addresses_by_name(served, options.public_url)
 
 
 def _address_lines(opened: Mapping[str, OpenView], options: ViewerOptions) -> list[str]:
-    lines = []
-    for name, view in opened.items():
-        if view.address:
-            lines.append(f"{name}: {view.address}")
-        if public := public_address(view.address, options.public_url):
-            lines.append(f"{name}, by --public-url: {public}")
-    return lines
+    return address_lines(_addresses(opened, options))

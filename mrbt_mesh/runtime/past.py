@@ -12,7 +12,7 @@ from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError, open_recording
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.process_identity import clock_id
+from mrbt_mesh.runtime.process_identity import is_this_clock
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 
 # Recordings that begin so much later than another one count as begun with it.
@@ -85,7 +85,7 @@ def _recordings(
         if (said.run, said.team_digest) != wanted or not recording.records:
             continue
         # It may be of another machine, or of before this one was started again.
-        is_same = bool(said.clock) and said.clock == clock_id()
+        is_same = is_this_clock(said.clock)
         ahead_us = 0 if is_same else said.epoch_ns // 1_000 - _epoch_us()
         records = recording.records.shifted(ahead_us)
         end_us = max(records.times_us)

@@ -39,6 +39,14 @@ def clock_id() -> str:
     return "/".join([boot, *(each for each in offsets[-2:] if each != "0")])
 
 
+def is_this_clock(clock: object) -> bool:
+    """Whether what a file says was read from the clock that this process reads now.
+
+    `clock`: the `clock_id` that the file has. An empty one, or none, counts as another clock.
+    """
+    return bool(clock) and clock == clock_id()
+
+
 def process_in(path: Path) -> psutil.Process | None:
     """The process with the identity in a file, if it runs; another one with its pid is none."""
     try:

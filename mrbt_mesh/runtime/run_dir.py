@@ -38,7 +38,12 @@ from typing import IO, TYPE_CHECKING, Any
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.recording.folder import FOLDER as RECORDINGS
 from mrbt_mesh.runtime.private_files import check_folder, private_opener
-from mrbt_mesh.runtime.process_identity import clock_id, identity_of_this_process, process_in
+from mrbt_mesh.runtime.process_identity import (
+    clock_id,
+    identity_of_this_process,
+    is_this_clock,
+    process_in,
+)
 from mrbt_mesh.runtime.robot_options import RobotOptions
 
 if TYPE_CHECKING:  # short commands need none of it
@@ -401,7 +406,7 @@ class RunDir:
         try:
             data = json.loads((self.path / DEATHS_FILE).read_text(encoding="utf-8"))
             written_us = now_us - round((time.time() - data["written_unix_s"]) * 1e6)
-            if data.get("clock") and data["clock"] == clock_id():
+            if is_this_clock(data.get("clock")):
                 written_us = int(data["written_us"])
             return [unpack_death(row, written_us) for row in data["deaths"]]
         except (OSError, ValueError, KeyError, TypeError):

@@ -59,3 +59,14 @@ def test_the_address_of_a_proxy_has_the_path_and_the_token(
     address: str, public_url: str, public: str
 ) -> None:
     assert watching.public_address(address, public_url) == public
+
+
+def test_lines_and_json_name_the_same_addresses() -> None:
+    served = {"web": "http://127.0.0.1:8080/", "foxglove": "ws://127.0.0.1:8765"}
+    found = watching.addresses_by_name(served, "https://robots.example")
+    assert found == served | {"web_public": "https://robots.example/"}
+    assert watching.address_lines(found) == [
+        "web: http://127.0.0.1:8080/",
+        "web, by --public-url: https://robots.example/",
+        "foxglove: ws://127.0.0.1:8765",
+    ]

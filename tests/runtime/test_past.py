@@ -30,7 +30,7 @@ def test_times_of_the_same_clock_are_as_they_were(
         return replace(recording, metadata=replace(recording.metadata, clock=clock))
 
     monkeypatch.setattr(past, "open_recording", opened)
-    monkeypatch.setattr(past, "clock_id", lambda: "this one")
+    monkeypatch.setattr("mrbt_mesh.runtime.process_identity.clock_id", lambda: "this one")
     monkeypatch.setattr(past, "_epoch_us", lambda: 7_200_000_000)
     mission, _ = example("explore")
     timing = open_recording(next(tmp_path.glob("**/*.mcap"))).metadata.timing

@@ -10,7 +10,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from mrbt_mesh.runtime.process_identity import identity_of_this_process, process_in
+from mrbt_mesh.runtime.process_identity import (
+    identity_of_this_process,
+    is_this_clock,
+    process_in,
+)
 
 
 @pytest.fixture
@@ -61,3 +65,14 @@ def test_nor_is_one_of_an_earlier_boot(file: Path) -> None:
 def test_a_damaged_file_names_no_process(file: Path, text: str) -> None:
     file.write_text(text, encoding="latin-1")
     assert found_in(file) == 0
+
+
+def test_times_are_compared_only_if_it_is_known_that_they_are_of_one_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = "mrbt_mesh.runtime.process_identity"
+    monkeypatch.setattr(f"{module}.clock_id", lambda: "boot-1")
+    assert is_this_clock("boot-1")
+    assert not any(map(is_this_clock, ("boot-2", "", None, 1)))
+    monkeypatch.setattr(f"{module}.clock_id", lambda: "")
+    assert not is_this_clock(""), "two clocks that nobody knows need not be the same"

@@ -15,7 +15,8 @@ from mrbt_mesh.errors import InputError
 # connection, since it would have to be in memory as a whole to be skipped.
 MAX_REQUEST_BYTES = 1 << 20
 MAX_MESSAGE_BYTES = 16 << 20
-# So many messages wait in memory to be read.
+# The library stops reading from the socket while more frames than this wait to be handled: a frame
+# may be as large as a message.
 MAX_QUEUE = 1
 EXAMPLE = "ws://127.0.0.1:8000/_internal"
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail
+from mrbt_mesh.cli.command_notes import note_command
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
@@ -19,7 +20,6 @@ from mrbt_mesh.runtime.settings import WARNING
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.operator_call import Acknowledged
-    from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.team_client import TeamClient
     from mrbt_mesh.runtime.watcher import Watcher
@@ -40,16 +40,6 @@ def report(as_json: bool, team: str, robots: Iterable[str], command: str, result
         click.echo(json.dumps(data, indent=2))
     else:
         click.echo(f"{team}: {result}")
-
-
-def note_command(run_dir: RunDir, command: str, what: str, unix_s: float | None = None) -> None:
-    """Note what was commanded, for reports; warn if that fails, since it was carried out."""
-    from mrbt_mesh.runtime.command_log import note_command
-
-    try:
-        note_command(run_dir, f"mrbt {command}", what, unix_s)
-    except InputError as error:
-        click.echo(f"{WARNING} {error}", err=True)
 
 
 # -- signals ----------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mrbt_mesh.cli.command import FAILURE, PATH, SUCCESS, MrbtCommand, fail
-from mrbt_mesh.cli.commands.operate import nobody, note_command, report, with_team
+from mrbt_mesh.cli.command_notes import note_command
+from mrbt_mesh.cli.commands.operate import nobody, report, with_team
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError

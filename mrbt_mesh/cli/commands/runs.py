@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 from mrbt_mesh.cli.command import FAILURE, PATH, MrbtCommand, fail
-from mrbt_mesh.cli.commands.operate import note_command, report
+from mrbt_mesh.cli.command_notes import note_command
+from mrbt_mesh.cli.commands.operate import report
 from mrbt_mesh.cli.options import json_option, robot_argument, run_dir_option
 from mrbt_mesh.errors import InputError
 

@@ -99,15 +99,14 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
     from mrbt_mesh.runtime.fencing import boottime_us
     from mrbt_mesh.runtime.noted_problems import take_noted_problems
 
-    observer, run_dir = watcher.observer, watcher.address.run_dir
+    observer, run_dir, now_us = watcher.observer, watcher.address.run_dir, boottime_us()
     started = run_dir.robots() if run_dir is not None else []
     if run_dir is not None:
-        take_noted_problems(run_dir, observer.record, boottime_us())
-        for death in run_dir.deaths(boottime_us()):
+        take_noted_problems(run_dir, observer.record, now_us)
+        for death in run_dir.deaths(now_us):
             observer.record.death_recorded(*death)
-    robots = {r: _robot(watcher, r) for r in sorted({*observer.robots(), *started})}
+    robots = {r: _robot(watcher, r, now_us) for r in sorted({*observer.robots(), *started})}
     plan = observer.plan
-    now_us = boottime_us()
     statements = headline(observer, robots_that_differ(observer), now_us)
     waiting = plan.waiting if plan else ()
     forecast = forecast_of(observer, now_us)
@@ -148,14 +147,13 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
     }
 
 
-def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
+def _robot(watcher: Watcher, robot: str, now_us: int) -> dict[str, Any]:
     from mrbt_mesh.core.facts.records import PROCESS
     from mrbt_mesh.core.facts.team_facts import changed_performances
     from mrbt_mesh.core.membership.peer import State
     from mrbt_mesh.core.mission.mission import MICRO
     from mrbt_mesh.core.observer.time_at_work import time_at_work
     from mrbt_mesh.runtime.blocked_loop import SUBJECT
-    from mrbt_mesh.runtime.fencing import boottime_us
 
     observer, run_dir = watcher.observer, watcher.address.run_dir
     member = observer.facts.members.get(robot)
@@ -171,7 +169,7 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
             for (of, subject), episode in observer.record.problems.items()
             if of == robot and subject in (SUBJECT, PROCESS) and episode.to_us is None
         }
-    at_work = time_at_work(observer, robot, boottime_us())
+    at_work = time_at_work(observer, robot, now_us)
     return {
         "host": member[0].host if member else None,
         "pid": pid,
@@ -184,6 +182,7 @@ def _robot(watcher: Watcher, robot: str) -> dict[str, Any]:
         "under_way": observer.facts.under_way(robot),
         "at_work_s": round(at_work.for_s, 1) if at_work is not None else None,
         "expected_s": at_work.expected_s if at_work is not None else None,
+        "is_overdue": at_work is not None and at_work.is_overdue,
         "lost": dict(member[0].lost) if member else {},
         "pending": dict(member[0].pending) if member else {},
         "problems": problems,

@@ -18,8 +18,7 @@ from mrbt_mesh.cli.views.summary_view import (
     failure_line,
 )
 from mrbt_mesh.core.mission.names import with_entries
-from mrbt_mesh.core.observer.headline import duration_text
-from mrbt_mesh.core.observer.time_at_work import OVERDUE
+from mrbt_mesh.core.observer.time_at_work import time_text
 
 # Reasons of refusals that are named for each robot; `--json` has all.
 MOST_REASONS = 5
@@ -75,13 +74,10 @@ def _works_on(row: Mapping[str, Any]) -> Text:
 
 def _for(row: Mapping[str, Any]) -> Text:
     """For how long it has been at work, of how long that should take."""
-    for_s, expected_s = row["at_work_s"], row["expected_s"]
-    if for_s is None:
+    if row["at_work_s"] is None:
         return Text()
-    if expected_s is None:
-        return Text(duration_text(for_s), "dim", no_wrap=True)
-    style = "yellow" if for_s > OVERDUE * expected_s else "dim"
-    return Text(f"{duration_text(for_s)} of {duration_text(expected_s)}", style, no_wrap=True)
+    style = "yellow" if row["is_overdue"] else "dim"
+    return Text(time_text(row["at_work_s"], row["expected_s"]), style, no_wrap=True)
 
 
 def _refused(robot: str, counts: Mapping[str, int]) -> Text:

@@ -132,7 +132,8 @@ Change: TypeAlias = tuple[Entry | None, Entry | None]
 Listener: TypeAlias = Callable[[Sequence[Change]], None]
 
 
-# The entries of one author are of so many parts.
+# The entries of each author are divided into this many parts. A pull has a digest of each part, so
+# that the answer has to carry only the entries of the parts that differ.
 PARTS = 64
 _PART_MODULUS = 1 << 64
 

@@ -43,7 +43,8 @@ from mrbt_mesh.core.membership.wire import (
 TOO_FAR_AHEAD = "its count is too far ahead of those of others"
 # To take in a page takes a robot some milliseconds, in which it does nothing else.
 PAGE_BYTES = 1 << 16
-# Of an author with that many entries it is told which parts of them are known.
+# A pull has the digests of an author's parts if the author has at least this many entries. Of an
+# author with fewer, the answer carries all entries.
 PARTED_FROM = 64
 
 

@@ -50,7 +50,9 @@ def most_nodes(tree: Tree, index: int = 0) -> int:
 
 
 def utc_text(unix_us: int) -> str:
-    """A time of a job, as all its users are told it: `2026-05-04 10:03:19 UTC`."""
+    """A time of a job as text. It is in UTC, so that all users read the same, wherever they are:
+    `2026-05-04 10:03:19 UTC`.
+    """
     return f"{datetime.fromtimestamp(unix_us // 1_000_000, UTC):%F %T} UTC"
 
 

@@ -25,7 +25,7 @@ from mrbt_mesh.core.mission.mission import Mission, Recorded, performance
 from mrbt_mesh.core.mission.names import name_order, type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text, lost_text
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import overdue
+from mrbt_mesh.core.observer.time_at_work import duration_text, overdue
 from mrbt_mesh.core.planning.demands import LACKS_GRANTS
 from mrbt_mesh.core.planning.plan import Shortage, shortened
 
@@ -303,19 +303,6 @@ def _overdue(observer: Observer, now_us: int) -> Iterator[Statement]:
             more = "1 more robot is" if len(late) == 2 else f"{len(late) - 1} more robots are"
             text += f"; {more} as late"
         yield Statement(Level.WARN, text)
-
-
-def duration_text(seconds: float) -> str:
-    """A duration that is told again and again: `0.5 s`, `42 s`, `3 min`, `2 h 5 min`."""
-    if seconds < 10:
-        return f"{seconds:.1f} s".replace(".0 ", " ")
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
-    hours, minutes = divmod(minutes, 60)
-    if not hours:
-        return f"{minutes} min"
-    return f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
 def _alone(observer: Observer) -> Iterator[Statement]:

@@ -1,4 +1,4 @@
-"""For how long robots have been at their work, and how long it should take."""
+"""For how long robots have been at their work, how long it should take, and how that is told."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.observer.observer import Observer
 
-# Work that takes this many times as long as it should is overdue.
-OVERDUE = 3
+# Work that takes more than this many times as long as it should is late.
+_LATE_FACTOR = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,35 @@ class TimeAtWork:
     @property
     def is_overdue(self) -> bool:
         """Whether it takes far longer than it should."""
-        return self.expected_s is not None and self.for_s > OVERDUE * self.expected_s
+        limit_s = late_after_s(self.expected_s)
+        return limit_s is not None and self.for_s > limit_s
+
+
+def late_after_s(expected_s: float | None) -> float | None:
+    """Work that has taken longer than this is late; None: it is not known how long it should take.
+
+    Views that show time as it passes compare with it themselves.
+    """
+    return None if expected_s is None else _LATE_FACTOR * expected_s
+
+
+def time_text(for_s: float, expected_s: float | None) -> str:
+    """`42 s of 5 s`: for how long work goes on, and how long it should take, if that is known."""
+    text = duration_text(for_s)
+    return text if expected_s is None else f"{text} of {duration_text(expected_s)}"
+
+
+def duration_text(seconds: float) -> str:
+    """A duration that is told again and again: `0.5 s`, `42 s`, `3 min`, `2 h 5 min`."""
+    if seconds < 10:
+        return f"{seconds:.1f} s".replace(".0 ", " ")
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    hours, minutes = divmod(minutes, 60)
+    if not hours:
+        return f"{minutes} min"
+    return f"{hours} h {minutes} min" if minutes else f"{hours} h"
 
 
 def time_at_work(observer: Observer, robot: str, now_us: int) -> TimeAtWork | None:

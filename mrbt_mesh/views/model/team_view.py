@@ -16,7 +16,7 @@ from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.job_log import JobHistory
 from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import time_at_work
+from mrbt_mesh.core.observer.time_at_work import late_after_s, time_at_work
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.views.model.changes import ChangeLog
@@ -210,6 +210,7 @@ class TeamState:
             "under_way": observer.facts.under_way(robot),
             "begun_s": observer.record.seconds(at_work.since_us) if at_work else None,
             "expected_s": at_work.expected_s if at_work else None,
+            "late_after_s": late_after_s(at_work.expected_s) if at_work else None,
             "progress": beat.progress if beat is not None and runs else None,
             "tree": list(running_tree(observer, robot).statuses),
             "statuses": [Status(s).name.lower() for s in beat.statuses] if beat and is_here else [],

@@ -11,8 +11,7 @@ from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.observer.headline import duration_text
-from mrbt_mesh.core.observer.time_at_work import OVERDUE
+from mrbt_mesh.core.observer.time_at_work import time_text
 
 BAR_COLUMNS = 8
 TREES = ("T_i", "T_A", "T_G", "T_Li")
@@ -56,14 +55,14 @@ def robot_text(
 
 def _time_at_work(item: dict[str, Any], now_s: float) -> Text:
     """`for 42 s of 10 s `."""
-    begun_s, expected_s = item["begun_s"], item["expected_s"]
+    begun_s, expected_s, limit_s = item["begun_s"], item["expected_s"], item["late_after_s"]
     if begun_s is None:
         return Text()
     for_s = math.floor(max(0.0, now_s - begun_s))
-    if expected_s is None:
-        return Text(f"for {duration_text(for_s)} " if for_s else "", "dim")
-    style = "yellow" if for_s > OVERDUE * expected_s else "dim"
-    return Text(f"for {duration_text(for_s)} of {duration_text(expected_s)} ", style)
+    if expected_s is None and not for_s:
+        return Text()
+    style = "yellow" if limit_s is not None and for_s > limit_s else "dim"
+    return Text(f"for {time_text(for_s, expected_s)} ", style)
 
 
 def bar(percent: int) -> str:

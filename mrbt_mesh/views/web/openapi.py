@@ -73,11 +73,26 @@ _TASK = {
 }
 _ROBOT = {
     "type": "object",
-    "required": ["state", "type", "local_task", "global_task", "phase", "lost", "problems"],
+    "required": [
+        *("state", "type", "local_task", "global_task", "phase", "lost", "problems"),
+        *("at_work_s", "expected_s", "is_overdue"),
+    ],
     "properties": {
         "state": {"enum": ["alive", "suspect", "dead", "left"]},
         **{n: {"type": ["string", "null"]} for n in ("type", "local_task", "global_task", "phase")},
         **{n: {"type": "object"} for n in ("lost", "problems")},
+        "at_work_s": {
+            "type": ["number", "null"],
+            "description": "For how long its action has run; null: none runs, or it is not known.",
+        },
+        "expected_s": {
+            "type": ["number", "null"],
+            "description": "How long that action should take, if the mission says so.",
+        },
+        "is_overdue": {
+            "type": "boolean",
+            "description": "Whether it takes more than three times as long.",
+        },
     },
 }
 _STATUS = {

@@ -140,6 +140,37 @@ tree: {Sequence: [look, get($found)]}
     assert "fetch(red)" in line_of(text, "R1 ")
 
 
+def test_the_status_says_for_how_long_a_robot_is_at_work_and_whether_it_is_late(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mission = mission_of(
+        """
+mission: m
+parameters: {behave: {fetch: {seconds: 60}}}
+local_tasks: {fetch: {work: 4}}
+robot_types: {T: {capabilities: {fetch: 1}}}
+robots: {R1: T}
+global_tasks: {get: {needs: {fetch: {}}}}
+tree: get
+"""
+    )
+    result = simulate(mission, behaviour.robot, seed=1, timeout_us=5 * SECOND)
+    address = SimpleNamespace(run_dir=None, keys=None)
+    watcher: Any = SimpleNamespace(observer=result.observer, address=address)
+    span = result.observer.record.work_log.latest("R1")
+    assert span is not None
+    assert span.since_us is not None
+    for now_s, text, is_overdue in ((12, "12 s of 4 s", False), (13, "13 s of 4 s", True)):
+        now_us = span.since_us + now_s * SECOND
+        monkeypatch.setattr("mrbt_mesh.runtime.fencing.boottime_us", lambda now_us=now_us: now_us)
+        data = status_data(watcher)
+        row = data["robots"]["R1"]
+        assert (row["at_work_s"], row["expected_s"]) == (now_s, 4.0)
+        assert row["is_overdue"] is is_overdue
+        assert text in line_of(drawn(render_status(data)), "R1     T")
+        assert any("is expected" in each["text"] for each in data["headline"]) is is_overdue
+
+
 def test_the_status_shows_how_often_and_why_messages_are_refused() -> None:
     address = SimpleNamespace(run_dir=None, keys=None)
     watcher = SimpleNamespace(observer=run(2.0).observer, address=address)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.observer.headline import Level, duration_text, headline
+from mrbt_mesh.core.observer.headline import Level, headline
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import time_at_work
+from mrbt_mesh.core.observer.time_at_work import (
+    duration_text,
+    late_after_s,
+    time_at_work,
+    time_text,
+)
 from tests.support.script import Script
 from tests.support.watched import WELD, watched
 
@@ -73,3 +78,13 @@ def test_what_takes_far_longer_than_it_should_is_said_at_once() -> None:
 )
 def test_durations_are_short(seconds: float, text: str) -> None:
     assert duration_text(seconds) == text
+
+
+def test_the_time_it_should_take_is_told_where_it_is_known() -> None:
+    assert time_text(42.0, 5.0) == "42 s of 5 s"
+    assert time_text(42.0, None) == "42 s"
+
+
+def test_late_is_what_takes_more_than_three_times_as_long_as_it_should() -> None:
+    assert late_after_s(5.0) == 15.0
+    assert late_after_s(None) is None

@@ -72,15 +72,12 @@ export function duration(value) {
   return minutes % 60 ? `${hours} h ${minutes % 60} min` : `${hours} h`;
 }
 
-// Work that takes this many times as long as it should is overdue.
-const OVERDUE = 3;
-
 // For how long a robot has been at its work, of how long it should take, where that is known.
 export function timeAtWork(robot, now) {
   if (robot.begun_s === null || robot.begun_s === undefined || robot.phase !== "running") return { text: "", isLate: false };
   const passed = Math.max(0, Math.floor((now ?? 0) - robot.begun_s)), expected = robot.expected_s;
   if (expected === null || expected === undefined) return { text: passed ? ` for ${duration(passed)}` : "", isLate: false };
-  return { text: ` for ${duration(passed)} of ${duration(expected)}`, isLate: passed > OVERDUE * expected };
+  return { text: ` for ${duration(passed)} of ${duration(expected)}`, isLate: passed > robot.late_after_s };
 }
 
 // Plans differ for a moment after every event; that is no disagreement yet.
