@@ -69,9 +69,8 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     """The summary of a run that has ended, from its recordings and journals."""
     from mrbt_mesh.cli.operator_end import with_operator_end
     from mrbt_mesh.core.assignment.solvers import default_solver
-    from mrbt_mesh.core.facts.records import TeamOrder
     from mrbt_mesh.core.observer.observer import Observer
-    from mrbt_mesh.core.observer.summary import ABORTED, run_summary
+    from mrbt_mesh.core.observer.summary import run_summary
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.fencing import boottime_us
     from mrbt_mesh.runtime.past import tell_past
@@ -88,9 +87,7 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     recorded_us = tell_past(observer, run_dir.path, info.started_unix_s, ())
     ended_us = max(ended_us, recorded_us or 0)
     result = Team(run_dir, info, mission).result(observer, ended_us)
-    summary = run_summary(observer.record, result, ended_us)
-    if observer.facts.order() is TeamOrder.ABORT:
-        summary["ended_because"] = ABORTED
+    summary = run_summary(observer, result, ended_us)
     if observer.record.result is None:
         summary["ended_because"] = "no robot is left"
         for row in summary["robots"].values():

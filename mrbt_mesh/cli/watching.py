@@ -23,9 +23,8 @@ from mrbt_mesh.cli.operator_end import with_operator_end
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
 from mrbt_mesh.cli.terminal import errors, print_json
-from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import ABORTED, run_summary
+from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.runtime.capacity import Overload
@@ -343,14 +342,12 @@ class Session:
             result = team.result(observer, now_us)
         else:
             result = observer.result(anybody_lives=bool(observer.membership.members()))
-        summary = run_summary(observer.record, result, now_us)
+        summary = run_summary(observer, result, now_us)
         if why is not None:
             summary["ended_because"] = why
             run_dir = team.run_dir if team is not None and team.is_launched_here else None
             by = why if why == STOPPED else ""
             summary = with_operator_end(summary, observer.record, run_dir, by)
-        elif observer.facts.order() is TeamOrder.ABORT:
-            summary["ended_because"] = ABORTED
         if self.overload is not None:
             summary["overload"] = asdict(self.overload)
         if team is not None:

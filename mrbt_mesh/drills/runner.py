@@ -195,7 +195,7 @@ class _Run:
             takeovers=[
                 takeover | {"inflicted": fault.robot in injected.hit(), "ended": fault.exact}
                 for takeover, fault in zip(
-                    run_summary(record, result, boottime_us())["takeovers"],
+                    run_summary(observer, result, boottime_us())["takeovers"],
                     record.major,
                     strict=True,
                 )

@@ -230,7 +230,7 @@ class Player:
         """The summary of the run as far as it was played, as `mrbt up` prints it."""
         peers = self.observer.membership.peers.values()
         result = self.observer.result(anybody_lives=any(peer.state.is_member for peer in peers))
-        return run_summary(self.observer.record, result, self.now_us)
+        return run_summary(self.observer, result, self.now_us)
 
     def _placed(self) -> None:
         """Robots have moved; one that has left stays at its last position."""

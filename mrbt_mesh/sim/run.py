@@ -237,7 +237,7 @@ def _result(world: World) -> SimulationResult:
     return SimulationResult(
         seed=world.setup.seed,
         result=result,
-        summary=run_summary(observer.record, result, now_us),
+        summary=run_summary(observer, result, now_us),
         events=world.events,
         effect_log_digest=inspection.effect_log_digest,
         effect_log=list(inspection.effect_log),

@@ -61,7 +61,7 @@ def test_all_views_show_the_same_times_of_a_death(team: Team) -> None:
 
     player = Player(read_recording(observer_file(team.run_dir)))
     player.seek(player.end_us)
-    replayed = run_summary(player.observer.record, "success", player.end_us)
+    replayed = run_summary(player.observer, "success", player.end_us)
     (again,) = replayed["takeovers"]
     # The replay's run begins with the first robot that has joined, by another one's word if that
     # came first: messages of a burst are taken in together, the later the busier the computer is.

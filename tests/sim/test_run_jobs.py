@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import anyio
 import pytest
 
 from mrbt_mesh import TaskContext
+from mrbt_mesh.cli.views.summary_view import JOB_STATES
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.observer.job_rows import JobRows
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -102,6 +104,14 @@ def run(
     assert result.violations == [], f"seed {seed}"
     jobs = result.observer.facts.jobs
     assert jobs is not None
+    told = Counter[tuple[str, str]]()
+    for kind, totals in result.summary.get("jobs", {}).items():
+        told.update({(kind, state): totals[state] for state in JOB_STATES if totals[state]})
+    rows = JobRows().of(result.observer)
+    is_open = ("held", "waiting", "running")
+    assert told == Counter(
+        (row.type, "open" if row.state in is_open else row.state) for row in rows
+    )
     return result, {k.id: (str(k.end.state), k.end.robots) for k in jobs if k.end is not None}
 
 

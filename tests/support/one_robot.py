@@ -52,6 +52,7 @@ class DeskClient(TeamClient):
             facts=context.facts,
             plan=None,
             record=SimpleNamespace(job_log=JobLog(MISSION), result=None),
+            clock_ahead_us=lambda: NOW_US - boottime_us(),
             membership=SimpleNamespace(
                 members=lambda: ["D1"], clock_offsets_us=lambda: [NOW_US - boottime_us()]
             ),

@@ -14,6 +14,7 @@ from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.observer.episodes import after_text, lost_text
 from mrbt_mesh.core.observer.summary import ABORTED
+from mrbt_mesh.core.observer.time_at_work import duration_text
 
 RESULTS = {
     "success": ("✔", "bold green", "mission succeeded"),
@@ -24,6 +25,7 @@ RESULTS = {
     "not_started": ("…", "bold yellow", "mission not started: its team has not gathered"),
 }
 MOST_BIDS = 20
+JOB_STATES = "succeeded", "failed", "expired", "cancelled", "open"
 MOST_FAILURES = 20
 STATUSES = {"success": "green", "failure": "red", "running": "yellow"}
 
@@ -59,9 +61,12 @@ def render_summary(summary: Mapping[str, Any]) -> RenderableType:
             continue
         status_text = Text(status, STATUSES.get(status, "dim"))
         listed.add_row(Text(name), status_text, Text(", ".join(task["robots"])))
-    parts.append(listed)
+    if listed.row_count or not summary.get("jobs"):
+        parts.append(listed)
     if idle:
         parts.append(Text(f"and {_count(idle, 'global task')} that never became due", "dim"))
+    if summary.get("jobs"):
+        parts += [*([Text()] if listed.row_count or idle else []), _jobs(summary["jobs"])]
     if summary.get("bids"):
         parts += [Text(), _bids(summary["bids"], older.get("bids", 0))]
     story = sorted(_story(summary), key=lambda item: item[0])
@@ -113,6 +118,27 @@ def capability_changes(known: Mapping[str, Any]) -> Text:
     if changed:
         lines.append(Text(", ".join(changed), "yellow"))
     return Text("\n").join(lines)
+
+
+def _jobs(jobs: Mapping[str, Mapping[str, Any]]) -> RenderableType:
+    """What came of the jobs of each type."""
+    rows = table("jobs", "ends", "waited", "worked", "robots")
+    for kind, each in jobs.items():
+        ends = [f"{each[state]} {state}" for state in JOB_STATES if each[state]]
+        if each["late"]:
+            ends.append(f"{each['late']} of them late by {_mean(each['late_s'])}")
+        robots = ", ".join(f"{robot} {count}" for robot, count in each["robots"].items())
+        times = [Text(_mean(each[key]), no_wrap=True) for key in ("waited_s", "worked_s")]
+        rows.add_row(Text(kind), ", ".join(ends), *times, Text(robots))
+    return rows
+
+
+def _mean(times: Mapping[str, float | None]) -> str:
+    """The mean of a time, and its maximum if that is another one; empty if nothing is known."""
+    if times["mean"] is None:
+        return ""
+    mean, most = duration_text(times["mean"]), duration_text(times["most"] or 0)
+    return mean if mean == most else f"{mean} (most {most})"
 
 
 def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> RenderableType:

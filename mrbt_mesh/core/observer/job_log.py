@@ -1,56 +1,48 @@
-"""What an observer has seen of each job: its times, attempts, and what its tasks have found out."""
+"""What an observer has seen of each job: its times, attempts, and what its tasks have found out;
+and of all jobs of a type, how many have come to which end.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from copy import deepcopy
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.jobs import job_of
-from mrbt_mesh.core.facts.records import Claim, ConditionValue, Job, JobEnd, OperatorCommand, Phase
+from mrbt_mesh.core.facts.records import (
+    Claim,
+    ConditionValue,
+    Job,
+    JobEnd,
+    JobState,
+    OperatorCommand,
+    Phase,
+)
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import split_owner
+from mrbt_mesh.core.observer.job_history import JobHistory, JobTotals
 
-# More than are open at a time, and of how many the ends are kept.
-MOST_JOBS = 25_000
-
-
-@dataclass(slots=True)
-class JobHistory:
-    """One job. Times are on the observer's clock, None if they passed before it watched.
-
-    `not_before_us`, `deadline_us`: Unix times, 0: none. `attempts`: how often its tree has begun.
-    `results`: the job's own entries of the blackboard that were set, as texts.
-    """
-
-    submitted_us: int | None = None
-    begun_us: int | None = None
-    ended_us: int | None = None
-    has_begun: bool = False
-    has_ended: bool = False
-    not_before_us: int = 0
-    deadline_us: int = 0
-    attempts: int = 0
-    results: dict[str, str] = field(default_factory=dict)
-    _unix: dict[str, int] = field(default_factory=dict)
-
-    def unix_us(self, name: str, clock_offset_us: int | None) -> int | None:
-        """One of the times as a Unix time, by the clock that is so much ahead when it is asked for
-        first; None: it is not known.
-        """
-        at_us = getattr(self, f"{name}_us")
-        if at_us is None or clock_offset_us is None:
-            return None
-        return self._unix.setdefault(name, at_us + clock_offset_us)
+# Of so many jobs that have ended the histories are kept: of more than the team keeps the ends.
+MOST_ENDED = 2_000
 
 
 class JobLog:
-    """The jobs by id; of those that ended long ago the oldest are forgotten."""
+    """The jobs by id; of those that ended long ago the oldest are forgotten, but counted.
 
-    def __init__(self, mission: Mission) -> None:
+    `clock_ahead_us`: by how much the team's clocks are ahead of the observer's; None: not known.
+    """
+
+    def __init__(
+        self, mission: Mission, clock_ahead_us: Callable[[], int | None] = lambda: None
+    ) -> None:
         self.jobs: dict[str, JobHistory] = {}
+        self._clock_ahead_us = clock_ahead_us
+        self._forgotten: dict[str, JobTotals] = {}
+        # Those that have ended, in that order.
+        self._over: dict[str, None] = {}
         self.revised(mission)
 
     def revised(self, mission: Mission) -> None:
@@ -63,14 +55,18 @@ class JobLog:
         match entry.record:
             case Claim(activation=name, phase=phase):
                 self._claimed(name, phase, at_us)
-            case OperatorCommand(value=Job(not_before_us=begins_us, deadline_us=ends_us)):
+            case OperatorCommand(value=Job() as job):
                 history = self._of(entry.parts[1])
+                history.type = history.type or job.type
                 history.submitted_us = at_us
-                history.not_before_us, history.deadline_us = begins_us, ends_us
+                history.not_before_us, history.deadline_us = job.not_before_us, job.deadline_us
             case OperatorCommand() if entry.parts[0] == records.JOB_CANCELLED:
-                self._ended(entry.parts[1], at_us)
-            case JobEnd():
-                self._ended(entry.parts[1], at_us)
+                self._ended(entry.parts[1], at_us).ends(JobState.CANCELLED, ())
+            case JobEnd() as end:
+                history = self._ended(entry.parts[1], at_us)
+                history.type = history.type or end.type
+                if end.state is not JobState.CANCELLED:  # which no robot's word can do
+                    history.ends(end.state, end.robots)
             case ConditionValue(value=value) if of_job := job_of(entry):
                 name = split_owner(entry.parts[1])[0]
                 self._of(of_job).results[name] = self._mission.entry_text(entry.parts[1], value)
@@ -82,6 +78,7 @@ class JobLog:
         history = self._of(activation.job)
         if phase is not Phase.CLAIMED and not history.has_begun:
             history.has_begun, history.begun_us = True, at_us
+            self._waited(history)
         used = activation.attempts[0] if self._is_retried(activation.node) else 0
         history.attempts = max(history.attempts, used + 1)
 
@@ -95,12 +92,44 @@ class JobLog:
         root = nodes[nodes[loops[0]].parent]  # of the type, which is a SubTree
         return nodes[root.parent].kind is Kind.JOBS
 
-    def _ended(self, job: str, at_us: int | None) -> None:
+    def _ended(self, job: str, at_us: int | None) -> JobHistory:
         history = self._of(job)
         if not history.has_ended:
             history.has_ended, history.ended_us = True, at_us
+            self._over[job] = None
+            if at_us is not None and history.deadline_us:
+                ahead_us = self._clock_ahead_us()
+                if ahead_us is not None:
+                    history.late_us = max(0, at_us + ahead_us - history.deadline_us)
+            self._forget_oldest()
+        return history
+
+    def _forget_oldest(self) -> None:
+        if len(self._over) > MOST_ENDED:
+            oldest = next(iter(self._over))
+            del self._over[oldest]
+            history = self.jobs.pop(oldest)
+            self._forgotten.setdefault(history.type, JobTotals()).add(history)
+
+    def _waited(self, history: JobHistory) -> None:
+        """Note for how long a job that begins now could have begun before."""
+        begun_us, since_us = history.begun_us, history.submitted_us
+        if begun_us is None or since_us is None:
+            return
+        if history.not_before_us:
+            ahead_us = self._clock_ahead_us()
+            if ahead_us is None:
+                return
+            since_us = max(since_us, history.not_before_us - ahead_us)
+        history.wait_us = max(0, begun_us - since_us)
 
     def _of(self, job: str) -> JobHistory:
-        if job not in self.jobs and len(self.jobs) >= MOST_JOBS:
-            del self.jobs[next((n for n, each in self.jobs.items() if each.has_ended), job)]
         return self.jobs.setdefault(job, JobHistory())
+
+    def totals(self) -> dict[str, JobTotals]:
+        """Type -> what came of all its jobs, by name."""
+        found = deepcopy(self._forgotten)
+        for history in self.jobs.values():
+            if history.type:
+                found.setdefault(history.type, JobTotals()).add(history)
+        return dict(sorted(found.items()))

@@ -9,7 +9,6 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
 from mrbt_mesh.core.facts.records import JOB, Hold, JobState, Phase, TeamOrder
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.membership.timing import earlier_median
 from mrbt_mesh.core.mission.jobs import named_arguments, utc_text
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.observer.observer import Observer
@@ -66,9 +65,7 @@ class JobRows:
 
     def of(self, observer: Observer) -> list[JobRow]:
         """Those of an observer, with what it has seen of them."""
-        membership = observer.membership
-        offsets_us = membership.clock_offsets_us()
-        ahead_us = earlier_median(offsets_us) if offsets_us else None
+        ahead_us = observer.clock_ahead_us()
         jobs = observer.record.job_log.jobs
 
         def seen(row: JobRow) -> JobRow:
@@ -87,7 +84,7 @@ class JobRows:
                 results=dict(history.results),
             )
 
-        rows = self.update(observer.facts, observer.plan, membership.members(), seen)
+        rows = self.update(observer.facts, observer.plan, observer.membership.members(), seen)
         why = why_over(observer)
         return [self._given_up(row, why) for row in rows] if why else rows
 

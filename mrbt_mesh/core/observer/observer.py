@@ -20,7 +20,7 @@ from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.signed_reports import SignedReports
-from mrbt_mesh.core.membership.timing import Timing
+from mrbt_mesh.core.membership.timing import Timing, earlier_median
 from mrbt_mesh.core.membership.wire import (
     Header,
     Heartbeat,
@@ -58,7 +58,7 @@ class Observer:
         self.replica = Replica(self.facts, header, timing, "", engine.read_batch, keys)
         self.replica.shown_by_tick = partial(shown_by_tick, self.facts)
         self.membership = Membership("", timing, reports=SignedReports(keys, run))
-        self.record = RunRecord(mission, limit)
+        self.record = RunRecord(mission, limit, self.clock_ahead_us)
         self.plan: Plan | None = None
         # How many times faster than the mission says simulated robots work; for people alone.
         self.speed = 1.0
@@ -291,6 +291,11 @@ class Observer:
             return "blocked"
         standing = self.record.rounds.result
         return "timeout" if standing is None else standing.name.lower()
+
+    def clock_ahead_us(self) -> int | None:
+        """By how much the team's wall clocks are ahead of the observer's; None: not known."""
+        offsets_us = self.membership.clock_offsets_us()
+        return earlier_median(offsets_us) if offsets_us else None
 
     @property
     def caught_up(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -62,7 +62,12 @@ class RunRecord:
     and blocked requests are all kept.
     """
 
-    def __init__(self, mission: Mission, limit: int | None = None) -> None:
+    def __init__(
+        self,
+        mission: Mission,
+        limit: int | None = None,
+        clock_ahead_us: Callable[[], int | None] = lambda: None,
+    ) -> None:
         self.mission = mission
         self.started_us: int | None = None
         self.ended_us: int | None = None
@@ -70,7 +75,7 @@ class RunRecord:
         self.robots: dict[str, dict[str, Any]] = {}
         self.task_log = TaskLog(mission, limit)
         self.work_log = WorkLog(limit)
-        self.job_log = JobLog(mission)
+        self.job_log = JobLog(mission, clock_ahead_us)
         self.rounds = MissionRounds(limit)
         self.major: list[MajorFault] = []
         self.minor: list[MinorFault] = []

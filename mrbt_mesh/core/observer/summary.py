@@ -5,20 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from mrbt_mesh.core.facts.records import JobState, TeamOrder
 from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
+from mrbt_mesh.core.observer.job_history import OPEN, JobTotals, Times
+from mrbt_mesh.core.observer.job_rows import why_over
 from mrbt_mesh.core.observer.newest import Newest
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.run_record import RunRecord
 
 ABORTED = "an operator has aborted it"
 
 
-def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
+def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
     """The summary of the run as plain data; `result` is the observer's word for it.
 
     `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never. `exact`: from
     the end of the robot's process, not from its last sign of life. `older`: how many more rounds,
-    failures and bids there were than are listed, if any; the recording has them.
+    failures and bids there were than are listed, if any; the recording has them. `jobs`, where the
+    mission has any, by type: how many have come to which end, and the means and maxima of times.
     """
+    record = observer.record
     lists: dict[str, Newest[Any]] = {
         "rounds": record.rounds.all,
         "failures": record.failures,
@@ -50,6 +56,7 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             name: {"status": str(task.state), "robots": sorted(task.robots)}
             for name, task in record.task_log.tasks.items()
         },
+        **_jobs(observer),
         "faults": sorted(faults, key=lambda fault: (fault["at_s"] or 0, fault["robot"])),
         "blocked": [
             {
@@ -90,6 +97,7 @@ def run_summary(record: RunRecord, result: str, now_us: int) -> dict[str, Any]:
             for bidding in record.biddings
         ],
         **({"older": older} if older else {}),
+        **({"ended_because": ABORTED} if observer.facts.order() is TeamOrder.ABORT else {}),
         "takeovers": [
             {
                 "robot": fault.robot,
@@ -128,6 +136,33 @@ def _rounds(record: RunRecord, now_us: int) -> dict[str, Any]:
         for each in record.rounds.all
     ]
     return {"ends": str(record.mission.ends), "rounds": rounds}
+
+
+def _jobs(observer: Observer) -> dict[str, Any]:
+    """Of the jobs that were seen. Nobody does open ones once the mission is over or aborted."""
+    if not observer.mission.jobs:
+        return {}
+    is_over, totals = bool(why_over(observer)), observer.record.job_log.totals()
+    return {"jobs": {kind: _totals(each, is_over) for kind, each in totals.items()}}
+
+
+def _totals(totals: JobTotals, is_over: bool) -> dict[str, Any]:
+    states = {str(state): totals.states[state] for state in JobState} | {OPEN: totals.states[OPEN]}
+    if is_over:
+        states[JobState.CANCELLED] += states[OPEN]
+        states[OPEN] = 0
+    return states | {
+        "waited_s": _times(totals.waits),
+        "worked_s": _times(totals.works),
+        "late": totals.delays.count,
+        "late_s": _times(totals.delays),
+        "robots": dict(sorted(totals.robots.items())),
+    }
+
+
+def _times(times: Times) -> dict[str, float | None]:
+    mean_us = times.all_us // times.count if times.count else None
+    return {"mean": _seconds(mean_us), "most": _seconds(times.most_us if times.count else None)}
 
 
 def _robot(known: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
-from mrbt_mesh.core.observer.job_log import JobHistory
+from mrbt_mesh.core.observer.job_history import JobHistory
 from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.time_at_work import late_after_s, time_at_work

@@ -9,7 +9,8 @@ import pytest
 from mrbt_mesh.core.facts.records import Claim, JobEnd, JobState, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.observer import job_log
-from mrbt_mesh.core.observer.job_log import JobHistory, JobLog
+from mrbt_mesh.core.observer.job_history import JobHistory
+from mrbt_mesh.core.observer.job_log import JobLog
 from tests.support.behaviour import mission_of
 from tests.support.commands import command, submission
 
@@ -99,9 +100,46 @@ def test_results_are_the_entries_of_the_job() -> None:
 
 
 def test_those_that_ended_long_ago_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job_log, "MOST_JOBS", 2)
+    monkeypatch.setattr(job_log, "MOST_ENDED", 1)
     log = JobLog(MISSION)
     log.fact(submission("open", "once"), 1, False)
     log.fact(END, 1, False)
     log.fact(submission("two", "once"), 2, False)
+    assert list(log.jobs) == ["open", "one", "two"]
+    log.fact(command("job_cancelled/two", True), 3, False)
     assert list(log.jobs) == ["open", "two"]
+
+
+def test_totals_count_what_is_forgotten_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The team's clocks are 1,000 us ahead. Three jobs: one is done late, one cancelled and done
+    all the same, one is open.
+    """
+    log = JobLog(MISSION, lambda: 1_000)
+
+    def end(name: str, state: JobState, *robots: str) -> Entry:
+        return make_entry(
+            "A", f"job_end/{name}", VERSION, JobEnd(state, "again", (), "me", "", robots, 9)
+        )
+
+    events = (
+        (submission("one", "again", not_before_us=1_015, deadline_us=1_045), 10),
+        (claim("again", "0", Phase.RUNNING), 30),
+        (end("one", JobState.SUCCEEDED, "A", "B"), 50),
+        (end("one", JobState.SUCCEEDED, "A", "B"), 55),
+        (submission("two", "again"), 60),
+        (command("job_cancelled/two", True), 70),
+        (end("two", JobState.SUCCEEDED, "B"), 80),
+        (submission("three", "again"), 90),
+    )
+    for entry, now_us in events:
+        log.fact(entry, now_us, False)
+    whole = log.totals()["again"]
+    assert whole.states == {"succeeded": 1, "cancelled": 1, "open": 1}
+    assert (whole.waits.count, whole.waits.all_us) == (1, 15), "from when it may begin"
+    assert (whole.works.all_us, whole.delays.count, whole.delays.most_us) == (20, 1, 5)
+    assert whole.robots == {"A": 1, "B": 2}
+    monkeypatch.setattr(job_log, "MOST_ENDED", 2)
+    log.fact(end("three", JobState.FAILED, "B"), 95, False)
+    assert list(log.jobs) == ["two", "three"]
+    assert log.totals()["again"].states == {"succeeded": 1, "cancelled": 1, "failed": 1}
+    assert log.totals()["again"].robots == {"A": 1, "B": 3}

@@ -25,7 +25,7 @@ def watched(*commands: str) -> tuple[Script, Observer]:
 
 
 def rounds(script: Script, observer: Observer) -> list[dict[str, Any]]:
-    summary = run_summary(observer.record, observer.result(True), script.team.now_us)
+    summary = run_summary(observer, observer.result(True), script.team.now_us)
     assert summary["ends"] == "never"
     found: list[dict[str, Any]] = summary["rounds"]
     return found

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.facts.records import CLAIM, OUTCOME, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
+from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.observer.newest import Newest
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from tests.support.build import action, make_mission
 
@@ -43,7 +45,9 @@ def test_without_a_limit_all_are_kept() -> None:
 
 @pytest.mark.slow
 def test_a_long_run_is_counted_whole_and_kept_in_part() -> None:
-    record = RunRecord(make_mission(action("weld")), 800)
+    mission = make_mission(action("weld"))
+    observer = Observer(mission, "r", Timing(), min_cost_flow, limit=800)
+    record = observer.record
     for robot in ("A", "B"):
         record.robot_seen(robot, LIFE, 0)
     # B works all the time; A fails 50,000 times, and is dead in between once.
@@ -64,7 +68,7 @@ def test_a_long_run_is_counted_whole_and_kept_in_part() -> None:
     assert all(len(each) <= 800 for each in lists)
     assert record.timeline.total > 100_000
     assert record.work_log.spans[0].robot == "B", "it is still at work"
-    summary = run_summary(record, "timeout", 10**7)
+    summary = run_summary(observer, "timeout", 10**7)
     assert len(summary["failures"]) + summary["older"]["failures"] == 50_000
     assert summary["failures"][-1]["reason"] == "reason 50000"
     assert [fault["robot"] for fault in summary["faults"]] == ["A"]

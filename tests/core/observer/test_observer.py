@@ -21,7 +21,7 @@ UNSEEN = [line for line in COVER if line != "observe"]
 
 
 def summary(script: Script, observer: Observer) -> dict[str, Any]:
-    return run_summary(observer.record, "success", script.team.now_us)
+    return run_summary(observer, "success", script.team.now_us)
 
 
 def test_an_observer_comes_to_the_same_plan_as_the_robots() -> None:
@@ -136,7 +136,7 @@ def test_who_watches_another_run_is_told_so_once_per_robot() -> None:
     assert [text for _, text in stranger.record.timeline] == [
         f"A is not of this run: run {observer.replica.header.run!r} (ours is 'another')"
     ]
-    assert run_summary(stranger.record, "timeout", script.team.now_us)["duration_s"] is None
+    assert run_summary(stranger, "timeout", script.team.now_us)["duration_s"] is None
 
 
 def test_noise_is_noted_and_harms_nothing() -> None:
@@ -196,7 +196,7 @@ def test_what_a_team_left_behind_tells_the_result_of_a_run_that_nobody_saw(
     observer = Observer(seen.mission, seen.facts.run, seen.membership.timing, min_cost_flow)
     observer.read(left_behind, 5)
     assert observer.result(anybody_lives=False) == result
-    told, expected = (run_summary(o.record, result, 5)["global_tasks"] for o in (observer, seen))
+    told, expected = (run_summary(o, result, 5)["global_tasks"] for o in (observer, seen))
     assert told["weld"] == expected["weld"]
     assert told["cover"]["status"] == expected["cover"]["status"]
 

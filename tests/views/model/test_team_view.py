@@ -71,7 +71,7 @@ def test_statuses_are_those_of_the_heartbeats() -> None:
 
 def test_a_kill_its_detection_and_the_takeover() -> None:
     page = Page("kill A", "pass 300")
-    (told,) = run_summary(page.observer.record, "", page.script.team.now_us)["takeovers"]
+    (told,) = run_summary(page.observer, "", page.script.team.now_us)["takeovers"]
     fault = page.items["fault/0"]
     assert (fault["robot"], fault["held"], fault["replacement"]) == ("A", "weld", "B")
     assert fault["at_s"] == told["at_s"]
@@ -161,7 +161,11 @@ def test_a_team_that_travels_has_a_forecast_until_its_end(tmp_path: Path) -> Non
         ("running", JobHistory(submitted_us=5, begun_us=7, has_begun=True), 7),
         ("running", JobHistory(submitted_us=5, has_begun=True), None),
         ("held", JobHistory(submitted_us=5), None),
-        ("succeeded", JobHistory(5, 7, 9, True, True), 9),
+        (
+            "succeeded",
+            JobHistory(submitted_us=5, begun_us=7, ended_us=9, has_begun=True, has_ended=True),
+            9,
+        ),
         ("cancelled", None, None),
     ],
 )
