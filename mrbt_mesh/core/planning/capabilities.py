@@ -11,6 +11,9 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
 from mrbt_mesh.core.mission.names import type_name
 
+# Of so many local tasks is kept who can do them. Jobs bring new ones all the time.
+MOST_LOCAL_TASKS = 2_048
+
 
 @dataclass(frozen=True, slots=True)
 class Worker:
@@ -54,6 +57,10 @@ class RobotMasks:
         """Keep the mask of a set that never changes."""
         self._remembered[id(robots)] = robots, mask
 
+    def forget(self, robots: Collection[str]) -> None:
+        """The inverse of `remember`."""
+        del self._remembered[id(robots)]
+
 
 class Capabilities:
     """What the robots of a team can do: p(i, l) of the paper, in micro-units.
@@ -92,6 +99,8 @@ class Capabilities:
     def _keep(self, local_task: str, able: dict[str, int], mask: int) -> None:
         self.masks.remember(able, mask)
         self._able[local_task] = able
+        if len(self._able) > MOST_LOCAL_TASKS:
+            self.masks.forget(self._able.pop(next(iter(self._able))))
 
     def after(self, team: dict[str, Worker]) -> Capabilities:
         """Those of the team as it is now: only robots that differ are looked up again."""

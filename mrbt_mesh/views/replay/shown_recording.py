@@ -165,9 +165,9 @@ class ShownRecording:
         before = self.changes.version
         if self._state.observer is not self.observer:
             self._begin_state()
-        is_anew = self._taken == 0
         self._state.update(now_us)
-        items = self._state.changes.since(self._taken)
+        since = self._state.changes.start_of(self._taken)
+        is_anew, items = since == 0, self._state.changes.since(since)
         self._taken = self._state.changes.version
         if is_anew:
             for key in sorted(self._shown - items.keys()):

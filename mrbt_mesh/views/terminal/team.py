@@ -89,7 +89,10 @@ class ShownTeam:
     def update(self, now_us: int) -> bool:
         """Look at the observer, which is up to date; whether anything has changed."""
         self.view.update(now_us)
-        changed = self.view.changes.since(self._version)
+        since = self.view.changes.start_of(self._version)
+        if since == 0:
+            self._items.clear()
+        changed = self.view.changes.since(since)
         self._version = self.view.changes.version
         ended_us = self.observer.record.ended_us
         self.now_s = self.view.seconds(now_us if ended_us is None else ended_us) or 0.0

@@ -125,6 +125,7 @@ class Feed:
                     return
             while page in self._pages:
                 changed, is_last = self._changed, is_over()
+                version = self.view.changes.start_of(version)
                 news = self.view.changes.since(version)
                 is_new = version == 0
                 version = self.view.changes.version

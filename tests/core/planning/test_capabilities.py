@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.facts.records import Member
+from mrbt_mesh.core.planning import capabilities
 from mrbt_mesh.core.planning.capabilities import Capabilities, RobotMasks, Worker
 
 ROBOTS = [f"R{number:02}" for number in range(30)]
@@ -62,6 +64,18 @@ def test_what_is_the_same_is_kept() -> None:
     assert "R03" not in fewer.able("lift")
     fewer.able("weld")
     assert fewer.after(team).able("weld") == {}
+
+
+def test_what_was_looked_up_long_ago_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each job of a mission that never ends may bring local tasks of its own."""
+    monkeypatch.setattr(capabilities, "MOST_LOCAL_TASKS", 3)
+    worker = Worker("A", Member("T", {"lift": 1}, {}, False, "", "", 0), (1, "n"))
+    kept = Capabilities(dict.fromkeys(ROBOTS, worker))
+    for number in range(100):
+        assert list(kept.able(f"lift({number})")) == list(ROBOTS)
+    assert list(kept._able) == ["lift(97)", "lift(98)", "lift(99)"]
+    assert len(kept.masks._remembered) == 3
+    assert list(kept.able("lift(1)")) == list(ROBOTS)
 
 
 def test_robots_without_a_bit_are_left_out() -> None:
