@@ -38,6 +38,7 @@ help:
 	@echo "make gate            every suite in the larger size, as .ci/run after make test; SUITES=browser: some"
 	@echo "make lint            ruff, mypy, import-linter"
 	@echo "make docs            the documentation as a site, in build/site"
+	@echo "make reference       write the reference of commands and of the Python API anew"
 	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make bench           the planner against what one would use instead: docs/explanation/performance.md"
 	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
@@ -89,6 +90,11 @@ lint: $(READY)
 .PHONY: docs
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+# The pages of commands and of the Python API, from their help and docstrings.
+.PHONY: reference
+reference: $(READY)
+	$(BIN)/python -m tests.support.reference_pages
 
 # What is tried (tests/support/effort.py) is what fits into five minutes on two idle cores.
 test: $(READY)
