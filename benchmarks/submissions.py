@@ -94,7 +94,7 @@ class Handover:
         name, kind = f"job-{number}", "once" if number % 3 == 0 else "plain"
         begun_s = time.monotonic()
         try:
-            await client.submit(kind, str(number), job_id=name)
+            await client.submit(kind, number, job_id=name)
         except TimeoutError:
             self.unanswered.append(name)
             return

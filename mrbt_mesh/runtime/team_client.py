@@ -40,12 +40,17 @@ from mrbt_mesh.core.facts.records import (
     Loan,
 )
 from mrbt_mesh.core.facts.values import (
-    MAX_STAMP,
     MAX_TEXT,
     printable,
 )
 from mrbt_mesh.core.membership.timing import SECOND_US, earlier_median
 from mrbt_mesh.core.mission.blackboard import is_argument
+from mrbt_mesh.core.mission.job_arguments import (
+    Argument,
+    Arguments,
+    named_arguments,
+    ordered_arguments,
+)
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, is_job_id
 from mrbt_mesh.core.observer.job_rows import JobRow, JobRows, why_over
@@ -162,30 +167,23 @@ class TeamClient:
         if not self.robots:
             raise CommandRefusedError("no robot of the team is heard", NOT_HEARD)
 
-    def arguments_of(self, kind: str, values: Mapping[str, Any]) -> list[str]:
-        """The arguments of a job in order, of texts and whole numbers by the parameters' names.
+    def arguments_of(self, kind: str, given: Arguments) -> list[str]:
+        """The arguments of a job as texts in the order of its type's parameters, of texts and whole
+        numbers by position or by the parameters' names.
 
-        Raises JobRefusedError for names that do not fit the type, and for other values.
+        Raises JobRefusedError for an unknown type, another number of values, names that do not fit
+        the type, and other values.
         """
-        types = self.watcher.observer.mission.jobs
-        if kind not in types:
-            raise JobRefusedError(f"no job type {kind!r:.80}" + nearest(kind, types))
-        names = [each.name for each in types[kind].parameters]
-        if sorted(values) != sorted(names):
-            given = ", ".join(sorted(values)) or "none"
-            wanted = ", ".join(names) or "none"
-            raise JobRefusedError(f"{kind} takes the arguments {wanted}; given: {given:.200}")
-        for name in names:
-            if isinstance(values[name], bool) or not isinstance(values[name], str | int):
-                raise JobRefusedError(f"{name} is a text or a whole number")
-            if isinstance(values[name], int) and abs(values[name]) > MAX_STAMP:
-                raise JobRefusedError(f"{name}: the number has too many digits")
-        return [str(values[name]) for name in names]
+        try:
+            return ordered_arguments(self._job_type(kind), given)
+        except ValueError as error:
+            raise JobRefusedError(str(error)) from None
 
     async def submit(
         self,
         kind: str,
-        *arguments: str,
+        *values: Argument,
+        arguments: Arguments | None = None,
         job_id: str = "",
         priority: int | None = None,
         not_before: datetime | timedelta | None = None,
@@ -195,16 +193,23 @@ class TeamClient:
     ) -> JobHandle:
         """Hand in a job; returns once `safe` robots (None: a majority) have it in their journals.
 
-        Then it survives the death of all but one of them, and of the team. To submit the same
-        `job_id` again does nothing. It begins at `not_before` at the earliest, and expires at its
-        `deadline` (None: as its type says): times, or how long from now by the team's clocks.
-        `operator`: who submits it; empty: the user who runs this program. Raises JobRefusedError,
-        also if the id is another job's, TimeoutError if too few robots answer.
+        Its arguments are `values`, in order, or `arguments`: by the parameters' names, or a
+        sequence; texts and whole numbers. Once it is handed in it survives the death of all but one
+        of these robots, and of the team. To submit the same `job_id` again does nothing. It begins
+        at `not_before` at the earliest, and expires at its `deadline` (None: as its type says):
+        times, or how long from now by the team's clocks. `operator`: who submits it; empty: the
+        user who runs this program. Raises JobRefusedError, also if the id is another job's,
+        TimeoutError if too few robots answer.
         """
+        if values and arguments is not None:
+            raise JobRefusedError(
+                "give the arguments of a job in order or as `arguments`, not both"
+            )
         name = job_id or new_job_id()
-        usual = self.check_job(kind, arguments, name, priority, safe)
+        texts = self.arguments_of(kind, values if arguments is None else arguments)
+        usual = self.check_job(kind, texts, name, priority, safe)
         found = usual.priority if priority is None else priority
-        content = [kind, *arguments], found, _as_given(not_before), _as_given(deadline)
+        content = [kind, *texts], found, _as_given(not_before), _as_given(deadline)
         not_before_us = 0
         if not_before is not None:
             not_before_us = await self._unix_us(not_before, "not_before")
@@ -224,8 +229,8 @@ class TeamClient:
             if unix_us > MAX_UNIX_US:
                 raise JobRefusedError(f"{field}: at most a year from now")
         hashed = hash_of(json.dumps(content))
-        values = [kind, list(arguments), found, not_before_us, deadline_us, hashed]
-        done = await self._command_job(JOB, name, values, operator, safe)
+        job = [kind, texts, found, not_before_us, deadline_us, hashed]
+        done = await self._command_job(JOB, name, job, operator, safe)
         return JobHandle(name, done.state["state"], self)
 
     def check_job(
@@ -241,13 +246,10 @@ class TeamClient:
         count = len(mission.robots)
         if safe is not None and not 1 <= safe <= count:
             raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
-        if kind not in self._job_types():
-            known = ", ".join(sorted(mission.jobs))
-            raise JobRefusedError(f"no job type {kind!r:.80}; there is {known}")
+        found = self._job_type(kind)
         if not is_job_id(job_id):
             text = f"{job_id!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -, not . or .."
             raise JobRefusedError(text)
-        found = mission.jobs[kind]
         if not all(map(is_argument, arguments)) and (problem := found.problem(arguments)):
             raise JobRefusedError(problem)  # robots say it of other values, by their own mission
         if priority is not None:
@@ -258,7 +260,7 @@ class TeamClient:
         self, job_id: str, change: str, priority: int | None = None, operator: str = ""
     ) -> dict[str, Any]:
         """`cancel`, `hold`, `hold_now` (what runs of it is cancelled), `release`, or give another
-        `priority`; the state of the job then.
+        `priority`; the state of the job then, with its arguments as in `JobRow`.
 
         Returns once a majority has it in their journals. Raises as `submit`.
         """
@@ -374,6 +376,12 @@ class TeamClient:
             )
         return mission.jobs
 
+    def _job_type(self, kind: str) -> JobType:
+        types = self._job_types()
+        if kind not in types:
+            raise JobRefusedError(f"no job type {kind!r:.80}" + nearest(kind, types))
+        return types[kind]
+
     def _in_doubt(self) -> dict[str, list[tuple[str, str]]]:
         """Global task -> the activations that are requested and in doubt, and the coalitions that
         have left them so.
@@ -404,7 +412,11 @@ class TeamClient:
             fewer = ", or ask for fewer journals (`safe`)" if field == JOB else ""
             raise TimeoutError(f"{job_id}: {error}{fewer}") from None
         # A robot that did not know the job refused; one that has the change first need not know it.
-        done.state.setdefault("state", "open")
+        state = done.state
+        state.setdefault("state", "open")
+        if "arguments" in state:
+            types = self.watcher.observer.mission.jobs
+            state["arguments"] = named_arguments(types, state["type"], state["arguments"])
         return done
 
     async def _lend(self, robot: str, loan: Loan, operator: str) -> Acknowledged:

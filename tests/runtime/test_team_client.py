@@ -47,6 +47,26 @@ def test_a_priority_that_is_none_is_refused(priority: int) -> None:
         anyio.run(lambda: submitted(DeskClient(), priority=priority))
 
 
+def test_arguments_are_given_in_order_or_by_name_and_not_both() -> None:
+    async def main() -> None:
+        client, named = DeskClient(), {"shelf": "shelf_2", "dock": "dock_1", "boxes": 3}
+        assert (await client.submit("deliver", "shelf_2", "dock_1", 3, job_id="a")).state == "open"
+        assert (await client.submit("deliver", arguments=named, job_id="a")).state == "open"
+        listed = ["shelf_2", "dock_1", "3"]
+        assert (await client.submit("deliver", arguments=listed, job_id="a")).state == "open"
+        with pytest.raises(JobRefusedError, match="in order or as `arguments`, not both"):
+            await client.submit("deliver", "shelf_2", arguments=named)
+        with pytest.raises(JobRefusedError, match="boxes is a whole number from 1 to 4"):
+            await client.submit("deliver", arguments=named | {"boxes": 5})
+        with pytest.raises(JobRefusedError, match="no job type 'delivr'; did you mean 'deliver'"):
+            await client.submit("delivr", arguments=named)
+        (row,) = client.jobs
+        assert row.arguments == named
+        assert (await client.change("a", "hold"))["arguments"] == named
+
+    anyio.run(main)
+
+
 def test_the_end_of_a_job_that_ended_long_ago_is_told_at_once() -> None:
     async def main() -> None:
         client = DeskClient()

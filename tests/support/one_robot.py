@@ -14,6 +14,7 @@ from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.keys import make_command
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.job_log import JobLog
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -27,11 +28,11 @@ NOW_US = 1_000_000_000
 
 
 def desk(
-    keys: MemberKeys | None = None, clock_us: int | None = NOW_US
+    keys: MemberKeys | None = None, clock_us: int | None = NOW_US, mission: Mission = MISSION
 ) -> tuple[OperatorDesk, Context]:
     """The desk of D1, whose clock shows this (None: it has not read it), and its facts."""
     config = AgentConfig("D1", "drone", {"look": 1_000_000}, "r", "n", default_solver, keys=keys)
-    context = Context(MISSION, config, 0)
+    context = Context(mission, config, 0)
     context.replica.next_incarnation(0)
     assert context.wall_clock is not None
     assert context.facts.jobs is not None
@@ -44,14 +45,14 @@ def desk(
 class DeskClient(TeamClient):
     """A client of that robot, which keeps everything; it does not answer about the job `silent`."""
 
-    def __init__(self) -> None:
-        self._desk, self.context = desk()
+    def __init__(self, mission: Mission = MISSION) -> None:
+        self._desk, self.context = desk(mission=mission)
         context = self.context
         observer = SimpleNamespace(
-            mission=MISSION,
+            mission=mission,
             facts=context.facts,
             plan=None,
-            record=SimpleNamespace(job_log=JobLog(MISSION), result=None),
+            record=SimpleNamespace(job_log=JobLog(mission), result=None),
             clock_ahead_us=lambda: NOW_US - boottime_us(),
             membership=SimpleNamespace(
                 members=lambda: ["D1"], clock_offsets_us=lambda: [NOW_US - boottime_us()]

@@ -104,10 +104,9 @@ class RmfLink:
                 self._rows[name] = row
                 self._api.histories[name].follow(row, _now_ms())
                 self._api.touched.add(name)
-        types = self._observer.mission.jobs
         for name in self._api.touched & self._rows.keys():
             history = self._api.histories[name]
-            self._states[name] = task_state(self._rows[name], history, self._fleet, types)
+            self._states[name] = task_state(self._rows[name], history, self._fleet)
         self._api.touched.clear()
 
     async def _serve(self, connection: ClientConnection, group: TaskGroup) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.mission.mission import JobType, Mission, is_whole_number
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition
 from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING
 from mrbt_mesh.core.observer.observer import Observer
@@ -63,11 +63,9 @@ class TaskHistory:
             self.log = [*self.log, entry][-MOST_LINES:]
 
 
-def task_state(
-    row: Mapping[str, Any], history: TaskHistory, fleet: str, types: Mapping[str, JobType]
-) -> dict[str, Any]:
+def task_state(row: Mapping[str, Any], history: TaskHistory, fleet: str) -> dict[str, Any]:
     """A `task_state` of a row, a JobRow as a mapping. RMF assigns a task to one robot: the first
-    of those that work on it. `types`: those of jobs.
+    of those that work on it.
     """
     is_dispatched = bool(row["robots"]) or row["state"] not in OPEN
     state: dict[str, Any] = {
@@ -78,7 +76,7 @@ def task_state(
             "requester": row["operator"],
         },
         "category": row["type"],
-        "detail": _detail(row, types),
+        "detail": row["arguments"],
         "status": STATUS[row["state"]],
         "dispatch": {
             "status": "dispatched" if is_dispatched else "queued",
@@ -102,16 +100,6 @@ def task_state(
         at_ms, labels = history.cancelled
         state["cancellation"] = {"unix_millis_request_time": at_ms, "labels": labels}
     return state
-
-
-def _detail(row: Mapping[str, Any], types: Mapping[str, JobType]) -> dict[str, Any]:
-    """The arguments of a job as the schema of its type has them: integers are no texts."""
-    known = types.get(row["type"])
-    ranges = {each.name for each in known.parameters if not each.choices} if known else set()
-    return {
-        name: int(value) if name in ranges and is_whole_number(value) else value
-        for name, value in row["arguments"].items()
-    }
 
 
 def last_state(told: Mapping[str, Any], state: str) -> dict[str, Any]:

@@ -27,12 +27,13 @@ from mrbt_mesh.adapters.rmf.messages import (
 )
 from mrbt_mesh.adapters.rmf.own_errors import OwnErrors
 from mrbt_mesh.core.agent.operator_desk import UNKNOWN
-from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType
+from mrbt_mesh.core.mission.job_arguments import named_arguments
+from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType, whole
 from mrbt_mesh.core.observer.job_rows import WAITING, JobRow
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import JobRefusedError, TeamClient, user_name
-from mrbt_mesh.views.web.bodies import sent, whole
+from mrbt_mesh.views.web.bodies import sent
 from mrbt_mesh.views.web.problem import STATUS_OF_CAUSE
 
 SCHEMAS = Path(__file__).with_name("schemas")
@@ -152,8 +153,7 @@ class TaskApi:
         name = _id(labels)
         not_before = _time(EARLIEST, request)
         requested = _time("unix_millis_request_time", request)
-        numbers = {each: whole(value) for each, value in values.items()}
-        arguments = self._client.arguments_of(kind, numbers)
+        arguments = self._client.arguments_of(kind, values)
         priority = self._priority(request.get("priority"))
         operator, types = request.get("requester") or user_name(), self._types
         self._client.require_robots()
@@ -177,11 +177,11 @@ class TaskApi:
         row = self._client.job(job.id)
         if row is None or row.state not in STATUS:
             # The robots have it, and this program will hear of it in a moment.
-            named = types[kind].values_of(arguments)
+            named = named_arguments(types, kind, arguments)
             usual = types[kind].priority if priority is None else priority
             row = JobRow(job.id, kind, named, WAITING, "", usual, (), operator)
         self.touched.add(job.id)
-        return {"success": True, "state": task_state(asdict(row), history, self._fleet, types)}
+        return {"success": True, "state": task_state(asdict(row), history, self._fleet)}
 
     async def _direct(self, message: Mapping[str, Any]) -> dict[str, Any]:
         self._require_own("fleet", message["fleet"])

@@ -228,7 +228,7 @@ def _print_jobs(rows: Sequence[JobRow], only_open: bool, as_json: bool) -> None:
 
 
 def _line(row: JobRow) -> str:
-    inside = ",".join(row.arguments.values())
+    inside = ",".join(map(str, row.arguments.values()))
     what = f"{row.type}({inside})" if inside else row.type
     who = f" {', '.join(row.robots)}" if row.robots else ""
     why = f" ({row.why})" if row.why else ""

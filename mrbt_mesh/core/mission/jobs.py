@@ -70,16 +70,6 @@ class OpenJob(NamedTuple):
         return f"{self.id}: {self.type}({inside})" if inside else f"{self.id}: {self.type}"
 
 
-def named_arguments(
-    types: Mapping[str, JobType], kind: str, arguments: Sequence[str]
-) -> dict[str, str]:
-    """Parameter -> argument of a job; of a type that the mission lacks, the numbers of both."""
-    known = types.get(kind)
-    if known is None or len(known.parameters) != len(arguments):
-        return {str(number): value for number, value in enumerate(arguments, 1)}
-    return known.values_of(arguments)
-
-
 def jobs_nodes(mission: Mission) -> dict[str, Node]:
     """Job type -> the Jobs node that has it."""
     nodes = mission.tree.nodes

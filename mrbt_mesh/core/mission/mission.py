@@ -65,6 +65,11 @@ def is_whole_number(text: str) -> bool:
     return _NUMBER.fullmatch(text) is not None
 
 
+def whole(given: Any) -> Any:
+    """JSON has one kind of numbers: 3.0 is a whole one. Anything else is left as it is."""
+    return int(given) if isinstance(given, float) and given.is_integer() else given
+
+
 RobotId: TypeAlias = str
 LocalTaskId: TypeAlias = str
 GlobalTaskId: TypeAlias = str

@@ -9,7 +9,8 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
 from mrbt_mesh.core.facts.records import JOB, Hold, JobState, Phase, TeamOrder
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.jobs import named_arguments, utc_text
+from mrbt_mesh.core.mission.job_arguments import Argument, named_arguments
+from mrbt_mesh.core.mission.jobs import utc_text
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
@@ -22,16 +23,17 @@ class JobRow:
     """One job. `state`: held, waiting, running, succeeded, failed, cancelled or expired. Where the
     mission was aborted, or is over, all that were open are cancelled.
 
-    `arguments`: parameter -> value. `why`: what it waits for, or why it has failed. `robots`: those
-    that work on it, or have. Times are Unix times. `not_before_us`, `deadline_us`: 0 if there is
-    none. What follows is as the observer has seen it: `submitted_us`, `begun_us` and `ended_us` are
-    None if that has not happened while it watched, `attempts` is how often the job's tree has
-    begun, and `results` are the entries that its tasks have set.
+    `arguments`: parameter -> value, a number where the parameter is one. `why`: what it waits for,
+    or why it has failed. `robots`: those that work on it, or have. Times are Unix times.
+    `not_before_us`, `deadline_us`: 0 if there is none. What follows is as the observer has seen it:
+    `submitted_us`, `begun_us` and `ended_us` are None if that has not happened while it watched,
+    `attempts` is how often the job's tree has begun, and `results` are the entries that its tasks
+    have set.
     """
 
     id: str
     type: str
-    arguments: dict[str, str]
+    arguments: dict[str, Argument]
     state: str
     why: str
     priority: int
@@ -173,7 +175,7 @@ def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
 
 def _open(
     known: KnownJob,
-    arguments: dict[str, str],
+    arguments: dict[str, Argument],
     robots: list[str],
     why: str,
 ) -> JobRow:

@@ -19,6 +19,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    PlainValidator,
     TypeAdapter,
     ValidationError,
     WithJsonSchema,
@@ -31,13 +32,13 @@ from starlette.routing import Route
 
 from mrbt_mesh.cli.commands.operate import nobody
 from mrbt_mesh.cli.commands.status import status_data
-from mrbt_mesh.core.mission.mission import MAX_PRIORITY
+from mrbt_mesh.core.mission.mission import MAX_PRIORITY, whole
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.runtime.watcher import Watcher
 from mrbt_mesh.views.model.job_types import job_types
 from mrbt_mesh.views.web.access import Access, Role
-from mrbt_mesh.views.web.bodies import read_body, whole
+from mrbt_mesh.views.web.bodies import read_body, sent
 from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.problem import PROBLEMS, RETRY
 
@@ -90,17 +91,27 @@ Time: TypeAlias = Annotated[
 ]
 
 
-def _texts_and_numbers(given: Any) -> Any:
-    if isinstance(given, dict):
-        given = {name: whole(value) for name, value in given.items()}
-        for name, value in given.items():
-            if isinstance(value, bool) or not isinstance(value, str | int):
-                raise ValueError(f"a text or a whole number is expected for {name!r:.80}")
+def _object_or_list(given: Any) -> Any:
+    """What is in it is judged by the type of the job."""
+    if not isinstance(given, dict | list):
+        raise ValueError(f"an object or a list is expected, {sent(given)} was sent")
     return given
 
 
 Whole: TypeAlias = Annotated[int, BeforeValidator(whole)]
-Arguments: TypeAlias = Annotated[dict[str, str | int], BeforeValidator(_texts_and_numbers)]
+_VALUE: dict[str, Any] = {"type": ["string", "integer"]}
+Given: TypeAlias = Annotated[
+    dict[str, Any] | list[Any],
+    PlainValidator(_object_or_list),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "object", "additionalProperties": _VALUE},
+                {"type": "array", "items": _VALUE},
+            ]
+        }
+    ),
+]
 _PRIORITIES: dict[str, Any] = {"minimum": -MAX_PRIORITY, "maximum": MAX_PRIORITY}
 
 
@@ -112,7 +123,9 @@ class Submission(_Body):
     """A job to submit. The same `id` again is the same job, at any server of the team."""
 
     type: str
-    arguments: Arguments = Field(default={}, description="Parameter -> value.")
+    arguments: Given = Field(
+        default={}, description="An object, parameter -> value, or a list of the values in order."
+    )
     id: str = Field(
         default="",
         description="Chosen by the client: 1 to 64 letters, digits, _, ., + or -, and not . or ..; "

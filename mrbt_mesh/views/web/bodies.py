@@ -77,8 +77,3 @@ def sent(value: Any) -> str:
     if value is None:
         return "null"
     return "an object" if isinstance(value, dict) else found(value)
-
-
-def whole(given: Any) -> Any:
-    """JSON has one kind of numbers: 3.0 is a whole one."""
-    return int(given) if isinstance(given, float) and given.is_integer() else given

@@ -195,7 +195,8 @@ def test_whole_numbers_may_have_a_fraction_of_zero(client: DeskClient, api: Task
     priority = {"type": "value", "value": 7.0}
     asked(api, dispatch(category="deliver", description=deliver, priority=priority))
     (row,) = client.jobs
-    assert (row.arguments["boxes"], row.priority) == ("3", 7)
+    assert (row.arguments, row.priority) == (deliver | {"boxes": 3}, 7)
+    assert isinstance(row.arguments["boxes"], int)
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,18 @@ def test_kept_rows_are_as_new_ones(changes: list[tuple[str, str, int]]) -> None:
     assert ranks == sorted(ranks)
 
 
+def test_numbers_are_numbers_while_a_job_is_open_and_when_it_has_ended() -> None:
+    (_, context), rows = desk(), JobRows()
+    context.facts.map.merge([submission("a", "deliver", "shelf_1", "dock_2", "3", stamp=1)])
+    expected = {"shelf": "shelf_1", "dock": "dock_2", "boxes": 3}
+    (row,) = rows.update(context.facts, None, ())
+    assert (row.state, row.arguments) == ("waiting", expected)
+    context.facts.map.merge([command("job_cancelled/a", True, 2)])
+    context.facts.prune()
+    (row,) = rows.update(context.facts, None, ())
+    assert (row.state, row.arguments) == ("cancelled", expected)
+
+
 def test_no_job_of_a_mission_that_was_aborted_goes_on() -> None:
     observer = Observer(MISSION, "r", Timing(), min_cost_flow)
     for stamp, name in enumerate("abc", start=1):
