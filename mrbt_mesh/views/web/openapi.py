@@ -8,11 +8,17 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from mrbt_mesh.core.mission.job_arguments import is_exact_number
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.job_rows import JobRow
 from mrbt_mesh.runtime.team_client import CURSOR_PATTERN
 from mrbt_mesh.version import __version__
-from mrbt_mesh.views.model.job_types import JobTypeView, arguments_schema, job_types
+from mrbt_mesh.views.model.job_types import (
+    JobTypeView,
+    ParameterView,
+    arguments_schema,
+    job_types,
+)
 from mrbt_mesh.views.web.api import (
     CHANGES,
     MAX_EVENTS,
@@ -26,6 +32,7 @@ from mrbt_mesh.views.web.api import (
     Priority,
     Submission,
 )
+from mrbt_mesh.views.web.number_pattern import range_pattern
 
 MODELS = {
     "Job": JobRow,
@@ -260,11 +267,29 @@ def _describe_types(submission: dict[str, Any], mission: Mission) -> None:
     properties["safe"] |= {"minimum": 1, "maximum": len(mission.robots)}
     place = submission
     for kind in job_types(mission):
-        arguments = arguments_schema(kind)
         place["if"] = {"properties": {"type": {"const": kind.name}}}
         needed = {"required": ["arguments"]} if kind.parameters else {}
-        place["then"] = {"properties": {"arguments": arguments}, **needed}
+        place["then"] = {"properties": {"arguments": _arguments(kind)}, **needed}
         place["else"] = place = {}
+
+
+def _arguments(kind: JobTypeView) -> dict[str, Any]:
+    """What a job of this type may be submitted with: by the parameters' names, or in order."""
+    count, values = len(kind.parameters), {each.name: _value(each) for each in kind.parameters}
+    listed: dict[str, Any] = {"type": "array", "minItems": count, "maxItems": count}
+    if count:  # it may not be empty
+        listed |= {"prefixItems": list(values.values()), "items": False}
+    return {"anyOf": [arguments_schema(kind) | {"properties": values}, listed]}
+
+
+def _value(parameter: ParameterView) -> dict[str, Any]:
+    """A number and its text are the same argument."""
+    if parameter.min is None or parameter.max is None:
+        texts = parameter.choices
+        return {"enum": [*texts, *(int(each) for each in texts if is_exact_number(each))]}
+    number = {"type": "integer", "minimum": parameter.min, "maximum": parameter.max}
+    pattern = range_pattern(parameter.min, parameter.max)
+    return {"anyOf": [number, {"type": "string", "pattern": pattern}]}
 
 
 def _numbers(most: int) -> dict[str, Any]:

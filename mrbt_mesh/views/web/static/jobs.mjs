@@ -135,7 +135,7 @@ class SubmitForm {
     this._id ??= newId();
     this._button.disabled = true;
     this._say("", "submitting…");
-    const values = Object.fromEntries([...this._fields].map(([name, field]) => [name, field.value]));
+    const values = Object.fromEntries([...this._fields].map(([name, field]) => [name, field.type === "number" ? Number(field.value) : field.value]));
     const time = (field) => (field.value ? new Date(field.value).toISOString() : null);
     const refused = await this._control.ask("", { id: this._id, type: this._type.value, arguments: values, priority: Number(this._priority.value),
       not_before: time(this._notBefore), deadline: time(this._deadline) });
