@@ -13,6 +13,7 @@ import click
 
 from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail, refuse
 from mrbt_mesh.cli.job_times import job_time, understood
+from mrbt_mesh.cli.job_words import arguments_in
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
@@ -27,7 +28,12 @@ ENDED = ("succeeded", "failed", "cancelled", "expired")
 
 @click.command(cls=MrbtCommand)
 @click.argument("kind", metavar="[TYPE]", required=False, help="A type of jobs of the mission.")
-@click.argument("arguments", metavar="[ARGUMENT]...", nargs=-1, help="Its arguments, in order.")
+@click.argument(
+    "words",
+    metavar="[ARGUMENT]...",
+    nargs=-1,
+    help="Its arguments: all in order, or all as NAME=VALUE.",
+)
 @click.option("--id", "name", metavar="ID", help="Its id; the same id again is the same job.")
 @click.option("--priority", type=int, metavar="N", help="Larger goes first.")
 @click.option(
@@ -60,7 +66,7 @@ ENDED = ("succeeded", "failed", "cancelled", "expired")
 @json_option
 def submit(
     kind: str | None,
-    arguments: Sequence[str],
+    words: Sequence[str],
     name: str | None,
     priority: int | None,
     not_before: datetime | timedelta | None,
@@ -77,7 +83,8 @@ def submit(
     there is a line for each, in the same order; status 1 if the team has refused one.
 
     \b
-    Example: mrbt submit deliver shelf_2 dock_1 --priority 5 --wait
+    Example: mrbt submit deliver shelf_2 dock_1 3 --priority 5 --wait
+             mrbt submit deliver shelf=shelf_2 dock=dock_1 boxes=3
              mrbt submit inspect shelf_5 --not-before 14:30 --deadline +7200
              mrbt submit --stdin < jobs.jsonl
     """
@@ -87,11 +94,12 @@ def submit(
         _submit_lines(team, safe, as_json)
     if kind is None:
         raise InputError("Missing argument 'TYPE': a type of jobs, or --stdin for many jobs")
+    arguments = arguments_in(words)
 
     async def act(client: TeamClient) -> int:
         job = await client.submit(
             kind,
-            *arguments,
+            arguments=arguments,
             job_id=name or "",
             priority=priority,
             not_before=not_before,

@@ -24,6 +24,11 @@ def test_what_lines_say_is_not_said_beside_them(words: list[str], named: str) ->
     assert f"error: {named}with --stdin, lines say which jobs" in said
 
 
+def test_arguments_with_and_without_names_are_refused_before_a_team_is_looked_for() -> None:
+    said = refused(mrbt("submit", "deliver", "shelf=shelf_2", "dock_1", "3"))
+    assert "'shelf=shelf_2' has a name and 'dock_1' has none: give all arguments in order" in said
+
+
 def test_input_without_lines_is_refused_before_a_team_is_looked_for() -> None:
     assert "standard input has no job; one per line is expected" in refused(
         mrbt("submit", "--stdin")
