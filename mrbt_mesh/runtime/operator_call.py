@@ -20,6 +20,7 @@ from mrbt_mesh.core.agent.operator_desk import (
     CONTENDED,
     INVALID,
     NOT_READY,
+    OUT_OF_RANGE,
     CommandStep,
     command_version,
 )
@@ -42,7 +43,8 @@ class CommandRefusedError(InputError):
     """A team has refused a command; the text says why, and what its subject is.
 
     `cause`: `invalid`, `unknown` (there is no such subject), `conflict` (the field has another
-    value for good), `ended` (it is too late), `full`, or `not_heard` (no robot is).
+    value for good), `ended` (it is too late), `out_of_range` (a time), `full`, or `not_heard`
+    (no robot is).
     """
 
     def __init__(self, text: str, cause: str) -> None:
@@ -238,7 +240,8 @@ class OperatorCall:
         it has lost for good, or if no robot that was asked may have written it.
         """
         if step is CommandStep.WRITE:
-            is_malformed = any(each.cause == INVALID for each in refused.values())
+            malformed = INVALID, OUT_OF_RANGE
+            is_malformed = any(each.cause in malformed for each in refused.values())
             if final:
                 return refused[min(final)]
             if takers or not (is_malformed or refused.keys() >= {*asked}):

@@ -21,7 +21,7 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent.operator_desk import INVALID, UNKNOWN, command_version
+from mrbt_mesh.core.agent.operator_desk import INVALID, OUT_OF_RANGE, UNKNOWN, command_version
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import (
@@ -225,9 +225,10 @@ class TeamClient:
             ("deadline", deadline, deadline_us),
         ):
             if given is not None and unix_us <= 0:
-                raise JobRefusedError(f"{field}: before 1970; give a time from now on")
+                text = f"{field}: before 1970; give a time from now on"
+                raise JobRefusedError(text, OUT_OF_RANGE)
             if unix_us > MAX_UNIX_US:
-                raise JobRefusedError(f"{field}: at most a year from now")
+                raise JobRefusedError(f"{field}: at most a year from now", OUT_OF_RANGE)
         hashed = hash_of(json.dumps(content))
         job = [kind, texts, found, not_before_us, deadline_us, hashed]
         done = await self._command_job(JOB, name, job, operator, safe)
@@ -356,7 +357,7 @@ class TeamClient:
             try:
                 return round(moment_of(when).timestamp() * SECOND_US)
             except ValueError as error:
-                raise JobRefusedError(f"{field}: {error}") from None
+                raise JobRefusedError(f"{field}: {error}", OUT_OF_RANGE) from None
         with anyio.move_on_after(CLOCKS_TIMEOUT_S):
             while True:
                 offsets_us = self.watcher.observer.membership.clock_offsets_us()

@@ -10,6 +10,7 @@ from mrbt_mesh.core.agent.operator_desk import (
     ENDED,
     FULL,
     NOT_READY,
+    OUT_OF_RANGE,
     UNKNOWN,
     FieldRule,
     RefusalError,
@@ -94,12 +95,14 @@ class _JobDesk:
             raise RefusalError(f"{context.me} has not read its clock yet", NOT_READY)
         for field, at_us in (("not_before", job.not_before_us), ("deadline", job.deadline_us)):
             if at_us > team_us + MAX_JOB_US:
-                raise RefusalError(f"{field}: at most a year from now, by the team's clocks")
+                text = f"{field}: at most a year from now, by the team's clocks"
+                raise RefusalError(text, OUT_OF_RANGE)
         if job.deadline_us and job.deadline_us <= max(team_us, job.not_before_us):
             is_past = job.deadline_us <= team_us
             past = "has passed, by the team's clocks"
             early = "is before the time at which it may begin"
-            raise RefusalError(f"its deadline {past if is_past else early}; give a later one")
+            text = f"its deadline {past if is_past else early}; give a later one"
+            raise RefusalError(text, OUT_OF_RANGE)
 
     def is_cancelled(self, entry: Entry) -> bool:
         """Whether a job is cancelled already: to cancel it again changes nothing."""

@@ -36,8 +36,10 @@ RESERVED_US = 5 * SECOND_US
 MAX_RESERVED = 10_000
 
 # What is wrong with a command that is refused. UNKNOWN: there is no such subject. CONFLICT: the
-# field has another value for good. FULL: there are too many. ENDED: it is too late.
+# field has another value for good. FULL: there are too many. ENDED: it is too late. OUT_OF_RANGE: a
+# time is too far away or has passed, so that it was, or will be, right at another moment.
 INVALID, UNKNOWN, CONFLICT, FULL, ENDED = "invalid", "unknown", "conflict", "full", "ended"
+OUT_OF_RANGE = "out_of_range"
 # Another robot may take it, or this one in a moment; another client has reserved the field.
 NOT_READY, CONTENDED = "not_ready", "contended"
 

@@ -12,7 +12,14 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount, Route
 
-from mrbt_mesh.core.agent.operator_desk import CONFLICT, CONTENDED, ENDED, FULL, UNKNOWN
+from mrbt_mesh.core.agent.operator_desk import (
+    CONFLICT,
+    CONTENDED,
+    ENDED,
+    FULL,
+    OUT_OF_RANGE,
+    UNKNOWN,
+)
 from mrbt_mesh.runtime.operator_call import NOT_HEARD, CommandRefusedError
 
 STATUS_OF_CAUSE = {
@@ -20,6 +27,7 @@ STATUS_OF_CAUSE = {
     CONFLICT: 409,
     CONTENDED: 409,
     ENDED: 409,
+    OUT_OF_RANGE: 409,
     FULL: 503,
     NOT_HEARD: 503,
 }

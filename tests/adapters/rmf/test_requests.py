@@ -118,7 +118,7 @@ def test_a_task_from_dispatch_to_cancellation(api: TaskApi) -> None:
         (dispatch(unix_millis_earliest_start_time=10**30), 422, "no time in this era", True),
         (
             dispatch(unix_millis_earliest_start_time=1_900_000_000_000),
-            422,
+            409,
             "unix_millis_earliest_start_time: at most a year from now",
             False,
         ),
