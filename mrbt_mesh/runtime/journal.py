@@ -68,6 +68,10 @@ _REASONS = {
 JOURNAL_ERRORS = (sqlite3.Error, OSError)
 
 
+EMPTY = "journal is empty, as if this robot had never written to it"
+LOST = "what no other robot knows of it is lost"
+
+
 class DamagedError(Exception):
     """The journal does not hold what was written to it, or is that of another run."""
 
@@ -98,7 +102,7 @@ class Journal:
         self._commits = 0
         self._database: sqlite3.Connection | None = None
         self._file: tuple[int, int] | None = None
-        # For people, of the last file that could not be used; empty if there was none.
+        # For people, of the last file that held nothing or could not be used; else empty.
         self.set_aside_text = ""
 
     @property
@@ -130,12 +134,13 @@ class Journal:
             return self._open()
         except DamagedError as error:
             self._set_aside(str(error))
-            self.set_aside_text += ", and what no other robot knows of it is lost"
+            self.set_aside_text += f", and {LOST}"
         return self._open()
 
     def _open(self) -> tuple[Entry, ...]:
         self.close()
-        size = self.path.stat().st_size if self.path.exists() else 0
+        was_there = self.path.exists()
+        size = self.path.stat().st_size if was_there else 0
         written = _frames(self._beside("-wal"))
         try:
             if not os.path.lexists(self.path):
@@ -157,6 +162,9 @@ class Journal:
             elif size not in (0, PAGE_BYTES):
                 raise DamagedError("damaged: it has no tables")
             else:
+                if was_there:
+                    self.set_aside_text = f"{EMPTY}: {LOST}"
+                    self._log("error", "journal_empty")
                 entries = self._create(database)
             self._check_tail(database, written)
             found = self.path.stat()
@@ -356,6 +364,7 @@ def _read_copy(journal: Journal) -> tuple[Entry, ...]:
         try:
             return opened._open()
         finally:
+            journal.set_aside_text = opened.set_aside_text
             opened.close()
 
 
@@ -368,15 +377,20 @@ def read_journals(
 ) -> dict[str, tuple[Entry, ...]]:
     """Robot -> the entries in its journal; one that is missing or cannot be used holds none.
 
-    They are read from copies: their robots repair them. `on_problem` is told of each that is there
-    and cannot be used.
+    They are read from copies: their robots repair them. `on_problem` is told of each that cannot be
+    used, or is missing or empty though its robot has run.
     """
     found: dict[str, tuple[Entry, ...]] = dict.fromkeys(robots, ())
     for robot in found:
         path = journal_path(run_dir, robot)
         try:
             if path.exists():
-                found[robot] = _read_copy(Journal(path, mission, run, robot, _ignore))
+                copy = Journal(path, mission, run, robot, _ignore)
+                found[robot] = _read_copy(copy)
+                if copy.set_aside_text:
+                    on_problem(f"{path} is empty: {LOST}")
+            elif (run_dir / f"{robot}.process").exists():
+                on_problem(f"{path} is missing: {LOST}")
         except DamagedError as error:
             on_problem(f"{path} cannot be used: {error}")
         except JOURNAL_ERRORS as error:

@@ -150,6 +150,24 @@ def test_journals_that_cannot_be_used_are_named_to_who_reads_them(tmp_path: Path
     found = read_journals(tmp_path, ("A1", "B1", "C1"), MISSION, RUN, problems.append)
     assert found == {"A1": (entry("A1"),), "B1": (), "C1": ()}
     assert problems == [f"{damaged} cannot be used: damaged: file is not a database"]
+    (tmp_path / "C1.process").touch()
+    journal_path(tmp_path, "A1").write_bytes(b"")
+    problems.clear()
+    assert read_journals(tmp_path, ("A1", "C1"), MISSION, RUN, problems.append) == {
+        "A1": (),
+        "C1": (),
+    }
+    lost = "what no other robot knows of it is lost"
+    assert problems == [
+        f"{journal_path(tmp_path, 'A1')} is empty: {lost}",
+        f"{journal_path(tmp_path, 'C1')} is missing: {lost}",
+    ]
+    emptied = Journal(journal_path(tmp_path, "A1"), MISSION, RUN, "A1", Diary())
+    assert (emptied.open(), emptied.set_aside_text) == (
+        (),
+        f"journal is empty, as if this robot had never written to it: {lost}",
+    )
+    emptied.close()
     second = Journal(damaged, MISSION, RUN, "B1", Diary())
     assert second.open() == ()
     assert second.set_aside_text == (

@@ -388,9 +388,11 @@ def join(
     import psutil
 
     from mrbt_mesh.cli.finished import reopen, start_summary_writer
+    from mrbt_mesh.cli.terminal import warn
     from mrbt_mesh.core.membership.timing import SECOND_US
     from mrbt_mesh.core.mission.names import is_robot_id
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.journal import read_journals
     from mrbt_mesh.runtime.known_runs import find_run
     from mrbt_mesh.runtime.team import Team, address_of
     from mrbt_mesh.runtime.watcher import watching
@@ -412,6 +414,8 @@ def join(
         raise InputError(f"{text}: stop it first, or replace it with --takeover")
     had_ended = reopen(found)
     team = Team(found, found.info(), mission)
+    if running is None:
+        read_journals(found.path, [robot], mission.team_digest, team.info.run, warn)
 
     async def start() -> int | None:
         """The robot's exit status if it ends instead of joining, None if it has joined."""
