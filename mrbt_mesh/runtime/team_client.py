@@ -292,9 +292,11 @@ class TeamClient:
         """End the mission as failed; it cannot be undone."""
         return await self._command_team(ABORTED, True, operator)
 
-    async def decide(self, global_task: str, decision: str, operator: str = "") -> Acknowledged:
+    async def decide(
+        self, global_task: str, decision: str, job: str = "", operator: str = ""
+    ) -> Acknowledged:
         """Decide that an exclusive task in doubt is `done` or `failed`, or have it tried again
-        (`retry`).
+        (`retry`). `job`: the one that it is of, needed where it is in doubt in several.
         """
         if decision not in [*Decision]:
             text = f"no decision {decision!r:.80}; there is {', '.join(Decision)}"
@@ -305,6 +307,14 @@ class TeamClient:
             listed = ", ".join(sorted(names)) or "none"
             text = f"{global_task!r:.80} is not in doubt (in doubt: {listed})"
             raise CommandRefusedError(text, UNKNOWN)
+        by_job = sorted({parse_activation(activation).job for activation, _ in found})
+        if job not in by_job and (job or len(by_job) > 1):
+            listed = ", ".join(each or "none" for each in by_job)
+            raise CommandRefusedError(
+                f"{global_task} is in doubt in the jobs {listed}: name one", UNKNOWN
+            )
+        if job:
+            found = [each for each in found if parse_activation(each[0]).job == job]
         for activation, coalition in found:
             name = f"{DECISION}/{activation}/{coalition}"
             done = await self._command(name, decision, operator, is_checked=True, rest_s=REST_S)

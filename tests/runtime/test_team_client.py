@@ -9,6 +9,7 @@ import pytest
 
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JobArchive
+from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import JobRefusedError
 from tests.support.one_robot import DeskClient
 
@@ -82,5 +83,30 @@ def test_the_end_of_a_job_that_ended_long_ago_is_told_at_once() -> None:
         assert (await again.done()).state == "ended"
         with pytest.raises(JobRefusedError, match="ended long ago; choose another id"):
             await submitted(client, priority=4)
+
+    anyio.run(main)
+
+
+def test_of_several_jobs_in_doubt_one_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    doubts = [(f"r:7@{job}:once(77)::0", f"D{number}.1") for number, job in enumerate(("o1", "o2"))]
+    decided: list[str] = []
+
+    async def command(_: object, name: str, *__: object, **___: object) -> None:
+        decided.append(name.split("@")[1].split(":")[0])
+
+    monkeypatch.setattr(DeskClient, "_in_doubt", lambda _: {"once(77)": doubts})
+    monkeypatch.setattr(DeskClient, "_command", command)
+
+    async def main() -> None:
+        client = DeskClient()
+        for job in ("", "o3"):
+            with pytest.raises(CommandRefusedError, match="in doubt in the jobs o1, o2: name one"):
+                await client.decide("once(77)", "done", job)
+        assert decided == []
+        await client.decide("once(77)", "done", "o2")
+        assert decided == ["o2"]
+        doubts.pop()
+        await client.decide("once(77)", "done")
+        assert decided == ["o2", "o1"]
 
     anyio.run(main)

@@ -19,6 +19,8 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import WARNING
 
 if TYPE_CHECKING:
+    import psutil
+
     from mrbt_mesh.runtime.operator_call import Acknowledged
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.team_client import TeamClient
@@ -251,6 +253,15 @@ resume = _team_command("resume", "Resume the work of a paused team.")
 abort = _team_command("abort", "End the mission as failed. It cannot be undone.")
 
 
+def _running_text(robot: str, running: psutil.Process) -> str:
+    import psutil
+
+    text = f"robot {robot} is already running (pid {running.pid})"
+    if running.status() == psutil.STATUS_STOPPED:
+        return f"{text} and frozen: `mrbt thaw {robot}` lets it go on"
+    return f"{text}: stop it first, or replace it with --takeover"
+
+
 @click.command(cls=MrbtCommand)
 @click.argument("global_task", metavar="GLOBAL_TASK", help="An exclusive task that is in doubt.")
 @click.argument(
@@ -259,20 +270,20 @@ abort = _team_command("abort", "End the mission as failed. It cannot be undone."
     type=click.Choice(("done", "failed", "retry")),
     help="done or failed: how it ended; retry: it starts again.",
 )
+@click.option("--job", metavar="ID", default="", help="The job that it is of, if several have it.")
 @team_options
 @json_option
-def decide(global_task: str, decision: str, team: TeamOptions, as_json: bool) -> None:
+def decide(global_task: str, decision: str, job: str, team: TeamOptions, as_json: bool) -> None:
     """Decide about an exclusive task whose robot vanished while doing it.
 
     Example: mrbt decide "dose(2)" done
     """
 
     async def give(client: TeamClient) -> str:
-        done = await client.decide(global_task, decision)
+        done = await client.decide(global_task, decision, job)
+        what = f"{global_task} of job {job}" if job else global_task
         is_retry = decision == "retry"
-        return done.text(
-            f"{global_task} {'is tried again' if is_retry else f'counts as {decision}'}"
-        )
+        return done.text(f"{what} {'is tried again' if is_retry else f'counts as {decision}'}")
 
     _operate(team, as_json, give)
 
@@ -385,7 +396,6 @@ def join(
     Example: mrbt join C1
     """
     import anyio
-    import psutil
 
     from mrbt_mesh.cli.finished import reopen, start_summary_writer
     from mrbt_mesh.cli.terminal import warn
@@ -408,10 +418,7 @@ def join(
         raise InputError(f"the mission has no robot {robot}: give its --type ({types})")
     running = found.process(robot)
     if running is not None and not takeover:
-        text = f"robot {robot} is already running (pid {running.pid})"
-        if running.status() == psutil.STATUS_STOPPED:
-            raise InputError(f"{text} and frozen: `mrbt thaw {robot}` lets it go on")
-        raise InputError(f"{text}: stop it first, or replace it with --takeover")
+        raise InputError(_running_text(robot, running))
     had_ended = reopen(found)
     team = Team(found, found.info(), mission)
     if running is None:

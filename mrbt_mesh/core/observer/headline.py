@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.facts.records import (
@@ -173,7 +174,9 @@ def _blocked(observer: Observer) -> Iterator[Statement]:
             parts += _remedies(observer, shortage)
         if each.obstacle.startswith(LACKS_GRANTS):
             parts += _who_could_grant(observer)
-        yield Statement(Level.BAD, f"BLOCKED: {each.global_task}: {': '.join(parts)}")
+        job = parse_activation(each.activation).job
+        name = f"{each.global_task} of job {job}" if job else each.global_task
+        yield Statement(Level.BAD, f"BLOCKED: {name}: {': '.join(parts)}")
     if len(waiting) > MOST_BLOCKED:
         yield Statement(Level.BAD, f"BLOCKED: {len(waiting) - MOST_BLOCKED} more tasks")
 
