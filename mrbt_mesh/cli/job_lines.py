@@ -10,8 +10,9 @@ from typing import IO, TYPE_CHECKING, Any
 
 import anyio
 
-from mrbt_mesh.cli.job_times import passed_text, time_of, understood
+from mrbt_mesh.cli.job_times import passed_text, time_of, times_problem, understood
 from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.formats.json_text import bounded_whole, without_doubles
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_client import TeamClient
@@ -64,7 +65,8 @@ class Result:
     def text(self) -> str:
         """For people: the id, or what is wrong."""
         if self.problem:
-            return f"line {self.line.number}: {self.line.id}: {self.problem}"
+            problem = self.problem.removeprefix(f"{self.line.id}: ")
+            return f"line {self.line.number}: {self.line.id}: {problem}"
         return self.line.id
 
 
@@ -144,10 +146,12 @@ def _job_of(line: bytes, number: int) -> JobLine:
 def _object_in(line: bytes) -> dict[str, Any]:
     """The JSON object of a line; raises ValueError."""
     try:
-        data = json.loads(line.decode("utf-8"))
+        # Some programs begin a file with a mark of its encoding.
+        text = line.decode("utf-8-sig")
+        data = json.loads(text, object_pairs_hook=without_doubles, parse_int=bounded_whole)
     except UnicodeDecodeError:
         raise ValueError("not in UTF-8") from None
-    except (ValueError, RecursionError) as error:
+    except (json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"no JSON: {error}") from None
     if not isinstance(data, dict):
         raise ValueError('a JSON object is expected, e.g. {"type": "deliver", "arguments": []}')
@@ -193,7 +197,7 @@ def checked(
             arguments = client.arguments_of(line.type, line.arguments)
             name = line.id or new_job_id()
             kind = client.check_job(line.type, arguments, name, line.priority, wanted)
-            if problem := kind.problem(arguments):
+            if problem := kind.problem(arguments) or times_problem(line.not_before, line.deadline):
                 raise JobRefusedError(problem)
         except JobRefusedError as error:
             problems.add(line.number, error)

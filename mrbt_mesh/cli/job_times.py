@@ -41,6 +41,20 @@ def time_of(text: str) -> tuple[datetime | timedelta, bool]:
     return moment, is_of_today and moment < datetime.now(UTC)
 
 
+def times_problem(
+    not_before: datetime | timedelta | None, deadline: datetime | timedelta | None
+) -> str:
+    """Why a job with these times could never be done, by this machine's clock; empty: it could."""
+    now = datetime.now(UTC)
+    begin, end = (
+        now + each if isinstance(each, timedelta) else each for each in (not_before, deadline)
+    )
+    if end is None or end > max(now, begin or now):
+        return ""
+    what = "has passed" if end <= now else "is before the time at which it may begin"
+    return f"its deadline {what}; give a later one"
+
+
 def passed_text(text: str) -> str:
     """What is said of a time of today, at which a job may begin, that has passed."""
     return f"{text} today has passed: it may begin at once"

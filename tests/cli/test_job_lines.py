@@ -44,12 +44,23 @@ def test_a_job_is_what_its_line_says() -> None:
     assert (second.number, second.deadline, bool(second.id)) == (3, timedelta(seconds=60), True)
 
 
+INSPECT = {"type": "inspect", "arguments": ["shelf_1"]}
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         (b"{", "no JSON: "),
         (b"[" * 60_000, "no JSON: "),
         (b"\xff", "not in UTF-8"),
+        (b'{"type": "inspect", "type": "paint"}', "'type' is given twice"),
+        (b'{"type": "inspect", "priority": ' + b"1" * 5000 + b"}", "a number of 5000 digits"),
+        ({**INSPECT, "deadline": "+0"}, "its deadline has passed; give a later one"),
+        (
+            {**INSPECT, "deadline": "+5", "not_before": "+6"},
+            "its deadline is before the time at which it may begin",
+        ),
+        ({**INSPECT, "deadline": "2001-01-01T00:00Z"}, "its deadline has passed"),
         (b" " * 70_000 + b"{}", "longer than 65536 bytes"),
         ([], "a JSON object is expected"),
         ({"typ": "inspect"}, "no key 'typ'; did you mean 'type'?"),
@@ -81,6 +92,19 @@ def test_a_wrong_line_is_refused_with_its_number(line: object, message: str) -> 
     assert first.startswith(f"line 3: {message}" if "is no id" not in message else "line 3: ")
     assert message in first
     assert last == "no job was submitted"
+
+
+def test_a_mark_of_the_encoding_is_no_part_of_the_first_line() -> None:
+    (job,) = read(b"\xef\xbb\xbf" + json.dumps(INSPECT).encode())
+    assert job.type == "inspect"
+
+
+def test_an_id_is_said_once() -> None:
+    line = JobLine(number=3, type="inspect", id="one")
+    assert (
+        Result(line, problem="one: nothing was written").text()
+        == "line 3: one: nothing was written"
+    )
 
 
 def test_all_wrong_lines_are_said_up_to_a_limit() -> None:

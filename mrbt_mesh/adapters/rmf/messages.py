@@ -67,11 +67,14 @@ def task_state(row: Mapping[str, Any], history: TaskHistory, fleet: str) -> dict
     """A `task_state` of a row, a JobRow as a mapping. RMF assigns a task to one robot: the first
     of those that work on it.
     """
+    priority = history.priority
+    if priority is None and row["priority"] is not None:
+        priority = {"type": "value", "value": row["priority"]}
     is_dispatched = bool(row["robots"]) or row["state"] not in OPEN
     state: dict[str, Any] = {
         "booking": {
             "id": row["id"],
-            "priority": history.priority or {"type": "value", "value": row["priority"]},
+            **({"priority": priority} if priority is not None else {}),
             "labels": history.labels,
             "requester": row["operator"],
         },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, NoReturn
@@ -94,13 +94,17 @@ def submit(
         _submit_lines(team, safe, as_json)
     if kind is None:
         raise InputError("Missing argument 'TYPE': a type of jobs, or --stdin for many jobs")
-    arguments = arguments_in(words)
+    from mrbt_mesh.runtime.team_client import new_job_id
+
+    arguments, job_id = arguments_in(words), name or new_job_id()
+    interrupted = f"interrupted: `mrbt jobs` shows whether {job_id} was taken"
 
     async def act(client: TeamClient) -> int:
+        nonlocal interrupted
         job = await client.submit(
             kind,
             arguments=arguments,
-            job_id=name or "",
+            job_id=job_id,
             priority=priority,
             not_before=not_before,
             deadline=deadline,
@@ -108,16 +112,22 @@ def submit(
         )
         times = understood(not_before=not_before, deadline=deadline)
         if times and not as_json:
-            listed = ", ".join(f"{name} {text}" for name, text in times.items())
-            click.echo(f"in UTC: {listed}", err=True)
+            click.echo(_in_utc(times), err=True)
         if not wait:
             click.echo(json.dumps({"id": job.id} | times) if as_json else job.id)
             return SUCCESS
+        interrupted = f"interrupted: {job.id} goes on (`mrbt job cancel {job.id}` ends it)"
+        click.echo(f"{job.id} is submitted", err=True)
         end = await job.done()
         click.echo(json.dumps(asdict(end)) if as_json else _line(end))
         return SUCCESS if end.state == "succeeded" else FAILURE
 
-    _with_client(team, act, FAILURE)
+    _with_client(team, act, lambda: interrupted)
+
+
+def _in_utc(times: Mapping[str, str]) -> str:
+    listed = ", ".join(f"{name} {text}" for name, text in times.items())
+    return f"in UTC: {listed}"
 
 
 def _submit_lines(team: TeamOptions, safe: int | None, as_json: bool) -> NoReturn:
@@ -126,19 +136,30 @@ def _submit_lines(team: TeamOptions, safe: int | None, as_json: bool) -> NoRetur
 
     problems = Problems()
     lines = read_lines(sys.stdin.buffer, problems)
+    shown = 0
 
     def show(result: Result) -> None:
+        nonlocal shown
+        shown += 1
         click.echo(json.dumps(result.data()) if as_json else result.text())
 
     async def act(client: TeamClient) -> int:
         jobs = checked(client, lines, safe, problems)
         problems.check()
         for each in jobs:
-            for text in each.notes:
+            times = understood(not_before=each.not_before, deadline=each.deadline)
+            notes = [*each.notes, *([_in_utc(times)] if times and not as_json else [])]
+            for text in notes:
                 click.echo(f"line {each.number}: {text}", err=True)
         return SUCCESS if await hand_in(client, jobs, show) else FAILURE
 
-    _with_client(team, act, FAILURE)
+    def interrupted() -> str:
+        return (
+            f"interrupted after {shown} of {len(lines)} jobs; `mrbt jobs` shows which others were "
+            "taken (lines with an id can be given again)"
+        )
+
+    _with_client(team, act, interrupted)
 
 
 @click.command(cls=MrbtCommand)
@@ -245,10 +266,13 @@ def _line(row: JobRow) -> str:
 
 
 def _with_client(
-    team: TeamOptions, act: Callable[[TeamClient], Awaitable[int]], interrupted: int = SUCCESS
+    team: TeamOptions,
+    act: Callable[[TeamClient], Awaitable[int]],
+    interrupted: Callable[[], str] | None = None,
 ) -> NoReturn:
-    """Attach to a team that takes jobs, act, and end the process with the status of `act`, or with
-    `interrupted` after Ctrl-C.
+    """Attach to a team that takes jobs, act, and end the process with the status of `act`.
+
+    After Ctrl-C with FAILURE, and what `interrupted` says then; without it, it is no failure.
     """
     import anyio
 
@@ -265,5 +289,7 @@ def _with_client(
     except TimeoutError as error:
         fail(str(error), FAILURE)
     except KeyboardInterrupt:
-        status = interrupted
+        status = SUCCESS
+        if interrupted is not None:
+            fail(interrupted(), FAILURE)
     raise SystemExit(status)

@@ -270,17 +270,19 @@ def _running_text(robot: str, running: psutil.Process) -> str:
     type=click.Choice(("done", "failed", "retry")),
     help="done or failed: how it ended; retry: it starts again.",
 )
-@click.option("--job", metavar="ID", default="", help="The job that it is of, if several have it.")
+@click.option("--job", metavar="ID", help="The job that it is of, if several have it.")
 @team_options
 @json_option
-def decide(global_task: str, decision: str, job: str, team: TeamOptions, as_json: bool) -> None:
+def decide(
+    global_task: str, decision: str, job: str | None, team: TeamOptions, as_json: bool
+) -> None:
     """Decide about an exclusive task whose robot vanished while doing it.
 
     Example: mrbt decide "dose(2)" done
     """
 
     async def give(client: TeamClient) -> str:
-        done = await client.decide(global_task, decision, job)
+        done = await client.decide(global_task, decision, job or "")
         what = f"{global_task} of job {job}" if job else global_task
         is_retry = decision == "retry"
         return done.text(f"{what} {'is tried again' if is_retry else f'counts as {decision}'}")

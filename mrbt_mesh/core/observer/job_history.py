@@ -14,7 +14,8 @@ OPEN = "open"
 class JobHistory:
     """One job. Times are on the observer's clock, None if they passed before it watched.
 
-    `not_before_us`, `deadline_us`: Unix times, 0: none. `attempts`: how often its tree has begun.
+    `priority`, `not_before_us`, `deadline_us` (Unix times, 0: none): None if it had ended before.
+    `attempts`: how often its tree has begun. `worked`: the robots that have worked on it.
     `results`: the job's own entries of the blackboard that were set, as texts. `state`: None while
     it is open. `robots`: those that have worked on it, once it has ended. `wait_us`: from when it
     could begin until it did; `late_us`: how long after its deadline it ended. None: not known.
@@ -30,9 +31,11 @@ class JobHistory:
     ended_us: int | None = None
     has_begun: bool = False
     has_ended: bool = False
-    not_before_us: int = 0
-    deadline_us: int = 0
+    priority: int | None = None
+    not_before_us: int | None = None
+    deadline_us: int | None = None
     attempts: int = 0
+    worked: set[str] = field(default_factory=set)
     results: dict[str, str] = field(default_factory=dict)
     _unix: dict[str, int] = field(default_factory=dict)
 

@@ -54,12 +54,16 @@ class JobLog:
         at_us = None if is_older else now_us
         match entry.record:
             case Claim(activation=name, phase=phase):
-                self._claimed(name, phase, at_us)
+                self._claimed(entry.author, name, phase, at_us)
             case OperatorCommand(value=Job() as job):
                 history = self._of(entry.parts[1])
                 history.type = history.type or job.type
                 history.submitted_us = at_us
                 history.not_before_us, history.deadline_us = job.not_before_us, job.deadline_us
+                if history.priority is None:
+                    history.priority = job.priority
+            case OperatorCommand(value=int(priority)) if entry.parts[0] == records.JOB_PRIORITY:
+                self._of(entry.parts[1]).priority = priority
             case OperatorCommand() if entry.parts[0] == records.JOB_CANCELLED:
                 self._ended(entry.parts[1], at_us).ends(JobState.CANCELLED, ())
             case JobEnd() as end:
@@ -71,14 +75,16 @@ class JobLog:
                 name = split_owner(entry.parts[1])[0]
                 self._of(of_job).results[name] = self._mission.entry_text(entry.parts[1], value)
 
-    def _claimed(self, name: str, phase: Phase, at_us: int | None) -> None:
+    def _claimed(self, robot: str, name: str, phase: Phase, at_us: int | None) -> None:
         activation = parse_activation(name)
         if not activation.job:
             return
         history = self._of(activation.job)
-        if phase is not Phase.CLAIMED and not history.has_begun:
-            history.has_begun, history.begun_us = True, at_us
-            self._waited(history)
+        if phase is not Phase.CLAIMED:
+            history.worked.add(robot)
+            if not history.has_begun:
+                history.has_begun, history.begun_us = True, at_us
+                self._waited(history)
         used = activation.attempts[0] if self._is_retried(activation.node) else 0
         history.attempts = max(history.attempts, used + 1)
 

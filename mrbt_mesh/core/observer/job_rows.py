@@ -13,6 +13,7 @@ from mrbt_mesh.core.mission.job_arguments import Argument, named_arguments
 from mrbt_mesh.core.mission.jobs import utc_text
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.planning.demands import IN_DOUBT
 from mrbt_mesh.core.planning.plan import Plan
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
@@ -24,11 +25,12 @@ class JobRow:
     mission was aborted, or is over, all that were open are cancelled.
 
     `arguments`: parameter -> value, a number where the parameter is one. `why`: what it waits for,
-    or why it has failed. `robots`: those that work on it, or have. Times are Unix times.
-    `not_before_us`, `deadline_us`: 0 if there is none. What follows is as the observer has seen it:
-    `submitted_us`, `begun_us` and `ended_us` are None if that has not happened while it watched,
-    `attempts` is how often the job's tree has begun, and `results` are the entries that its tasks
-    have set.
+    or why it has failed. `robots`: those that work on it, else those that have. Times are Unix
+    times. `not_before_us`, `deadline_us`: 0 if there is none. Of a job that had ended before it was
+    observed these and `priority` are None, as only its end is kept. What follows is as the observer
+    has seen it: `submitted_us`, `begun_us`, `ended_us` are None if that has not happened while it
+    watched, `attempts` is how often the job's tree has begun, and `results` are the entries that
+    its tasks have set.
     """
 
     id: str
@@ -36,11 +38,11 @@ class JobRow:
     arguments: dict[str, Argument]
     state: str
     why: str
-    priority: int
+    priority: int | None
     robots: tuple[str, ...]
     operator: str
-    not_before_us: int = 0
-    deadline_us: int = 0
+    not_before_us: int | None = 0
+    deadline_us: int | None = 0
     submitted_us: int | None = None
     begun_us: int | None = None
     ended_us: int | None = None
@@ -74,11 +76,19 @@ class JobRows:
             history = jobs.get(row.id)
             if history is None:
                 return row
-            has_ended = row.state not in (HELD, WAITING, RUNNING)
+            has_ended, robots = row.state not in (HELD, WAITING, RUNNING), row.robots
+            if has_ended:
+                row = replace(
+                    row,
+                    priority=history.priority,
+                    not_before_us=history.not_before_us,
+                    deadline_us=history.deadline_us,
+                )
+            if row.state != RUNNING:
+                robots = tuple(sorted(history.worked.union(robots)))
             return replace(
                 row,
-                not_before_us=history.not_before_us,
-                deadline_us=history.deadline_us,
+                robots=robots,
                 submitted_us=history.unix_us("submitted", ahead_us),
                 begun_us=history.unix_us("begun", ahead_us),
                 ended_us=history.unix_us("ended", ahead_us) if has_ended else None,
@@ -119,6 +129,7 @@ class JobRows:
                 working.setdefault(parse_activation(claim.activation).job, []).append(robot)
         reasons = _reasons(plan)
         in_tree = {job.id for job in facts.jobs.in_tree()}
+        behind = _behind(in_tree, reasons)
         before, types = self._made, facts.mission.jobs
         made: dict[str, tuple[KnownJob, int, tuple[int, ...], JobRow]] = {}
         lively = frozenset((*working, *reasons, *in_tree))
@@ -140,7 +151,7 @@ class JobRows:
                 if not facts.jobs.fits(known.job):
                     why = "the mission in force has no place for it"
                 elif name not in in_tree:
-                    why = "behind others"
+                    why = behind
                 arguments = named_arguments(types, known.job.type, known.job.arguments)
                 row = _open(known, arguments, working.get(name, []), why)
                 place = (0, -known.priority, known.arrival)
@@ -157,6 +168,13 @@ def why_over(observer: Observer) -> str:
     return "" if observer.record.result is None else "the mission is over"
 
 
+def _behind(in_tree: Collection[str], reasons: Mapping[str, str]) -> str:
+    """Why a job is not in the tree: it is full, perhaps of jobs that an operator has to decide."""
+    doubted = sum(reasons.get(job, "").startswith(f"blocked: {IN_DOUBT}") for job in in_tree)
+    more = f", {doubted} of them in doubt (`mrbt decide`)" if doubted else ""
+    return f"behind others{more}"
+
+
 def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
     end = known.end
     assert end is not None
@@ -167,9 +185,11 @@ def _ended(known: KnownJob, types: Mapping[str, JobType]) -> JobRow:
         named_arguments(types, end.type, end.arguments),
         str(end.state),
         why,
-        known.priority,
+        None,
         end.robots,
         end.operator,
+        None,
+        None,
     )
 
 

@@ -249,6 +249,7 @@ def incarnations(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
 
 
 # How it begins that an exclusive request lacks robots that may grant it.
+IN_DOUBT = "in doubt"
 LACKS_GRANTS = "exclusive: needs grants from"
 
 
@@ -263,7 +264,7 @@ def obstacle(
     doubted = found.in_doubt(facts.grantors)
     if doubted and task.in_doubt is not InDoubtPolicy.RETRY:
         names = ", ".join(sorted({token.leader for token in doubted}))
-        return f"in doubt: nobody knows how far {names} got; `mrbt decide` says how it goes on"
+        return f"{IN_DOUBT}: nobody knows how far {names} got; `mrbt decide` says how it goes on"
     token = coalition_at_work(facts, task, request.activation, incarnations(team))
     if token is not None:
         if any(demand.pinned for demand in group):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -10,6 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 
 from mrbt_mesh.errors import nearest
+from mrbt_mesh.formats.json_text import without_doubles
 from mrbt_mesh.formats.problems import found
 
 JSON = "application/json"
@@ -49,11 +51,22 @@ async def json_body(request: Request, limit_bytes: int) -> bytes:
 async def read_body(request: Request, model: type[_Model]) -> _Model:
     """The body as a model; an empty one is an empty object. Raises as `json_body`, and 422."""
     body = await json_body(request, MAX_BODY_BYTES)
+    _refuse_doubles(body)
     try:
         return model.model_validate_json(body or b"{}")
     except ValidationError as error:
         details = error.errors(include_url=False)[:MOST_PROBLEMS]
         raise HTTPException(422, "; ".join(_text(model, each) for each in details)) from None
+
+
+def _refuse_doubles(body: bytes) -> None:
+    """Raise HTTPException 422 for an object with a name twice, of which one would be ignored."""
+    try:
+        json.loads(body or b"{}", object_pairs_hook=without_doubles, parse_int=str)
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError):
+        return  # said where it is read
+    except ValueError as error:
+        raise HTTPException(422, str(error)) from None
 
 
 def _text(model: type[BaseModel], detail: ErrorDetails) -> str:

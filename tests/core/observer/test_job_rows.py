@@ -6,6 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.facts.records import JobEnd, JobState
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.observer.job_rows import JobRows
 from mrbt_mesh.core.observer.observer import Observer
@@ -56,6 +58,26 @@ def test_numbers_are_numbers_while_a_job_is_open_and_when_it_has_ended() -> None
     context.facts.prune()
     (row,) = rows.update(context.facts, None, ())
     assert (row.state, row.arguments) == ("cancelled", expected)
+
+
+def test_an_ended_job_is_told_as_it_was_seen_or_as_not_known() -> None:
+    """Of one that has ended the team keeps how, and neither its priority nor its times."""
+    seen, late = (Observer(MISSION, "r", Timing(), min_cost_flow) for _ in range(2))
+    end = JobEnd(JobState.SUCCEEDED, "inspect", ("shelf_1",), "me", "", ("D2",), 5)
+    ends = [
+        make_entry(robot, "job_end/a", Version(Incarnation(1, "n"), 5), end)
+        for robot in ("D1", "D2")
+    ]
+    seen.record.fact(submission("a", "inspect", "shelf_1", priority=7, deadline_us=9), 1)
+    seen.record.fact(command("job_priority/a", 8, 3), 2)
+    for observer in (seen, late):
+        observer.facts.map.merge(ends)
+        for each in ends:
+            observer.record.fact(each, 3)
+    (row,), (unseen,) = JobRows().of(seen), JobRows().of(late)
+    assert (row.state, row.priority, row.not_before_us, row.deadline_us) == ("succeeded", 8, 0, 9)
+    assert (unseen.priority, unseen.not_before_us, unseen.deadline_us) == (None, None, None)
+    assert row.robots == unseen.robots == ("D2",)
 
 
 def test_no_job_of_a_mission_that_was_aborted_goes_on() -> None:

@@ -97,6 +97,12 @@ def test_a_wrong_job_is_a_problem_with_its_remedy(body: Any, status: int, text: 
     assert text in answer.json()["detail"]
 
 
+def test_a_field_that_is_given_twice_is_refused() -> None:
+    body = b'{"type": "inspect", "arguments": {"where": "shelf_1", "where": "shelf_2"}}'
+    answer = page().post("/jobs", content=body, headers={"content-type": "application/json"})
+    assert (answer.status_code, answer.json()["detail"]) == (422, "'where' is given twice")
+
+
 def test_null_is_called_so() -> None:
     headers = {"content-type": "application/json"}
     detail = page().post("/jobs", content="null", headers=headers).json()["detail"]
