@@ -12,10 +12,11 @@ from mrbt_mesh.version import __version__
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.context import RobotContext, TaskContext
+    from mrbt_mesh.runtime.job_requests import JobRefusedError
     from mrbt_mesh.runtime.program import RobotProgram
     from mrbt_mesh.runtime.program_function import ProgramError
     from mrbt_mesh.runtime.robot_options import RobotOptions
-    from mrbt_mesh.runtime.team_client import JobHandle, JobRefusedError, TeamClient, connect
+    from mrbt_mesh.runtime.team_client import JobHandle, TeamClient, connect
     from mrbt_mesh.runtime.team_member import (
         Assignment,
         NotInTeamError,
@@ -46,7 +47,7 @@ __all__ = [
 
 _MODULES = {
     "JobHandle": "team_client",
-    "JobRefusedError": "team_client",
+    "JobRefusedError": "job_requests",
     "TeamClient": "team_client",
     "connect": "team_client",
     "ProgramError": "program_function",

@@ -188,7 +188,8 @@ def checked(
     """The jobs with their arguments in order, and with ids; adds to `problems` what the team's
     mission does not have. `safe`: for lines that say nothing.
     """
-    from mrbt_mesh.runtime.team_client import JobRefusedError, new_job_id
+    from mrbt_mesh.runtime.job_requests import JobRefusedError
+    from mrbt_mesh.runtime.team_client import new_job_id
 
     found, by_id = [], dict[str, int]()
     for line in lines:
@@ -215,7 +216,8 @@ async def hand_in(
     has taken them all. Output that cannot be written keeps no job from being handed in: OSError
     afterwards.
     """
-    from mrbt_mesh.runtime.team_client import NOBODY_HEARD, JobRefusedError
+    from mrbt_mesh.runtime.job_requests import JobRefusedError
+    from mrbt_mesh.runtime.team_client import NOBODY_HEARD
 
     results: dict[int, Result] = {}
     waiting, shown = iter(enumerate(lines)), 0

@@ -8,11 +8,10 @@ async with connect("build/run") as team:
 from __future__ import annotations
 
 import getpass
-import json
 import os
 import re
 import secrets
-from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -21,22 +20,17 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent.operator_desk import INVALID, OUT_OF_RANGE, UNKNOWN, command_version
+from mrbt_mesh.core.agent.operator_desk import INVALID, UNKNOWN, command_version
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import (
     ABORTED,
     BORROWED,
     DECISION,
     JOB,
-    JOB_CANCELLED,
-    JOB_HOLD,
-    JOB_PRIORITY,
     MISSION,
     MISSION_WITHDRAWN,
     PAUSED,
     Decision,
-    Hold,
     Loan,
 )
 from mrbt_mesh.core.facts.values import (
@@ -44,20 +38,26 @@ from mrbt_mesh.core.facts.values import (
     printable,
 )
 from mrbt_mesh.core.membership.timing import SECOND_US, earlier_median
-from mrbt_mesh.core.mission.blackboard import is_argument
 from mrbt_mesh.core.mission.job_arguments import (
     Argument,
     Arguments,
     named_arguments,
-    ordered_arguments,
 )
-from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType
-from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, is_job_id
+from mrbt_mesh.core.mission.mission import JobType
+from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN
 from mrbt_mesh.core.observer.job_rows import JobRow, JobRows, why_over
-from mrbt_mesh.errors import InputError, lone, nearest
+from mrbt_mesh.errors import InputError, lone
 from mrbt_mesh.runtime.fencing import boottime_us
+from mrbt_mesh.runtime.job_requests import (
+    JobRefusedError,
+    arguments_of,
+    check_job,
+    job_change,
+    job_types,
+    job_value,
+    needs_now,
+)
 from mrbt_mesh.runtime.known_runs import find_run, is_running
-from mrbt_mesh.runtime.local_time import moment_of
 from mrbt_mesh.runtime.operator_call import (
     CALL_TIMEOUT_S,
     NOT_HEARD,
@@ -72,26 +72,10 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 
 CONNECT_TIMEOUT_S = 10.0
 CLOCKS_TIMEOUT_S = 10.0
-# What a fact can hold of a Unix time, far after any that robots take.
-MAX_UNIX_US = 1 << 53
 # The numbers of a job's place, and its id.
 CURSOR_PATTERN = rf"-?[0-9]{{1,16}}(\.-?[0-9]{{1,16}}){{1,2}}~{ARGUMENT_PATTERN}"
 NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
 ASK_AGAIN_S = 0.01
-# Change of a job -> its field and value.
-_CHANGES: Mapping[str, tuple[str, Any]] = {
-    "cancel": (JOB_CANCELLED, True),
-    "hold": (JOB_HOLD, str(Hold.HELD)),
-    "hold_now": (JOB_HOLD, str(Hold.NOW)),
-    "release": (JOB_HOLD, str(Hold.RELEASED)),
-}
-
-
-class JobRefusedError(CommandRefusedError):
-    """A team has refused a job, or a change of one."""
-
-    def __init__(self, text: str, cause: str = INVALID) -> None:
-        super().__init__(text, cause)
 
 
 @dataclass(frozen=True)
@@ -174,10 +158,7 @@ class TeamClient:
         Raises JobRefusedError for an unknown type, another number of values, names that do not fit
         the type, and other values.
         """
-        try:
-            return ordered_arguments(self._job_type(kind), given)
-        except ValueError as error:
-            raise JobRefusedError(str(error)) from None
+        return arguments_of(self.watcher.observer.mission, kind, given)
 
     async def submit(
         self,
@@ -208,29 +189,8 @@ class TeamClient:
         name = job_id or new_job_id()
         texts = self.arguments_of(kind, values if arguments is None else arguments)
         usual = self.check_job(kind, texts, name, priority, safe)
-        found = usual.priority if priority is None else priority
-        content = [kind, *texts], found, _as_given(not_before), _as_given(deadline)
-        not_before_us = 0
-        if not_before is not None:
-            not_before_us = await self._unix_us(not_before, "not_before")
-        if deadline is None and usual.deadline_us is not None:
-            now_us = await self._unix_us(timedelta(), "deadline")
-            deadline_us = max(now_us, not_before_us) + usual.deadline_us
-        else:
-            deadline_us = 0
-            if deadline is not None:
-                deadline_us = await self._unix_us(deadline, "deadline")
-        for field, given, unix_us in (
-            ("not_before", not_before, not_before_us),
-            ("deadline", deadline, deadline_us),
-        ):
-            if given is not None and unix_us <= 0:
-                text = f"{field}: before 1970; give a time from now on"
-                raise JobRefusedError(text, OUT_OF_RANGE)
-            if unix_us > MAX_UNIX_US:
-                raise JobRefusedError(f"{field}: at most a year from now", OUT_OF_RANGE)
-        hashed = hash_of(json.dumps(content))
-        job = [kind, texts, found, not_before_us, deadline_us, hashed]
+        now_us = await self._now_us() if needs_now(usual, not_before, deadline) else 0
+        job = job_value(usual, texts, priority, not_before, deadline, now_us)
         done = await self._command_job(JOB, name, job, operator, safe)
         return JobHandle(name, done.state["state"], self)
 
@@ -247,15 +207,7 @@ class TeamClient:
         count = len(mission.robots)
         if safe is not None and not 1 <= safe <= count:
             raise JobRefusedError(f"safe {safe}: the mission has {count} robots")
-        found = self._job_type(kind)
-        if not is_job_id(job_id):
-            text = f"{job_id!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -, not . or .."
-            raise JobRefusedError(text)
-        if not all(map(is_argument, arguments)) and (problem := found.problem(arguments)):
-            raise JobRefusedError(problem)  # robots say it of other values, by their own mission
-        if priority is not None:
-            _check_priority(priority)
-        return found
+        return check_job(mission, kind, arguments, job_id, priority)
 
     async def change(
         self, job_id: str, change: str, priority: int | None = None, operator: str = ""
@@ -265,15 +217,7 @@ class TeamClient:
 
         Returns once a majority has it in their journals. Raises as `submit`.
         """
-        if not is_job_id(job_id):
-            raise JobRefusedError(f"no job {job_id!r:.80} is known", UNKNOWN)
-        if change == "priority":
-            _check_priority(priority)
-            return (await self._command_job(JOB_PRIORITY, job_id, priority, operator)).state
-        if change not in _CHANGES:
-            known = ", ".join((*_CHANGES, "priority"))
-            raise JobRefusedError(f"no change {change!r:.80}; there is {known}")
-        field, value = _CHANGES[change]
+        field, value = job_change(job_id, change, priority)
         return (await self._command_job(field, job_id, value, operator)).state
 
     async def pause(self, operator: str = "") -> Acknowledged:
@@ -361,37 +305,17 @@ class TeamClient:
                     return found
             await news.wait()
 
-    async def _unix_us(self, when: datetime | timedelta, field: str) -> int:
-        """A time, or how long from now, as a Unix time in microseconds; `field`: what it is of."""
-        if isinstance(when, datetime):
-            try:
-                return round(moment_of(when).timestamp() * SECOND_US)
-            except ValueError as error:
-                raise JobRefusedError(f"{field}: {error}", OUT_OF_RANGE) from None
+    async def _now_us(self) -> int:
+        """The Unix time by the team's clocks."""
         with anyio.move_on_after(CLOCKS_TIMEOUT_S):
             while True:
                 offsets_us = self.watcher.observer.membership.clock_offsets_us()
                 if offsets_us:
-                    now_us = boottime_us() + earlier_median(offsets_us)
-                    return now_us + when // timedelta(microseconds=1)
+                    return boottime_us() + earlier_median(offsets_us)
                 await anyio.sleep(ASK_AGAIN_S)
         raise TimeoutError(self.watcher.problem or NOBODY_HEARD)
 
     # -- commanding ---------------------------------------------------------------------------
-
-    def _job_types(self) -> Mapping[str, JobType]:
-        mission = self.watcher.observer.mission
-        if not mission.jobs:
-            raise JobRefusedError(
-                f"mission {mission.name} has no types of jobs (jobs: in its file)"
-            )
-        return mission.jobs
-
-    def _job_type(self, kind: str) -> JobType:
-        types = self._job_types()
-        if kind not in types:
-            raise JobRefusedError(f"no job type {kind!r:.80}" + nearest(kind, types))
-        return types[kind]
 
     def _in_doubt(self) -> dict[str, list[tuple[str, str]]]:
         """Global task -> the activations that are requested and in doubt, and the coalitions that
@@ -413,7 +337,7 @@ class TeamClient:
         operator: str,
         safe: int | None = None,
     ) -> Acknowledged:
-        self._job_types()
+        job_types(self.watcher.observer.mission)
         try:
             name = f"{field}/{job_id}"
             done = await self._command(name, value, operator, safe, is_checked=True)
@@ -473,22 +397,6 @@ class TeamClient:
             return await call.carry_out(observer.facts.max_stamp + 1)
         except TimeoutError as error:
             raise TimeoutError(f"{error}: give the same command again") from None
-
-
-def _check_priority(priority: Any) -> None:
-    """Raises JobRefusedError for what is no priority."""
-    if isinstance(priority, bool) or not isinstance(priority, int) or abs(priority) > MAX_PRIORITY:
-        text = f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}"
-        raise JobRefusedError(text)
-
-
-def _as_given(when: datetime | timedelta | None) -> str | None:
-    """A time as it was asked for: how long from now, or when; the same in each request."""
-    if when is None:
-        return None
-    if isinstance(when, datetime):
-        return str(round(when.timestamp() * SECOND_US))
-    return f"+{when // timedelta(microseconds=1)}"
 
 
 def user_name() -> str:

@@ -10,7 +10,8 @@ from unittest import mock
 import anyio
 import pytest
 
-from mrbt_mesh.runtime.team_client import JobRefusedError, connect
+from mrbt_mesh.runtime.job_requests import JobRefusedError
+from mrbt_mesh.runtime.team_client import connect
 from tests.support.paths import mission_file
 from tests.support.team import Team
 

@@ -9,8 +9,8 @@ import pytest
 
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JobArchive
+from mrbt_mesh.runtime.job_requests import JobRefusedError
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
-from mrbt_mesh.runtime.team_client import JobRefusedError
 from tests.support.one_robot import DeskClient
 
 
