@@ -11,13 +11,17 @@ import anyio.abc
 
 from mrbt_mesh.core.agent.commands import CHECK_REVISION
 from mrbt_mesh.core.agent.reviser import size_problem
-from mrbt_mesh.core.facts.records import MAX_MISSION
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.mission.revisions import RevisionError, revise
+from mrbt_mesh.core.mission.revisions import RevisionError
 from mrbt_mesh.core.planning.objections import not_feasible, objections
-from mrbt_mesh.core.planning.revised import RevisionChanges, facts_under, revision_changes
+from mrbt_mesh.core.planning.revised import (
+    RevisionChanges,
+    as_revision,
+    facts_under,
+    revision_changes,
+)
 from mrbt_mesh.errors import InputError, lone
 from mrbt_mesh.plugins import ANALYSES
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
@@ -52,12 +56,9 @@ def next_revision(watcher: Watcher, mission: Mission) -> tuple[Mission, Revision
     """
     facts = watcher.observer.facts
     try:
-        found = revise(facts.declared, mission, facts.revisions.last_number + 1)
+        found = as_revision(facts, mission)
     except RevisionError as error:
         raise InputError(str(error)) from None
-    size = len(compile_mission(found))
-    if size > MAX_MISSION:
-        raise InputError(f"compiled it has {size} characters, and a revision at most {MAX_MISSION}")
     return found, revision_changes(facts, found, watcher.observer.membership.members())
 
 

@@ -13,9 +13,11 @@ from mrbt_mesh.core.facts.activation_facts import ActivationFacts
 from mrbt_mesh.core.facts.records import Claim, Decision, Phase
 from mrbt_mesh.core.facts.team_facts import KnownMember, TeamFacts
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, task_of_activation
+from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.jobs import OpenJob, type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd, performance
 from mrbt_mesh.core.mission.names import THIS_JOB, bound
+from mrbt_mesh.core.mission.revisions import RevisionError, revise
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,18 @@ def facts_under(facts: TeamFacts, mission: Mission) -> TeamFacts:
         if robot is not None and robot != facts.declared.robots.get(name):
             changed = replace(member, type=robot.type, capabilities=robot.capabilities)
             found.members[name] = KnownMember(changed, incarnation)
+    return found
+
+
+def as_revision(facts: TeamFacts, mission: Mission) -> Mission:
+    """The mission as the next revision of the one in force; raises RevisionError if no team could
+    take it up.
+    """
+    found = revise(facts.declared, mission, facts.revisions.last_number + 1)
+    size = len(compile_mission(found))
+    if size > records.MAX_MISSION:
+        most = records.MAX_MISSION
+        raise RevisionError(f"compiled it has {size} characters, and a revision at most {most}")
     return found
 
 
