@@ -90,7 +90,7 @@ class RandomFailures:
             clock.at(clock.now_us, partial(self._lose_any, robot.id))
 
     def _robot(self, robot: str) -> Robot:
-        return self._setup.mission.robots[robot]
+        return self._robots.descriptions[robot]  # a revision may have added it
 
     def _stream(self, purpose: str, robot: str) -> random.Random:
         stream = self._streams.get((purpose, robot))

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.config import AgentConfig, ResumedLife
+from mrbt_mesh.core.mission.mission import Robot
 from mrbt_mesh.runtime.actions import RobotIdentity
 from mrbt_mesh.sim.world.clock import LocalClock
 from mrbt_mesh.sim.world.journal import FULL, SimJournal
@@ -26,7 +27,7 @@ class TeamSurroundings(Surroundings, Protocol):
 
 class Robots:
     """The robots' processes, one life after the other; `processes`: robot -> its latest one;
-    `lives`: the number of that.
+    `lives`: the number of that, and `descriptions`: the robot as its mission had it then.
 
     `to_launch`: how many of the first ones are still to come.
     """
@@ -34,6 +35,7 @@ class Robots:
     def __init__(self, world: TeamSurroundings) -> None:
         setup = world.setup
         self.processes: dict[str, SimProcess] = {}
+        self.descriptions: dict[str, Robot] = {}
         self.to_launch = len(setup.robots)
         self._setup = setup
         self._world = world
@@ -62,6 +64,10 @@ class Robots:
         if process is None:
             return robot in self._setup.robots and robot not in self._never
         return process.agent is None and not process.is_over
+
+    def is_known(self, robot: str) -> bool:
+        """Whether it can be started: the mission has it, or that in force."""
+        return robot in self._setup.mission.robots or robot in self._world.mission.robots
 
     def local_clock(self, robot: str) -> LocalClock:
         """The clock of this robot's computer."""
@@ -97,7 +103,7 @@ class Robots:
         setup = self._setup
         # One that a revision has added starts with that.
         mission = setup.mission if robot in setup.mission.robots else self._world.mission
-        description = mission.robots[robot]
+        description = self.descriptions[robot] = mission.robots[robot]
         pid = FIRST_PID + self._lives
         own = tuple(sorted(description.capabilities))
         identity = RobotIdentity(robot, description.type, pid, setup.speed, own, is_virtual=True)
