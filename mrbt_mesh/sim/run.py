@@ -31,6 +31,7 @@ from mrbt_mesh.sim.world.process import Inspection
 from mrbt_mesh.sim.world.scenario import Scenario
 from mrbt_mesh.sim.world.setup import NO_FAILURES, AgentOptions, Beginning, FailureModel, Setup
 from mrbt_mesh.sim.world.sharing import shared_engine
+from mrbt_mesh.sim.world.team_commands import Propose, Refusal
 from mrbt_mesh.sim.world.world import LookOn, World
 
 DEFAULT_TIMEOUT_US = 600_000_000
@@ -50,8 +51,8 @@ class SimulationResult:
     lines of events.jsonl), `violations` the invariants that did not hold, `checks` how often each
     one was checked. `done_twice` counts local tasks that succeeded more often than their `max`,
     `exclusive_done_twice` exclusive tasks that did. `stops`: why each agent stopped, (exit
-    code, reason). `fault_counts`: how many faults of each kind there were. `agents` are those of
-    the last processes, to be looked at.
+    code, reason). `fault_counts`: how many faults of each kind there were. `refusals`: commands to
+    the team that came to nothing. `agents` are those of the last processes, to be looked at.
     """
 
     seed: int
@@ -66,6 +67,7 @@ class SimulationResult:
     exclusive_done_twice: int
     stops: Mapping[str, tuple[int, str]]
     fault_counts: Mapping[str, int]
+    refusals: list[Refusal]
     agents: Mapping[str, Agent]
     observer: Observer
     duration_us: int
@@ -90,6 +92,7 @@ def simulate(
     speed: float = 1.0,
     noise_permille: int = 0,
     stop_when_stuck: bool = False,
+    until_jobs_end: bool = False,
     inspect: bool = True,
     keep_log: bool = False,
     record: Path | None = None,
@@ -110,6 +113,7 @@ def simulate(
     steps = tuple(schedule)
     named = {fault.robot for _, fault in steps if isinstance(fault, RobotFault)}
     coming = {r for _, f in steps if isinstance(f, Revise) for r in read_mission(f.mission).robots}
+    coming |= {r for _, f in steps if isinstance(f, Propose) for r in f.mission.robots}
     for robot in sorted({*team, *named}):
         if robot not in mission.robots and robot not in coming:
             known = ", ".join(sorted(mission.robots))
@@ -133,6 +137,7 @@ def simulate(
         speed=speed,
         noise_permille=noise_permille,
         stop_when_stuck=stop_when_stuck,
+        until_jobs_end=until_jobs_end,
         record=record,
         begin=begin,
     )
@@ -247,6 +252,7 @@ def _result(world: World) -> SimulationResult:
         exclusive_done_twice=inspection.exclusive_done_twice,
         stops={r: (p.stop.code, p.stop.reason) for r, p in processes.items() if p.stop},
         fault_counts=dict(world.injector.counts),
+        refusals=world.client.refusals(),
         agents={r: p.agent for r, p in processes.items() if p.agent},
         observer=observer,
         duration_us=now_us,

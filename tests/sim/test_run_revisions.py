@@ -140,9 +140,20 @@ def test_robots_come_and_go() -> None:
     """A robot that the revision does not name leaves; a new one joins with its mission."""
     text = FILE.replace("A2: arm, E1: eye", "E1: eye, E2: eye")
     after = mission_from_yaml(text % "join(1), check(1), join(2)", "line.yaml", Path())
-    result = run(BEFORE, (5, revised("A1", after, is_forced=True)))
+    result = run(BEFORE, (5, revised("A1", after, is_forced=True)), (6, Restart("E2")))
     assert result.stops["A2"] == (0, "left")
+    assert result.stops["E2"] == (0, "mission success")
     assert result.result == "success"
+
+
+def test_a_robot_that_no_mission_in_force_has_is_not_started() -> None:
+    text = FILE.replace("E1: eye", "E1: eye, E2: eye")
+    after = mission_from_yaml(text % "join(1), check(1), join(2)", "line.yaml", Path())
+    result = run(BEFORE, (5, Restart("E2")), (6, revised("A1", after)))
+    assert "E2" not in result.agents
+    assert [(each.at_us, each.step, each.reason) for each in result.refusals] == [
+        (5 * S, Restart("E2"), "the mission in force has no robot E2")
+    ]
 
 
 def test_two_proposals_at_once_are_void() -> None:

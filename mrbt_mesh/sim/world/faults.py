@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, TypeAlias
 
+from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.sim.world.network import Link, LinkKnobs
 
 
@@ -277,6 +278,7 @@ def fault_text(fault: Fault) -> str:
         if isinstance(value, frozenset):
             value = ",".join(f"{source}>{target}" for source, target in sorted(value))
         if name == "mission":
-            value = hashlib.blake2b(value.encode(), digest_size=4).hexdigest()
+            text = value if isinstance(value, str) else compile_mission(value)
+            value = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
         values.append(str(value))
     return " ".join([type(fault).__name__, *values])

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import OPERATE, command_body
+from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     Input,
@@ -17,21 +17,17 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
     TokenChanged,
 )
-from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
 from mrbt_mesh.core.facts.description import OPERATOR
-from mrbt_mesh.core.facts.records import MISSION, PAUSED, TeamOrder
-from mrbt_mesh.core.facts.revisions import read_mission
-from mrbt_mesh.core.membership.envelope import Guard
-from mrbt_mesh.core.membership.keys import make_command
+from mrbt_mesh.core.facts.records import PAUSED, TeamOrder
 from mrbt_mesh.core.membership.wire import MessageKind, encode
-from mrbt_mesh.core.mission.compiled import compile_mission
-from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.sim.world import faults
+from mrbt_mesh.sim.world.client import Client
 from mrbt_mesh.sim.world.garbage import Forger
 from mrbt_mesh.sim.world.message_bus import MessageBus
 from mrbt_mesh.sim.world.process import Inspection, SimProcess
 from mrbt_mesh.sim.world.robots import Robots
 from mrbt_mesh.sim.world.setup import Setup
+from mrbt_mesh.sim.world.team_commands import TeamCommand
 
 # Faults after which a robot may not hear all others in time.
 _ISOLATING = (
@@ -53,7 +49,7 @@ BOOT_US = 1_000
 
 
 class Injector:
-    """Carries out faults, until the mission is over if robots stop then.
+    """Carries out faults and commands, until the mission is over if robots stop then.
 
     `counts`: how many there were, by kind. `pending`: how many of the schedule are still to come.
     `cut_off`: some robot could not hear all others in time for a while. `healed_us`: when all
@@ -66,8 +62,10 @@ class Injector:
         bus: MessageBus,
         robots: Robots,
         inspection: Inspection,
+        client: Client,
         has_result: Callable[[], bool],
     ) -> None:
+        self.client = client
         self.counts: Counter[str] = Counter()
         self.pending = len(setup.schedule)
         self.cut_off = False
@@ -78,8 +76,6 @@ class Injector:
         self._inspection = inspection
         self._has_result = has_result
         self._forger = Forger(setup.seed, setup.header)
-        self._commands = 0
-        self._guards: dict[str, Guard] = {}
         # What robots have published, if it may be replayed: (time in us, message).
         self._published: dict[str, list[tuple[int, MessageReceived]]] | None = None
         if any(isinstance(fault, faults.Replay) for _, fault in setup.schedule):
@@ -88,7 +84,7 @@ class Injector:
         self._of_the_world: dict[type[faults.Fault], Callable[[Any], object]] = {
             faults.Kill: lambda f: robots.kill(f.robot),
             faults.KillAfter: lambda f: robots.kill_after(f.robot, f.actions),
-            faults.Restart: lambda f: robots.restart(f.robot, f.keeps_journal),
+            faults.Restart: self._restart,
             faults.Disk: lambda f: robots.change_disk(f.robot, f.sync_us, f.fails, f.is_locked),
             faults.ClockRate: lambda f: robots.local_clock(f.robot).set_rate(f.rate_ppm),
             faults.ClockJump: lambda f: robots.local_clock(f.robot).jump(f.ahead_us),
@@ -132,6 +128,8 @@ class Injector:
     def inject(self, fault: faults.Fault) -> None:
         """Let one fault happen now."""
         if self._setup.agents.exit_when_done and self._has_result():
+            if isinstance(fault, TeamCommand):
+                self.client.refuse(fault, "the mission is over")
             return
         self._inspection.fault_comes(fault)
         self.counts[type(fault).__name__] += 1
@@ -143,15 +141,18 @@ class Injector:
         if type(fault) in self._of_the_world:
             self._of_the_world[type(fault)](fault)
             return
+        if isinstance(fault, TeamCommand):
+            self.client.give(fault)
+            return
         assert isinstance(fault, faults.RobotFault)
         process, clock = self._robots.processes.get(fault.robot), self._bus.clock
         if isinstance(fault, _OF_THE_ROBOT) and self._robots.is_coming(fault.robot):
             clock.at(clock.now_us + BOOT_US, partial(self._carry_out, fault))
         elif process is not None and not process.is_over:
             if isinstance(fault, faults.Revise):
-                self._revise(process, fault)
+                self.client.revise(process, fault)
             elif isinstance(fault, faults.Operate):
-                self._operate(process, fault)
+                self.client.operate(process, fault)
             elif type(fault) in self._of_a_process:
                 self._of_a_process[type(fault)](process, fault)
             else:
@@ -172,36 +173,11 @@ class Injector:
         for message in past[-fault.count :]:
             self._bus.deliver(fault.robot, message)
 
-    def _revise(self, process: SimProcess, fault: faults.Revise) -> None:
-        """As `mrbt revise` does it, by what the asked robot knows."""
-        if process.agent is None:
-            return
-        facts = process.agent.view.facts
-        found = revise(facts.declared, read_mission(fault.mission), facts.revisions.last_number + 1)
-        name, value = (
-            f"{MISSION}/{found.revision_number}",
-            [compile_mission(found), fault.is_forced, fault.repeats_exclusive],
-        )
-        self._operate(process, faults.Operate(fault.robot, name, value))
-
-    def _operate(self, process: SimProcess, fault: faults.Operate) -> None:
-        """As a client does it that has the facts of the robot."""
-        if process.agent is None:
-            return
-        self._commands += 1
-        version = command_version(process.agent.view.facts.max_stamp + 1, str(self._commands))
-        run, keys = self._setup.header.run, self._setup.agents.keys.get(fault.operator)
-        entry = make_command(fault.name, fault.value, fault.operator, version, run, keys)
-        for robot in (fault.robot, *fault.also):
-            other = self._robots.processes.get(robot)
-            if other is not None and not other.is_over:
-                step = operate_body(CommandStep.WRITE, entry, robot == fault.robot)
-                body = command_body(OPERATE, step)
-                data = encode(self._setup.header, MessageKind.COMMAND, body)
-                if keys is not None:
-                    guard = self._guards.setdefault(fault.operator, Guard(keys, run, life=1))
-                    data = guard.seal_command(data, robot, self._robots.lives[robot])
-                other.deliver(QueryReceived(0, MessageKind.COMMAND, data))
+    def _restart(self, fault: faults.Restart) -> None:
+        if self._robots.is_known(fault.robot):
+            self._robots.restart(fault.robot, fault.keeps_journal)
+        else:
+            self.client.refuse(fault, f"the mission in force has no robot {fault.robot}")
 
     def _input(self, fault: faults.RobotFault) -> Input:
         """The input that the robot itself receives."""
@@ -247,5 +223,6 @@ class Injector:
         clock = self._bus.clock
         for process in self._robots.living():
             if process.agent and process.agent.view.facts.order() is TeamOrder.PAUSE:
-                self._operate(process, faults.Operate(process.robot, PAUSED, "resume"))
+                order = faults.Operate(process.robot, PAUSED, "resume")
+                self.client.operate(process, order)
         clock.at(clock.now_us + self._setup.timing.detection_us, self._resume)

@@ -61,6 +61,8 @@ class MessageBus:
         self.tokens: dict[str, Incarnation] = {}
         self._on_token = on_token
         self._questions: dict[int, _Question] = {}
+        # By the number of a query from outside of the team, which is below 0.
+        self._answers: dict[int, list[bytes]] = {}
 
     def deliver(self, target: str, event: Input) -> None:
         """Hand an input to a robot's process."""
@@ -112,8 +114,9 @@ class MessageBus:
     def reply(self, source: str, effect: Reply) -> None:
         """Answer a question of a robot."""
         question = self._questions.get(effect.query)
-        if question is None:
-            return  # an operator's command, or garbage
+        if question is None:  # an operator's command, or garbage
+            self._answers.get(effect.query, []).extend(effect.pages)
+            return
         target = question.asker.robot
         if not self.routers.reaches(source):
             return
@@ -121,6 +124,12 @@ class MessageBus:
             # A query's replies are not duplicated: Zenoh drops duplicates.
             for arrival_us in self.network.arrivals_us(source, target, self.clock.now_us)[:1]:
                 self.clock.at(arrival_us, partial(self._answer, question, page))
+
+    def await_answer(self, answers: list[bytes]) -> int:
+        """The number of a query from outside of the team, whose answers are put into the list."""
+        number = -len(self._answers) - 1
+        self._answers[number] = answers
+        return number
 
     def _answer(self, question: _Question, page: bytes | None) -> None:
         if page is None and question.answered:

@@ -141,8 +141,9 @@ class Setup:
     `failures` come by chance, besides the faults of the `schedule`. `speed` shortens the robots'
     work. `noise_permille`: up to so much longer or shorter than by the mission are works and ways.
     `timeout_us` counts from the launch. `stop_when_stuck`: end a run of which nothing more
-    will come. `record`: the folder for what each robot and the observer record.
-    `begin`: what has been before.
+    will come. `until_jobs_end`: end it when all of the schedule has happened, and all jobs that
+    clients have submitted have ended. `record`: the folder for what each robot and the observer
+    record. `begin`: what has been before.
     """
 
     mission: Mission
@@ -157,6 +158,7 @@ class Setup:
     speed: float = 1.0
     noise_permille: int = 0
     stop_when_stuck: bool = False
+    until_jobs_end: bool = False
     start_spread_us: int = 20_000
     record: Path | None = None
     begin: Beginning | None = None

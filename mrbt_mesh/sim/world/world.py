@@ -17,6 +17,7 @@ from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
+from mrbt_mesh.sim.world.client import Client
 from mrbt_mesh.sim.world.clock import VirtualClock
 from mrbt_mesh.sim.world.driving import Driving
 from mrbt_mesh.sim.world.failures import RandomFailures
@@ -69,7 +70,10 @@ class World:
             self.recordings = Recordings(setup, setup.record, self.observer)
         self._is_observing = False
         self.inspection = inspect(self)
-        self.injector = Injector(setup, self.bus, self.robots, self.inspection, self._has_result)
+        self.client = Client(setup, self.bus, self.robots, self.observer)
+        self.injector = Injector(
+            setup, self.bus, self.robots, self.inspection, self.client, self._has_result
+        )
         self.driving = Driving(setup)
         self.failures = RandomFailures(setup, self.clock, self.robots, self.injector.inject)
         self.over = anyio.Event()
@@ -229,6 +233,8 @@ class World:
     def _nothing_left(self) -> bool:
         if self.robots.to_launch:
             return False  # they are still being launched
+        if self.setup.until_jobs_end and not self._is_awaiting() and self.client.jobs_have_ended():
+            return True
         if self._has_result():
             return not self.living()
         return not self._is_awaiting() and all(p.is_over for p in self.robots.processes.values())
