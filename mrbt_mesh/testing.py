@@ -1,4 +1,4 @@
-"""Tests of a mission with its robots' own programs, in virtual time, with faults.
+"""Tests of a mission with its robots' own programs, in virtual time, with faults and commands.
 
     from mrbt_mesh.testing import Kill
 
@@ -7,6 +7,12 @@
         assert run.result == "success"
         assert run.succeeded("carry(red)") == ["P2"]
 
+    def test_a_job(run_mission):
+        run = run_mission(
+            "mission.yaml", commands=[(1.0, Submit("carry", ["red"]))], until_jobs_end=True
+        )
+        assert run.job("job-1").state == "succeeded"
+
 A run of minutes takes milliseconds, and is the same each time. Programs wait with `anyio.sleep` or
 `asyncio.sleep`; what they do apart from the event loop takes no virtual time.
 """
@@ -14,11 +20,9 @@ A run of minutes takes milliseconds, and is the same each time. Programs wait wi
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
-from os import PathLike, fspath
+from os import fspath
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias
 
@@ -47,31 +51,67 @@ from mrbt_mesh.sim.world.named_faults import (
     NamedFault,
     check_faults,
     check_local_task,
+    check_number,
     check_robot,
+    is_local_task,
     local_task_names,
     missed,
 )
+from mrbt_mesh.sim.world.team_commands import (
+    AbortMission,
+    Borrow,
+    CancelJob,
+    HoldJob,
+    PauseTeam,
+    ReleaseJob,
+    ResumeTeam,
+    Return,
+    SetPriority,
+    Submit,
+)
+from mrbt_mesh.testing_commands import (
+    Command,
+    File,
+    JobResult,
+    Missions,
+    NamedCommand,
+    ReviseMission,
+    job_results,
+    read_commands,
+)
 
 __all__ = [
+    "AbortMission",
+    "Borrow",
+    "CancelJob",
+    "Command",
     "Event",
     "Failure",
     "Fault",
     "Freeze",
+    "HoldJob",
+    "JobResult",
     "Kill",
     "Leave",
     "Lose",
     "MissionRun",
     "NetworkQuality",
     "ObservedFault",
+    "PauseTeam",
     "Perform",
+    "Refused",
+    "ReleaseJob",
     "Restart",
     "Restore",
+    "ResumeTeam",
+    "Return",
+    "ReviseMission",
     "RunMission",
+    "SetPriority",
+    "Submit",
     "Thaw",
     "run",
 ]
-
-File: TypeAlias = "str | PathLike[str]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +144,9 @@ class NetworkQuality:
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "reorder"):
-            _number(f"NetworkQuality: {name}", getattr(self, name), 1.0)
+            check_number(f"NetworkQuality: {name}", getattr(self, name), 1.0)
         for name in ("delay_s", "jitter_s"):
-            _number(f"NetworkQuality: {name}", getattr(self, name))
+            check_number(f"NetworkQuality: {name}", getattr(self, name))
 
     def knobs(self) -> NetworkKnobs:
         """The same in the simulator's units."""
@@ -149,6 +189,17 @@ class ObservedFault:
 
 
 @dataclass(frozen=True, slots=True)
+class Refused:
+    """A command that came to nothing, when it was given, and why: robots have refused it, or too
+    few of them were there; or the `Restart` of a robot that the mission in force lacks.
+    """
+
+    at_s: float
+    command: Command | Restart
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """What a robot's program did: it began a local task, or ended it.
 
@@ -169,15 +220,20 @@ class MissionRun:
 
     `result`: success, failure, timeout or blocked. `summary` is what `sim run --json` prints.
     `starts` and `ends` are in the order of time; a robot that was killed at work has no end of
-    it. `whole` is all that the simulator reports.
+    it. `jobs` are those that the team has taken, in the order in which they were submitted, with
+    the ends of at least the last 500. `refused`: commands that came to nothing. `whole` is all that
+    the simulator reports. `revisions`: the missions of the commands.
     """
 
     result: str
     summary: Mapping[str, Any]
     starts: Sequence[Event]
     ends: Sequence[Event]
+    jobs: Sequence[JobResult]
+    refused: Sequence[Refused]
     whole: SimulationResult
     mission: Mission
+    revisions: Sequence[Mission]
 
     @property
     def duration_s(self) -> float:
@@ -221,8 +277,9 @@ class MissionRun:
     ) -> list[str]:
         if local_task is not None:
             local_task = local_task.replace(" ", "")
-            known = local_task_names(self.mission)
-            if local_task not in known:
+            missions = (self.mission, *self.revisions)
+            if not any(is_local_task(each, local_task) for each in missions):
+                known = set[str]().union(*map(local_task_names, missions))
                 raise InputError(f"no local task {local_task!r}{nearest(local_task, known)}")
         return [
             event.robot
@@ -238,6 +295,15 @@ class MissionRun:
             raise InputError(f"no global task {global_task!r}{nearest(global_task, known)}")
         return str(known[global_task]["status"])
 
+    def job(self, job_id: str) -> JobResult:
+        """What became of a job; raises InputError for one that the team has not taken."""
+        found = {job.id: job for job in self.jobs}
+        if job_id not in found:
+            why = next((r.reason for r in self.refused if _submits(r.command, job_id)), "")
+            hint = f": {why}" if why else nearest(job_id, found)
+            raise InputError(f"the team has taken no job {job_id!r}{hint}")
+        return found[job_id]
+
 
 def run(
     mission: File | Mission,
@@ -245,6 +311,9 @@ def run(
     *,
     robots: Iterable[str] | None = None,
     faults: Iterable[tuple[float, Fault]] = (),
+    commands: Iterable[tuple[float, Command]] = (),
+    may_refuse: bool = False,
+    until_jobs_end: bool = False,
     parameters: Mapping[str, Any] | None = None,
     network: NetworkQuality | None = None,
     seed: int = 0,
@@ -255,21 +324,29 @@ def run(
 
     `program`: the robots' program, or where one is; None: the mission's. `robots`: those that take
     part, by default all. `faults`: (seconds from the launch, fault); each has to come before the
-    run ends. `parameters` replace those that programs read; the tree is that of the file. The same
-    arguments give the same run; another `seed` gives other delays.
+    run ends. So do `commands`, what operators do. Those of one time follow its faults, in their
+    order; each goes to all robots that live then, and is given again for up to 10 s while these
+    cannot take it yet. `may_refuse`: some may come to nothing. `until_jobs_end`: the run ends when
+    all jobs that were submitted have. `parameters` replace those that programs read; the tree is
+    that of the file. The same arguments give the same run; another `seed` gives other delays.
 
     Raises InputError for what does not fit the mission, AssertionError where one of the promises of
-    docs/explanation/guarantees.md did not hold.
+    docs/explanation/guarantees.md did not hold, and for commands that came to nothing, unless they
+    may.
     """
-    _number("speed", speed)
-    _number("timeout_s", timeout_s)
+    check_number("speed", speed)
+    check_number("timeout_s", timeout_s)
     loaded = mission if isinstance(mission, Mission) else load_mission(Path(fspath(mission)))
     for name in parameters or ():
         if name not in loaded.parameters:
             hint = nearest(name, loaded.parameters)
             raise InputError(f"mission {loaded.name} has no parameter {name!r}{hint}")
     team = _team(loaded, robots)
-    schedule = _schedule(loaded, faults)
+    missions = Missions(loaded)
+    orders = read_commands(missions, commands, parameters)
+    if until_jobs_end and not any(isinstance(each.given, Submit) for each in orders):
+        raise InputError("until_jobs_end: no job is submitted; add a Submit to the commands")
+    schedule = sorted([*_schedule(missions, faults), *orders], key=lambda named: named.at_us)
     check_faults(schedule, team, timeout_s)
     if parameters is not None:
         loaded = replace(loaded, parameters={**loaded.parameters, **parameters})
@@ -293,21 +370,44 @@ def run(
             network=None if network is None else network.knobs(),
             timeout_us=round(timeout_s * MICRO),
             speed=speed,
+            until_jobs_end=until_jobs_end,
         )
     except ValueError as error:
         raise InputError(str(error)) from None
     if too_late := list(missed(schedule, result.duration_us)):
         raise InputError("\n".join(too_late))
     assert not result.violations, "\n".join(result.violations)
+    refused = list(_refused(result, schedule))
+    if refused and not may_refuse:
+        raise AssertionError("\n".join(said for said, _ in refused))
     events = list(_of_work(result.events))
     return MissionRun(
         result.result,
         result.summary,
         [event for event in events if event.outcome is None],
         [event for event in events if event.outcome is not None],
+        job_results(result.observer, orders),
+        [each for _, each in refused],
         result,
         loaded,
+        missions.revisions(),
     )
+
+
+def _refused(
+    result: SimulationResult, schedule: Iterable[NamedFault]
+) -> Iterator[tuple[str, Refused]]:
+    """What came to nothing, and the same in words."""
+    named = {(each.at_us, id(each.fault)): each for each in schedule}
+    for refusal in result.refusals:
+        found, reason = named[refusal.at_us, id(refusal.step)], refusal.reason
+        given = found.given if isinstance(found, NamedCommand) else found.fault
+        assert isinstance(given, Command | Restart)
+        yield f"{found.said}: {reason}", Refused(refusal.at_us / MICRO, given, reason)
+
+
+def _submits(command: Command | Restart, job_id: str) -> bool:
+    return isinstance(command, Submit) and command.id == job_id
 
 
 def _team(mission: Mission, robots: Iterable[str] | None) -> list[str]:
@@ -321,7 +421,7 @@ def _team(mission: Mission, robots: Iterable[str] | None) -> list[str]:
     return team
 
 
-def _schedule(mission: Mission, faults: Iterable[tuple[float, Fault]]) -> list[NamedFault]:
+def _schedule(missions: Missions, faults: Iterable[tuple[float, Fault]]) -> list[NamedFault]:
     """The faults by time; raises InputError for what is no fault of this mission's robots."""
     found = []
     for index, entry in enumerate(faults):
@@ -330,9 +430,9 @@ def _schedule(mission: Mission, faults: Iterable[tuple[float, Fault]]) -> list[N
             text = "(seconds, fault) is expected, e.g. (2.5, Kill('A1'))"
             raise InputError(f"{place}: {text}, found {entry!r:.80}")
         at_s, fault = entry
-        _number(f"{place}: seconds", at_s)
+        check_number(f"{place}: seconds", at_s)
         said = f"{place}: {fault!r} at {at_s:g} s"
-        check_robot(mission, fault.robot, said)
+        mission = missions.with_robot(fault.robot, round(at_s * MICRO), said)
         if isinstance(fault, Lose | Restore | Perform):
             _check_local_task(mission, fault, said)
         if isinstance(fault, Perform):
@@ -351,14 +451,6 @@ def _check_local_task(mission: Mission, fault: Lose | Restore | Perform, said: s
     if isinstance(fault, Perform) and fault.local_task == ALL:
         raise InputError(f"{said}: a performance is that of one local task")
     check_local_task(mission, fault.robot, fault.local_task, said)
-
-
-def _number(name: str, value: Any, most: float = math.inf) -> None:
-    """Raise InputError unless it is a finite number from 0 to `most`."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not 0 <= value <= most:
-        limit = "" if most == math.inf else f" to {most:g}"
-        raise InputError(f"{name}: a number from 0{limit} is expected, not {value!r:.80}")
 
 
 def _load(mission: Mission, reference: str | None) -> RobotProgram:
@@ -407,6 +499,9 @@ class RunMission(Protocol):
         *,
         robots: Iterable[str] | None = None,
         faults: Iterable[tuple[float, Fault]] = (),
+        commands: Iterable[tuple[float, Command]] = (),
+        may_refuse: bool = False,
+        until_jobs_end: bool = False,
         parameters: Mapping[str, Any] | None = None,
         network: NetworkQuality | None = None,
         seed: int = 0,

@@ -1,0 +1,240 @@
+"""What operators do in a test of `mrbt_mesh.testing`: commands to a team while it runs.
+
+What cannot fit the mission, or a revision that comes before, raises InputError. Whether the team
+takes a command then, it says itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.observer.job_rows import JobRows
+from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.runtime.job_requests import arguments_of, check_job, check_priority
+from mrbt_mesh.sim.world.named_faults import NamedFault, check_number, check_robot
+from mrbt_mesh.sim.world.team_commands import (
+    AbortMission,
+    Borrow,
+    CancelJob,
+    HoldJob,
+    PauseTeam,
+    Propose,
+    ReleaseJob,
+    ResumeTeam,
+    Return,
+    SetPriority,
+    Submit,
+    TeamCommand,
+)
+
+File: TypeAlias = "str | PathLike[str]"
+
+
+@dataclass(frozen=True, slots=True)
+class ReviseMission:
+    """Give the team another mission, as `mrbt revise` does. `force`, `repeat_exclusive`: its
+    options. One that is not in force after 30 s is withdrawn.
+    """
+
+    mission: File | Mission
+    force: bool = False
+    repeat_exclusive: bool = False
+
+
+ChangeOfJob: TypeAlias = CancelJob | HoldJob | ReleaseJob | SetPriority
+Command: TypeAlias = (
+    Submit | ChangeOfJob | ReviseMission | Borrow | Return | PauseTeam | ResumeTeam | AbortMission
+)
+
+
+@dataclass(frozen=True, slots=True)
+class JobResult:
+    """What became of a job. `state`: succeeded, failed, cancelled or expired; held, waiting or
+    running if the run ended before it did.
+
+    `arguments`: by the parameters' names. `why`: what it waits for, or why it has failed. `robots`:
+    those that worked on it. `begun_s`, `ended_s`: seconds from the launch, None if it did not.
+    `attempts`: how often its tree was begun. `results`: what its tasks have set of its own entries
+    of the blackboard.
+    """
+
+    id: str
+    type: str
+    arguments: Mapping[str, str | int]
+    state: str
+    why: str
+    robots: tuple[str, ...]
+    submitted_s: float
+    begun_s: float | None
+    ended_s: float | None
+    attempts: int
+    results: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class NamedCommand(NamedFault):
+    """A command as it was `given`, with what it is for the simulator."""
+
+    given: Command
+
+
+class Missions:
+    """The missions that may be in force: the first one, and revisions once they are proposed."""
+
+    def __init__(self, first: Mission) -> None:
+        self._found = [(0, first)]
+
+    def add(self, at_us: int, revision: Mission) -> None:
+        """A revision is proposed at this time."""
+        self._found = sorted([*self._found, (at_us, revision)], key=lambda each: each[0])
+
+    def revisions(self) -> list[Mission]:
+        """All but the first, in order."""
+        return [mission for _, mission in self._found[1:]]
+
+    def at(self, at_us: int) -> list[Mission]:
+        """Those that may be in force at this time, the newest first."""
+        return [mission for since_us, mission in reversed(self._found) if since_us <= at_us]
+
+    def with_robot(self, robot: str, at_us: int, said: str) -> Mission:
+        """The newest of them that has this robot; raises InputError if none has."""
+        missions = self.at(at_us)
+        found = next((each for each in missions if robot in each.robots), missions[0])
+        check_robot(found, robot, said)
+        return found
+
+
+def read_commands(
+    missions: Missions,
+    given: Iterable[tuple[float, Command]],
+    parameters: Mapping[str, Any] | None = None,
+) -> list[NamedCommand]:
+    """The commands by time; revisions are added to the `missions`, with these parameters where they
+    have them.
+    """
+    entries = []
+    for index, entry in enumerate(given):
+        place = f"commands[{index}]"
+        if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[1], Command):
+            text = "(seconds, command) is expected, e.g. (2.5, CancelJob('job-1'))"
+            raise InputError(f"{place}: {text}, found {entry!r:.80}")
+        at_s, command = entry
+        check_number(f"{place}: seconds", at_s)
+        entries.append((round(at_s * MICRO), command, f"{place}: {command!r:.200} at {at_s:g} s"))
+    proposed = {}
+    for at_us, command, said in entries:
+        if isinstance(command, ReviseMission):
+            revision = _revision(command, said)
+            known = {n: v for n, v in (parameters or {}).items() if n in revision.parameters}
+            revision = replace(revision, parameters={**revision.parameters, **known})
+            missions.add(at_us, revision)
+            proposed[said] = revision
+    named = {each.id for _, each, _ in entries if isinstance(each, Submit) and each.id}
+    free = (name for n in count(1) if (name := f"job-{n}") not in named)
+    found = []
+    for at_us, command, said in entries:
+        as_given, step = command, proposed.get(said)
+        if isinstance(command, ReviseMission):
+            assert step is not None
+            sent: TeamCommand = Propose(step, command.force, command.repeat_exclusive)
+        elif isinstance(command, Submit):
+            as_given = sent = command if command.id else replace(command, id=next(free))
+        else:
+            sent = command
+        found.append(NamedCommand(at_us, sent, said, as_given))
+    found.sort(key=lambda each: each.at_us)
+    jobs = [each.fault.id for each in found if isinstance(each.fault, Submit)]
+    for each in found:
+        _check(each, missions, jobs)
+    return found
+
+
+def _revision(command: ReviseMission, said: str) -> Mission:
+    if isinstance(command.mission, Mission):
+        return command.mission
+    if not isinstance(command.mission, str | PathLike):
+        raise InputError(f"{said}: a mission is a file, or what load_mission returns")
+    return load_mission(Path(fspath(command.mission)))
+
+
+def _check(named: NamedCommand, missions: Missions, jobs: Sequence[str]) -> None:
+    """Raise InputError for what no team that runs these missions could take."""
+    said = named.said
+    match named.given:
+        case Submit() as job:
+            for field in ("not_before_s", "deadline_s"):
+                if getattr(job, field) is not None:
+                    check_number(f"{said}: {field}", getattr(job, field))
+            problems = [_problem(each, job) for each in missions.at(named.at_us)]
+            if all(problems):
+                raise InputError(f"{said}: {problems[0]}")
+        case Borrow(robot) | Return(robot):
+            missions.with_robot(robot, named.at_us, said)
+        case CancelJob(job_id) | HoldJob(job_id) | ReleaseJob(job_id) | SetPriority(job_id):
+            if job_id not in jobs:
+                raise InputError(f"{said}: no job {job_id!r} is submitted{nearest(job_id, jobs)}")
+            if isinstance(named.given, SetPriority):
+                try:
+                    check_priority(named.given.priority)
+                except InputError as error:
+                    raise InputError(f"{said}: {error}") from None
+
+
+def _problem(mission: Mission, job: Submit) -> str:
+    """Why a team that runs this mission would refuse the job; empty if it would not."""
+    try:
+        arguments = arguments_of(mission, job.type, job.arguments)
+        return check_job(mission, job.type, arguments, job.id, job.priority).problem(arguments)
+    except InputError as error:
+        return str(error)
+
+
+def beside(folder: Path, given: Iterable[Any]) -> Iterator[Any]:
+    """The commands with paths relative to this folder."""
+    for entry in given:
+        match entry:
+            case (at_s, ReviseMission(str() | PathLike() as file) as command):
+                yield at_s, replace(command, mission=folder / file)
+            case _:
+                yield entry
+
+
+def job_results(observer: Observer, commands: Iterable[NamedCommand]) -> list[JobResult]:
+    """The jobs that a team has taken of those submitted, in this order."""
+    rows = {row.id: row for row in JobRows().of(observer)}
+    seen = observer.record.job_log.jobs
+    found = []
+    ids = [each.fault.id for each in commands if isinstance(each.fault, Submit)]
+    for name in dict.fromkeys(ids):
+        if name not in rows:
+            continue
+        row, history = rows[name], seen[name]
+        submitted_us = history.submitted_us
+        found.append(
+            JobResult(
+                id=name,
+                type=row.type,
+                arguments=row.arguments,
+                state=row.state,
+                why=row.why,
+                robots=row.robots,
+                submitted_s=(submitted_us or 0) / MICRO,
+                begun_s=_seconds(history.begun_us),
+                ended_s=_seconds(history.ended_us if history.has_ended else None),
+                attempts=history.attempts,
+                results=dict(history.results),
+            )
+        )
+    return found
+
+
+def _seconds(at_us: int | None) -> float | None:
+    return None if at_us is None else at_us / MICRO
