@@ -80,7 +80,7 @@ def validate(
     counts = {
         "robots": len(loaded.robots),
         "local_tasks": len(loaded.local_tasks),
-        "global_tasks": len(loaded.global_tasks),
+        "global_tasks": len([*loaded.all_tasks()]),
         "tree_nodes": len(loaded.tree.nodes),
     }
     if loaded.jobs:
@@ -91,7 +91,11 @@ def validate(
         names = {"mission": loaded.name, "digest": loaded.digest, "program": reference}
         print_json({**names, **counts, "warnings": warnings})
         return
-    listed = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+    names_of = {name: name.replace("_", " ") for name in counts}
+    listed = ", ".join(
+        f"{count} {names_of[name].removesuffix('s') if count == 1 else names_of[name]}"
+        for name, count in counts.items()
+    )
     listed += ", no program named" if reference is None else ""
     console.print(f"[bold green]valid[/] {loaded.name}: {listed}")
     for warning in warnings:

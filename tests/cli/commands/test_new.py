@@ -10,6 +10,7 @@ import pytest
 from mrbt_mesh.adapters.vda5050.layout_file import load_layout
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program_loader import check_program, load_program
+from mrbt_mesh.testing import Kill, Submit, run
 from tests.support.command import done, mrbt, refused
 
 
@@ -55,6 +56,25 @@ def test_a_fleet_of_agvs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert program.record_work
     for robot in mission.robots.values():
         assert check_program(program, mission, robot.capabilities) == []
+
+
+def test_a_team_that_is_handed_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    folder = tmp_path / "depot"
+    done(mrbt("new", str(folder), "--jobs"))
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "client.py",
+        "mission.yaml",
+        "robot.py",
+        "test_mission.py",
+    ]
+    code, output, problems = mrbt("validate", str(folder / "mission.yaml"))
+    assert (code, problems) == (0, "")
+    assert "2 global tasks, 6 tree nodes, 1 job type, 5 places" in " ".join(output.split())
+    jobs = [(2.0, Submit("fetch", [shelf, 1])) for shelf in "ABC"]
+    faults = [(6.0, Kill("R1"))]
+    found = run(folder / "mission.yaml", commands=jobs, faults=faults, until_jobs_end=True)
+    assert {job.state for job in found.jobs} == {"succeeded"}
 
 
 def test_one_thing_at_a_time(tmp_path: Path) -> None:
