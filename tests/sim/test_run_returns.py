@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -58,8 +59,28 @@ def faults_of(seed: int, robots: list[str]) -> list[tuple[int, Any]]:
     return sorted(found, key=lambda each: each[0])
 
 
+def freezes_of(seed: int, robots: list[str]) -> list[tuple[int, Any]]:
+    """Several times some robots freeze together, often all of them, and thaw; one may be killed."""
+    rng = random.Random(f"freezes/{seed}")
+    found: list[tuple[int, Any]] = []
+    at_us = rng.randrange(S // 2, 2 * S)
+    for _ in range(rng.randint(1, 3)):
+        count = len(robots) if rng.random() < 0.6 else rng.randint(1, len(robots))
+        for_us = rng.choice([rng.randrange(S // 2, 2 * S), rng.randrange(2 * S, 8 * S)])
+        for robot in rng.sample(robots, count):
+            found.append((at_us + rng.randrange(S // 10), Freeze(robot)))
+            found.append((at_us + for_us + rng.randrange(S // 10), Thaw(robot)))
+        at_us += for_us + rng.randrange(S // 2, 4 * S)
+    if rng.random() < 0.3:
+        found.append((rng.randrange(S, at_us), Kill(rng.choice(robots))))
+    return sorted(found, key=lambda each: each[0])
+
+
+@pytest.mark.parametrize("faults", [faults_of, freezes_of])
 @pytest.mark.parametrize("seed", effort.seeds(20))
-def test_a_robot_that_is_back_is_dead_nowhere(seed: int) -> None:
+def test_a_robot_that_is_back_is_dead_nowhere(
+    seed: int, faults: Callable[[int, list[str]], list[tuple[int, Any]]]
+) -> None:
     mission = load_mission(mission_file("vehicle_repair"))
     assert mission.program is not None
     delay_us, jitter_us = [(500, 0), (5_000, 2_000), (20_000, 40_000)][seed % 3]
@@ -68,7 +89,7 @@ def test_a_robot_that_is_back_is_dead_nowhere(seed: int) -> None:
         mission,
         load_program(mission.program),
         seed=seed,
-        schedule=faults_of(seed, sorted(mission.robots)),
+        schedule=faults(seed, sorted(mission.robots)),
         network=NetworkKnobs(LinkKnobs(delay_us=delay_us, jitter_us=jitter_us)),
         timeout_us=25 * S,
         inspect=False,

@@ -69,7 +69,7 @@ class Team:
         self.processes: dict[str, Process] = {}
         self.cuts: set[frozenset[str]] = set()
         self.story: list[str] = []
-        self.observer: Observer | None = None
+        self.observers: list[Observer] = []
         self.dead_routers: set[str] = set()
         # All that was published, as a stranger on the network has it.
         self.heard: list[inputs.MessageReceived] = []
@@ -100,10 +100,13 @@ class Team:
         while True:
             awake = [p for p in self.processes.values() if not p.frozen]
             due = {p.name: p.agent.next_deadline_us(self.now_us) for p in awake}
-            next_us = min(due.values(), default=until_us + 1)
+            # Where no robot does anything observers look all the same.
+            next_us = min(due.values(), default=self.now_us + TIMING.heartbeat_us)
             if next_us > until_us:
                 break
             self.now_us = next_us
+            if not awake:
+                self._drain()
             for process in awake:
                 if due[process.name] == next_us and process.name in self.processes:
                     self.give(process, inputs.TimerFired())
@@ -114,6 +117,11 @@ class Team:
         process = self.processes.pop(name)
         self._token_gone(process)
         self._drain()
+
+    @property
+    def observer(self) -> Observer | None:
+        """The one that came last."""
+        return self.observers[-1] if self.observers else None
 
     def freeze(self, name: str) -> None:
         self.processes[name].frozen = True
@@ -206,8 +214,8 @@ class Team:
     def _drain(self) -> None:
         for _ in range(AT_MOST):
             if not self._waiting:
-                if self.observer is not None:
-                    self.observer.update(self.now_us)
+                for observer in self.observers:
+                    observer.update(self.now_us)
                 return
             process = self._waiting.popleft()
             while process.mail and not process.frozen and process.name in self.processes:
@@ -261,8 +269,8 @@ class Team:
                     if to is not None and other.robot not in to:
                         continue
                     self._post(other, inputs.MessageReceived(kind, process.robot, data))
-                if self.observer is not None:
-                    self.observer.message(kind, process.robot, data, self.now_us)
+                for observer in self.observers:
+                    observer.message(kind, process.robot, data, self.now_us)
             case fx.Ask(peer, data):
                 for other in self._reached(process):
                     if other.robot == peer:
@@ -304,8 +312,8 @@ class Team:
         if process.token is not None:
             for other in self._others(process):
                 self._post(other, _token(process, False))
-            if self.observer is not None:
-                self.observer.membership.receive_token(process.robot, process.token, False)
+            for observer in self.observers:
+                observer.membership.receive_token(process.robot, process.token, False)
             process.token = None
 
     def _tell(self, process: Process, text: str) -> None:

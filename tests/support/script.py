@@ -174,9 +174,10 @@ class Script:
                 self.launch(name, mission, options & set(names))
 
     def do_observe(self) -> None:
-        """From now on an observer listens."""
+        """From now on an observer listens, or one more."""
         mission = self.mission()
-        self.team.observer = Observer(mission, build.RUN, TIMING, min_cost_flow, self.engine)
+        observer = Observer(mission, build.RUN, TIMING, min_cost_flow, self.engine)
+        self.team.observers.append(observer)
 
     def do_stranger(self, name: str) -> None:
         """A robot that runs another mission file."""

@@ -197,6 +197,9 @@ class Observer:
             peer = peers.get(robot)
             if peer is None or not peer.state.is_healthy:
                 continue
+            if peer.report.has_joined:
+                # A later life, of which others have told before its own heartbeat came.
+                self.record.robot_seen(robot, peer.incarnation, now_us)
             accused = {
                 suspicion.incarnation
                 for other in peers.values()

@@ -261,7 +261,8 @@ class RunRecord:
         if known.get("incarnation") != incarnation:
             return
         fault = self._open_fault(robot, incarnation)
-        if fault is None or (fault.detected_us is not None and heard_us > fault.detected_us):
+        # Where all robots were silent no other one has declared it dead.
+        if fault is None or heard_us > (fault.detected_us or fault.at_us):
             self.state(robot, State.ALIVE, heard_us, now_us)
 
     def fact(self, entry: Entry, now_us: int) -> None:

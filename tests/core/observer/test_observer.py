@@ -5,12 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind, encode
+from mrbt_mesh.core.observer.headline import headline
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.core.observer.work_log import WorkEnd
@@ -253,6 +256,42 @@ def test_a_dead_robot_that_is_heard_again_is_back() -> None:
     record.watched_from(now_us, now_us)
     record.robot_seen("A", record.robots["A"]["incarnation"], now_us)
     assert fault.until_us == now_us
+
+
+def dead_robots(observer: Observer) -> set[str]:
+    return {fault.robot for fault in observer.record.major if fault.until_us is None}
+
+
+@pytest.mark.parametrize("frozen", [("A", "B", "C"), ("A", "B"), ("C",)])
+def test_robots_that_all_were_frozen_and_are_back_are_not_dead(frozen: tuple[str, ...]) -> None:
+    """Of all of them nobody else has said that they were dead, and nobody takes that back."""
+    script, observer = watched(COVER, *(f"freeze {robot}" for robot in frozen), "pass 5000")
+    assert dead_robots(observer) == set(frozen)
+    script.block([*(f"thaw {robot}" for robot in frozen), "pass 3000"])
+    assert dead_robots(observer) == set()
+    assert not any("dead" in each.text for each in headline(observer, (), script.team.now_us))
+    script.block(["kill C", "pass 3000"])
+    assert dead_robots(observer) == {"C"}
+
+
+TRIO = st.sets(st.sampled_from("ABC"), min_size=1)
+SILENCES = st.tuples(TRIO, st.sampled_from([500, 1_500, 3_000, 6_000]), st.booleans())
+
+
+@given(st.lists(SILENCES, min_size=1, max_size=4), st.sampled_from(["", "A", "B", "C"]))
+def test_all_observers_old_and_new_know_who_is_dead(
+    silences: list[tuple[set[str], int, bool]], killed: str
+) -> None:
+    """Whichever robots are frozen together and thaw."""
+    script, _ = watched(COVER)
+    for frozen, for_ms, is_watched_anew in silences:
+        names = sorted(frozen)
+        script.block([f"freeze {robot}" for robot in names])
+        script.block(["observe"] * is_watched_anew + [f"pass {for_ms}"])
+        script.block([*(f"thaw {robot}" for robot in names), "pass 700"])
+    script.block(["pass 3000", *([f"kill {killed}"] if killed else []), "pass 3000"])
+    for observer in script.team.observers:
+        assert dead_robots(observer) == {killed} - {""}
 
 
 def test_who_comes_late_without_a_word_of_the_past_knows_that() -> None:

@@ -23,7 +23,7 @@ def late(*commands: str) -> tuple[Script, Observer]:
     now_us = script.team.now_us
     observer = Observer(before.mission, before.facts.run, before.membership.timing, min_cost_flow)
     observer.watch_from(now_us, 0)
-    script.team.observer = observer
+    script.team.observers.append(observer)
     script.block(["pass 600"])
     observer.read(script.team.processes["A"].agent.view.facts.map, script.team.now_us)
     script.block(["pass 600"])
