@@ -1,35 +1,25 @@
-"""A run that an operator has ended on purpose is neither blocked nor late: it says by whom."""
+"""A run that an operator has ended on purpose is neither blocked nor late: it says by whom.
+
+What was blocked before, and still was at its end, is in its summary; what was so because its robots
+were leaving is not.
+"""
 
 from __future__ import annotations
 
 import time
 from typing import Any
 
+from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.runtime.command_log import noted_commands
+from mrbt_mesh.runtime.command_log import TeamEnd, last_end, team_ends
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir
+from mrbt_mesh.runtime.run_dir import RunDir
 
 # The result of such a run, in place of one of these.
 ENDED = "ended"
 UNFINISHED = ("timeout", "blocked")
-DOWN = "down"
-# From the command on robots leave: what is blocked from then on was not in the way.
-LEAVING_US = 1_000_000
-
-
-def ended_by_command(run_dir: RunDir) -> tuple[str, float] | None:
-    """Who has ended the team by `mrbt down`, in words, and when, as Unix time in s; None: nobody,
-    or it has gone on since.
-    """
-    try:
-        content = (run_dir.path / COMMANDS_FILE).read_bytes()
-    except OSError:
-        return None
-    noted = [each for each in noted_commands(content, "", None) if each.unix_s is not None]
-    if not noted or noted[-1].by != f"mrbt {DOWN}":
-        return None
-    return noted[-1].command, noted[-1].unix_s or 0.0
+# Robots may begin to leave, as on Ctrl-C, so much before that is noted.
+LEAVING_S = 1.0
 
 
 def with_operator_end(
@@ -38,13 +28,34 @@ def with_operator_end(
     """The summary of a run that has ended before its mission; `why`: if no command has ended it,
     what did, empty if that was no operator.
     """
-    command = ended_by_command(run_dir) if run_dir is not None else None
-    if command is None and not why:
+    ends = team_ends(run_dir) if run_dir is not None else []
+    last = last_end(run_dir) if run_dir is not None else None
+    if last is None and why:
+        last = TeamEnd(why, time.time(), None)
+        ends.append(last)
+    if summary.get("blocked"):
+        summary = summary | {"blocked": _in_the_way(summary["blocked"], record, ends)}
+    if last is None:
         return summary
-    text, unix_s = command or (why, time.time())
-    summary = summary | {"ended_because": text}
-    before_us = boottime_us() - round((time.time() - unix_s) * 1e6) - LEAVING_US
-    was_blocked = any(e.to_us is None and e.from_us < before_us for e in record.blocked)
-    if summary["result"] in UNFINISHED and not was_blocked:
+    summary = summary | {"ended_because": last.text}
+    if summary["result"] in UNFINISHED:
         summary["result"] = ENDED
     return summary
+
+
+def _in_the_way(
+    episodes: list[dict[str, Any]], record: RunRecord, ends: list[TeamEnd]
+) -> list[dict[str, Any]]:
+    """Those of the blocked requests that did not begin with the robots leaving."""
+    epoch_s = time.time() - boottime_us() / SECOND_US
+    began_s = (record.started_us or 0) / SECOND_US + epoch_s
+
+    def is_of_an_end(episode: dict[str, Any]) -> bool:
+        from_s = began_s + (episode["from"] or 0.0)
+        return any(
+            end.unix_s - LEAVING_S <= from_s
+            and (end.until_unix_s is None or from_s < end.until_unix_s)
+            for end in ends
+        )
+
+    return [episode for episode in episodes if not is_of_an_end(episode)]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.runtime.member_keys import Manifest, MemberKeys
 
 HASH_BYTES = 16
+DOWN = "mrbt down"
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,38 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
     except (OSError, InputError) as error:
         reason = getattr(error, "strerror", None) or error
         raise RunDirError(f"{path}: the command is not noted for reports: {reason}") from error
+
+
+@dataclass(frozen=True)
+class TeamEnd:
+    """An operator has ended the team by `mrbt down`: in words, when, and when the next command was
+    given, which may have had it go on; None: none was.
+    """
+
+    text: str
+    unix_s: float
+    until_unix_s: float | None
+
+
+def team_ends(run_dir: RunDir) -> list[TeamEnd]:
+    """All times that the team was ended by a command, in order."""
+    try:
+        content = (run_dir.path / COMMANDS_FILE).read_bytes()
+    except OSError:
+        return []
+    noted = [(n.by, n.command, n.unix_s) for n in noted_commands(content, "", None) if n.unix_s]
+    following = [unix_s for _, _, unix_s in noted[1:]]
+    return [
+        TeamEnd(command, unix_s, until_s)
+        for (by, command, unix_s), until_s in zip(noted, [*following, None], strict=True)
+        if by == DOWN
+    ]
+
+
+def last_end(run_dir: RunDir) -> TeamEnd | None:
+    """Who has ended the team by `mrbt down`; None: nobody, or it has gone on since."""
+    ends = team_ends(run_dir)
+    return ends[-1] if ends and ends[-1].until_unix_s is None else None
 
 
 def read_commands(path: Path) -> bytes | None:

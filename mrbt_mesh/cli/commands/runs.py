@@ -77,7 +77,6 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     import anyio
 
     from mrbt_mesh.cli.finished import summary_of_finished
-    from mrbt_mesh.cli.operator_end import DOWN
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.known_runs import find_run, is_running
     from mrbt_mesh.runtime.team import Team
@@ -90,7 +89,7 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
     if not is_running(found):
         raise InputError(f"team {info.team} does not run any more; `mrbt ls` lists those that do")
     robots = [*found.living()]
-    note_command(found, DOWN, f"ended by {user_name()} (mrbt down)")
+    note_command(found, "down", f"ended by {user_name()} (mrbt down)")
     _end_launcher(found)
     anyio.run(Team(found, info, load_mission(found.mission_path)).end)
     if left := [f"{robot} (pid {process.pid})" for robot, process in found.living().items()]:
