@@ -86,13 +86,15 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     ended_us = boottime_us() - max(0, time.time_ns() - last_ns) // 1_000
     recorded_us = tell_past(observer, run_dir.path, info.started_unix_s, ())
     ended_us = max(ended_us, recorded_us or 0)
-    result = Team(run_dir, info, mission).result(observer, ended_us)
+    team = Team(run_dir, info, mission)
+    result = team.result(observer, ended_us)
+    team.note_unseen_deaths(observer, ended_us)
     summary = run_summary(observer, result, ended_us)
     if observer.record.result is None:
         summary["ended_because"] = "no robot is left"
-        for row in summary["robots"].values():
-            # One that left by itself has recorded that.
-            row["state"] = row["state"] if row["state"] == "left" else "dead"
+        died = {fault.robot for fault in observer.record.major if fault.until_us is None}
+        for robot, row in summary["robots"].items():
+            row["state"] = "dead" if robot in died else "left"
         summary = with_operator_end(summary, observer.record, run_dir, "")
     return summary | {"run_dir": str(run_dir.path)}
 

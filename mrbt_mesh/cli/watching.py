@@ -218,6 +218,7 @@ class Session:
                 if not self.team.living():
                     # The run is over, and only its journals are left.
                     self.team.result(watcher.observer, boottime_us())
+                    self.team.note_unseen_deaths(watcher.observer, boottime_us())
                 group.start_soon(self.team.note_exits, watcher)
             if self.show.as_json:
                 print_json(_addresses(opened, self.views.options))
@@ -340,6 +341,8 @@ class Session:
         now_us = boottime_us()
         if team is not None:
             result = team.result(observer, now_us)
+            if why != STOPPED:
+                team.note_unseen_deaths(observer, now_us)
         else:
             result = observer.result(anybody_lives=bool(observer.membership.members()))
         summary = run_summary(observer, result, now_us)

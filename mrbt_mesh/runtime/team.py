@@ -21,6 +21,7 @@ from mrbt_mesh.core.observer.episodes import DeathTimes
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.capacity import allow_open_files
+from mrbt_mesh.runtime.command_log import last_end
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.launcher import (
@@ -59,6 +60,8 @@ EXITS_LOOK_S = 0.5
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
 MAX_PORT = 65_535
+# A robot that lives is marked alive at least so often.
+MARK_S = 3.0
 # Exit statuses of a robot: its mission has failed, it refuses its input.
 FAILED, REFUSED = 1, 2
 
@@ -285,6 +288,19 @@ class Team:
             entries = (entry for kept in self.journals().values() for entry in kept)
             observer.read(entries, now_us)
         return observer.result(lives)
+
+    def note_unseen_deaths(self, observer: Observer, now_us: int) -> None:
+        """Put into the record that robots have died of which only their files show it, if none is
+        left: but not of those that were there when an operator ended the team, and then left.
+        """
+        if observer.record.result is not None or self.living():
+            return
+        end, unix_ns = last_end(self.run_dir), time.time_ns()
+        for robot in self.run_dir.robots():
+            mark_ns = self.run_dir.alive_mark_ns(robot)
+            if end is None or mark_ns / 1e9 < end.unix_s - MARK_S:
+                at_us = min(now_us, boottime_us() - max(0, unix_ns - mark_ns) // 1_000)
+                observer.record.died_unseen(robot, at_us)
 
     def refusals(self) -> list[str]:
         """What robots printed that were started from here and refused their input."""

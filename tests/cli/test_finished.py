@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,30 @@ def test_a_run_ends_no_earlier_than_what_was_recorded_of_it(run_dir: RunDir) -> 
     found = summary_of_finished(run_dir)
     assert found is not None
     assert found["duration_s"] == pytest.approx(2.5, abs=1)
+
+
+@pytest.mark.parametrize(
+    ("is_ended", "mark_ago_s", "state"),
+    [(False, 1.0, "dead"), (True, 1.0, "left"), (True, 60.0, "dead")],
+)
+def test_deaths_that_nobody_saw_are_faults_too(
+    run_dir: RunDir, is_ended: bool, mark_ago_s: float, state: str
+) -> None:
+    """As robots have no time to tell of when all are killed; but the end of the team is none."""
+    record_example(run_dir.path, "explore", 1, timeout_us=3_000_000)
+    now_s = time.time()
+    for robot in load_mission(run_dir.mission_path).robots:
+        os.utime(begin(run_dir, robot), (now_s, now_s - mark_ago_s))
+    if is_ended:
+        note_command(run_dir, "mrbt down", "ended by anna")
+    found = summary_of_finished(run_dir)
+    assert found is not None
+    robots = found["robots"]
+    assert robots
+    assert {row["state"] for row in robots.values()} == {state}
+    died = [fault["robot"] for fault in found["faults"] if fault["kind"] == "major"]
+    assert sorted(died) == (sorted(robots) if state == "dead" else [])
+    assert found["result"] == ("ended" if is_ended else "blocked")
 
 
 def test_a_summary_is_written_where_the_file_system_has_no_links(

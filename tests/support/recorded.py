@@ -24,6 +24,7 @@ def record_example(
     seed: int,
     schedule: Schedule = (),
     options: AgentOptions | None = None,
+    timeout_us: int = 60 * SECOND_US,
 ) -> SimulationResult:
     """Simulate an example, and record it in a folder."""
     mission, program = example(name)
@@ -34,7 +35,7 @@ def record_example(
         schedule=list(schedule),
         agents=options or AgentOptions(),
         record=folder,
-        timeout_us=60 * SECOND_US,
+        timeout_us=timeout_us,
     )
 
 

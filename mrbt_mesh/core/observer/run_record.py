@@ -193,6 +193,18 @@ class RunRecord:
         for fault in self._faults_of(robot, incarnation)[-1:]:
             self._settle(fault)
 
+    def died_unseen(self, robot: str, at_us: int) -> None:
+        """The robot's process has ended, and nobody was there to notice; the last sign of life that
+        it gave was then.
+        """
+        known = self.robots.get(robot, {})
+        incarnation = known.get("incarnation", known.get("described_by"))
+        if incarnation is None or known.get("state") is State.LEFT or self.result is not None:
+            return
+        known["incarnation"] = incarnation
+        if self._open_fault(robot, incarnation) is None:
+            self._died(robot, incarnation, at_us)
+
     def declared_dead(self, robot: str, incarnation: Incarnation, now_us: int) -> None:
         """A robot of the team has declared another one dead."""
         known = self.robots.get(robot, {})

@@ -194,6 +194,7 @@ class MachineRuns:
         ):
             if not team.living():
                 team.result(watcher.observer, boottime_us())
+                team.note_unseen_deaths(watcher.observer, boottime_us())
             group.start_soon(team.note_exits, watcher)
             feed = watched.feed = Feed(TeamView(watcher.observer), boottime_us)
             control = Control(watcher, team, group) if self.token else None
