@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from mrbt_mesh.cli.terminal import warn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
+from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows, left_behind
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import RunDir
@@ -30,8 +28,7 @@ def jobs_left_behind(run_dir: RunDir, mission: Mission) -> list[JobRow]:
     journals = Team(run_dir, info, mission).journals(warn)
     observer.read((entry for kept in journals.values() for entry in kept), boottime_us())
     rows = JobRows().of(observer) if observer.facts.jobs is not None else []
-    # Nobody is there: what each waits for would be the same of all.
-    return [replace(row, why="") if row.state in OPEN else row for row in rows]
+    return [left_behind(row) for row in rows]
 
 
 def open_jobs_text(rows: list[JobRow]) -> str:

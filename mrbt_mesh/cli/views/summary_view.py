@@ -86,12 +86,14 @@ def _headline(summary: Mapping[str, Any]) -> Text:
     elif summary.get("ends") == "never" and result in ("success", "failure"):
         words = _standing_by(summary["rounds"], summary.get("older", {}).get("rounds", 0))
     faults = len(summary.get("faults", ()))
+    still_open = sum(each["open"] for each in summary.get("jobs", {}).values())
     return Text.assemble(
         (f"{mark} {words}", style),
         (f"  {summary['mission']}" if summary.get("mission") else "", "bold"),
         f"  {_seconds(summary.get('duration_s'))}",
         (f"  {_count(len(summary.get('robots', ())), 'robot')}", "dim"),
         (f", {_count(faults, 'fault')}" if faults else ", no faults", "dim"),
+        (f", {_count(still_open, 'job')} open" if still_open else "", "bold"),
         (f"\n  {because}" if (because := summary.get("ended_because")) else "", "bold"),
     )
 

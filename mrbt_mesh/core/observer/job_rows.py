@@ -17,6 +17,7 @@ from mrbt_mesh.core.planning.demands import IN_DOUBT
 from mrbt_mesh.core.planning.plan import Plan
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
+NOT_BEFORE, NO_PLACE = "not before", "the mission in force has no place for it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +150,7 @@ class JobRows:
             elif known.job is not None:
                 why = reasons.get(name, "")
                 if not facts.jobs.fits(known.job):
-                    why = "the mission in force has no place for it"
+                    why = NO_PLACE
                 elif name not in in_tree:
                     why = behind
                 arguments = named_arguments(types, known.job.type, known.job.arguments)
@@ -159,6 +160,15 @@ class JobRows:
         self._made, self._lively = made, lively
         order = sorted((place, name) for name, (_, _, place, _) in made.items())
         return [made[name][3] for _, name in order]
+
+
+def left_behind(row: JobRow) -> JobRow:
+    """A row of a team that does not run: that no robot is there holds for all jobs and is no
+    reason, what follows from facts about this one is.
+    """
+    is_own = row.why.startswith((NOT_BEFORE, NO_PLACE)) or IN_DOUBT in row.why
+    is_open = row.state in (HELD, WAITING, RUNNING)
+    return replace(row, why="") if is_open and not is_own else row
 
 
 def why_over(observer: Observer) -> str:
@@ -208,7 +218,7 @@ def _open(
     elif known.hold is not Hold.RELEASED:
         state, why = HELD, ""
     elif not known.is_due:
-        why = f"not before {utc_text(job.not_before_us)}"
+        why = f"{NOT_BEFORE} {utc_text(job.not_before_us)}"
     shown = tuple(robots)
     return JobRow(
         known.id,
