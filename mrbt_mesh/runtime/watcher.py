@@ -57,8 +57,10 @@ if TYPE_CHECKING:
 
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 10.0
-# How often it is looked whether the manifest has changed.
-MANIFEST_US = SECOND_US // 4
+# How often it is looked whether the manifest has changed, and which processes run.
+MANIFEST_US, PROCESSES_US = SECOND_US // 4, SECOND_US
+# A robot has mostly been heard so soon after its process has begun.
+HEARD_WITHIN_US = 5 * SECOND_US
 
 
 class Watcher:
@@ -90,7 +92,9 @@ class Watcher:
         self._recordings = [recording] if recording is not None else []
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
-        self._next_look_us = 0
+        self._next_look_us = self._next_processes_us = 0
+        # Those of this machine that run: robot and pid -> since when that is known.
+        self._processes: dict[tuple[str, int], int] = {}
         self._changes = self._changes_of(address)
         self._told = ""
         self._looked_us = self._taken_us = 0
@@ -153,6 +157,7 @@ class Watcher:
             self._take(event, event.arrived_us or self._taken_us)
         now_us = boottime_us()
         self._look_at_manifest(now_us)
+        self._look_at_processes(now_us)
         replica = self.observer.replica
         self.observer.update(now_us)
         self._inbox.are_beats_quiet = not self.observer.membership.has_suspects
@@ -182,6 +187,20 @@ class Watcher:
         elif manifest.is_revoked:
             text = "the observer's own key has been revoked or replaced: start again"
             self.observer.record.say(now_us, text)
+
+    def _look_at_processes(self, now_us: int) -> None:
+        """Tell the observer which robots run, on this machine: who is silent need not be dead."""
+        run_dir, before = self.address.run_dir, self._processes
+        if run_dir is None or now_us < self._next_processes_us:
+            return
+        self._next_processes_us = now_us + PROCESSES_US
+        found = ((robot, process.pid) for robot, process in run_dir.living().items())
+        self._processes = {each: before.get(each, now_us) for each in found}
+        self.observer.running = frozenset(
+            robot
+            for (robot, _), since_us in self._processes.items()
+            if now_us - since_us >= HEARD_WITHIN_US or robot in self.observer.membership.peers
+        )
 
     async def wait_for_change(self, timeout_s: float) -> None:
         """Wait for news, at most `timeout_s`, and refresh."""

@@ -147,7 +147,7 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
         took_s = record.seconds(record.ended_us)
         after = "" if took_s is None else f" after {took_s:.1f} s"
         yield Statement(level, f"{record.result.name.lower()}{after}")
-    elif record.started_us is None:
+    elif record.started_us is None and not observer.running:
         yield Statement(Level.INFO, "waiting for robots")
     elif observer.facts.order() is TeamOrder.PAUSE:
         yield Statement(Level.WARN, "paused: `mrbt resume` goes on")
@@ -162,10 +162,12 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
 def _blocked(observer: Observer) -> Iterator[Statement]:
     """The requests that no living robots can serve, each with what would help."""
     plan, record = observer.plan, observer.record
-    if plan is None or record.result is not None:
+    if record.result is not None:
         return
-    if record.started_us is not None and not _present(observer):
+    if (record.started_us is not None or observer.running) and not _present(observer):
         yield Statement(Level.BAD, "no robot is heard")
+    if plan is None:
+        return
     reasons = {episode.request for episode in record.blocked if episode.to_us is None}
     waiting = [w for w in plan.waiting if w.is_blocked and w.global_task in reasons]
     for each in waiting[:MOST_BLOCKED]:
@@ -221,9 +223,17 @@ def _joined(remedies: Sequence[str], missing: int) -> str:
 
 
 def _dead(observer: Observer) -> Iterator[Statement]:
-    """The robots that died and did not come back, with what became of their work."""
+    """The robots that died and did not come back, with what became of their work. One whose process
+    runs is silent, until another robot has declared it dead.
+    """
+    silent = State.SUSPECT
     faults = sorted(
-        (fault for fault in observer.record.major if fault.until_us is None),
+        (
+            fault
+            for fault in observer.record.major
+            if fault.until_us is None
+            and not (fault.detected_us is None and observer.robot_state(fault.robot) is silent)
+        ),
         key=lambda fault: name_order(fault.robot),
     )
     if not faults:

@@ -63,6 +63,8 @@ class Observer:
         # How many times faster than the mission says simulated robots work; for people alone.
         self.speed = 1.0
         self.refused: dict[str, str] = {}
+        # Robots whose processes are known to run, though they may not be heard.
+        self.running: frozenset[str] = frozenset()
         self._make_plan = engine.plan_making(solver)
         self._engine = engine
         self._planned: tuple[int, int] = (-1, -1)
@@ -328,7 +330,8 @@ class Observer:
 
     def robot_state(self, robot: str) -> State:
         """ALIVE, SUSPECT, DEAD or LEFT; a robot known only from facts is dead or has left. One that
-        a revision has removed is not dead.
+        a revision has removed is not dead, nor is one whose process runs while no other robot has
+        declared it dead.
         """
         peer = self.membership.peers.get(robot)
         member = self.facts.members.get(robot)
@@ -336,9 +339,12 @@ class Observer:
         if left and member and (peer is None or peer.incarnation == member[1]):
             return State.LEFT
         state = peer.state if peer is not None else State.DEAD
-        is_removed = robot in self.facts.removed_robots
-        return State.LEFT if is_removed and state is State.DEAD else state
+        if state is State.DEAD and robot in self.facts.removed_robots:
+            return State.LEFT
+        if state is State.DEAD and robot in self.running and not self.record.is_declared(robot):
+            return State.SUSPECT
+        return state
 
     def robots(self) -> list[str]:
         """All robots that are known, sorted."""
-        return sorted(set(self.facts.members) | set(self.membership.peers))
+        return sorted({*self.facts.members, *self.membership.peers, *self.running})

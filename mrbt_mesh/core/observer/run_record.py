@@ -262,6 +262,13 @@ class RunRecord:
             self.say(now_us, f"{robot} left")
         known["state"] = state
 
+    def is_declared(self, robot: str) -> bool:
+        """Whether another robot holds this one for dead."""
+        return any(
+            fault.robot == robot and fault.until_us is None and fault.detected_us is not None
+            for fault in self.major
+        )
+
     def in_doubt(self) -> list[str]:
         """The robots that are suspect here, or dead and not back in a later life."""
         doubted = (State.SUSPECT, State.DEAD)

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.core.observer.episodes import after_text
@@ -144,6 +146,31 @@ def test_all_are_dead() -> None:
     script, observer = watched(WELD, "kill A", "kill B", "pass 8000")
     observer.update(script.team.now_us)
     assert said(observer) == ["bad no robot is heard", "bad 2 dead: A, B, 1 not replaced yet"]
+
+
+def test_robots_that_are_not_heard_but_run_are_silent() -> None:
+    """All say the same: who has heard them before, and who has not."""
+    script, observer = watched(WELD, "freeze A", "freeze B", "pass 8000")
+    new = Observer(observer.mission, observer.facts.run, Timing(), min_cost_flow)
+    new.update(script.team.now_us)
+    assert said(new) == ["info waiting for robots"]
+    for each in (observer, new):
+        each.running = frozenset("AB")
+        assert said(each) == ["bad no robot is heard", "warn 2 silent: A, B"]
+    observer.running = frozenset("A")
+    assert said(observer)[1:] == ["warn 1 dead: B, was idle", "warn 1 silent: A"]
+    observer.running = frozenset("AB")
+    script.block(["thaw A", "thaw B", "pass 3000"])
+    assert said(observer) == ["good running", "good all 2 agree"]
+
+
+def test_who_is_silent_and_declared_dead_by_others_is_dead() -> None:
+    script, observer = watched(COVER, "freeze A", "pass 3000")
+    observer.running = frozenset("ABC")
+    assert any(each.startswith("warn 1 dead: A") for each in said(observer))
+    script.block(["kill B", "kill C", "pass 8000"])
+    observer.running = frozenset("A")
+    assert "bad no robot is heard" in said(observer)
 
 
 @pytest.mark.parametrize(
