@@ -10,13 +10,13 @@ import time
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
+from mrbt_mesh.core.observer.headline import ENDED
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.runtime.command_log import TeamEnd, last_end, team_ends
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import RunDir
 
-# The result of such a run, in place of one of these.
-ENDED = "ended"
+# Such a run is ended in place of one of these.
 UNFINISHED = ("timeout", "blocked")
 # Robots may begin to leave, as on Ctrl-C, so much before that is noted.
 LEAVING_S = 1.0

@@ -32,7 +32,7 @@ from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.newest import LIVE_ENTRIES
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.observer import Observer, RunEnd
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
@@ -189,7 +189,9 @@ class Watcher:
             self.observer.record.say(now_us, text)
 
     def _look_at_processes(self, now_us: int) -> None:
-        """Tell the observer which robots run, on this machine: who is silent need not be dead."""
+        """Tell the observer which robots run, on this machine: who is silent need not be dead. And
+        whether the run has ended, which goes on if it is continued.
+        """
         run_dir, before = self.address.run_dir, self._processes
         if run_dir is None or now_us < self._next_processes_us:
             return
@@ -201,6 +203,13 @@ class Watcher:
             for (robot, _), since_us in self._processes.items()
             if now_us - since_us >= HEARD_WITHIN_US or robot in self.observer.membership.peers
         )
+
+        if (summary := None if self._processes else run_dir.summary()) is None:
+            self.observer.ended = None
+        elif self.observer.ended is None:
+            result, because = summary.get("result"), summary.get("ended_because")
+            self.observer.ended = RunEnd(str(result), str(because or ""), now_us)
+            self.changed.set()
 
     async def wait_for_change(self, timeout_s: float) -> None:
         """Wait for news, at most `timeout_s`, and refresh."""

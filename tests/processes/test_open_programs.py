@@ -146,3 +146,21 @@ def test_open_programs_find_a_team_again_that_was_killed_and_continued(lives: Te
     finally:
         client.process.kill()
         client.process.communicate()
+
+
+def test_a_server_says_that_the_run_has_ended_until_it_is_continued(lives: Team) -> None:
+    with served(lives) as http:
+        lives.mrbt("down", "--run-dir", str(lives.run_dir))
+        lives.wait_until(lambda: http.get("v1/status").json()["over"], "the server knows the end")
+        status = http.get("v1/status").json()
+        assert (status["result"], status["headline"][0]["level"]) == ("ended", "info")
+        assert "event: over" in http.get("v1/events").text, "the whole stream has ended"
+        up(lives, "--continue")
+
+        def goes_on() -> bool:
+            status = http.get("v1/status").json()
+            alive = [robot["state"] for robot in status["robots"].values()].count("alive")
+            return not status["over"] and alive == 3
+
+        lives.wait_until(goes_on, "the server has found its robots again")
+        assert post(http, 9) == 201

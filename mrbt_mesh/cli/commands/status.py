@@ -118,7 +118,8 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
         "mission": observer.mission.name,
         "revision": observer.mission.revision_number,
         "headline": [statement.to_json() for statement in statements],
-        "result": plan.result.name.lower() if plan else None,
+        "result": _result(observer),
+        "over": observer.is_over,
         "ends": str(observer.mission.ends),
         "robots": robots,
         "global_tasks": {
@@ -145,6 +146,13 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
         "secure": watcher.address.keys is not None,
         "run_dir": str(run_dir.path) if run_dir is not None else None,
     }
+
+
+def _result(observer: Observer) -> str | None:
+    """That of the run if it is over, else of its plan."""
+    if observer.ended is not None and observer.record.result is None:
+        return observer.ended.result
+    return observer.plan.result.name.lower() if observer.plan is not None else None
 
 
 def _robot(watcher: Watcher, robot: str, now_us: int) -> dict[str, Any]:

@@ -61,6 +61,12 @@ class Statement:
         return {"level": str(self.level), "text": self.text}
 
 
+# The result of a run that an operator has ended.
+ENDED = "ended"
+# How a run has ended; others are bad.
+_LEVELS = {"success": Level.GOOD, ENDED: Level.INFO, "not_started": Level.INFO}
+
+
 def reported_plans(observer: Observer) -> dict[str, bytes]:
     """Robot -> digest of the plan that it last reported, empty for none; sorted.
 
@@ -95,14 +101,16 @@ def headline(observer: Observer, differing: Collection[str], now_us: int) -> lis
     takes.
     """
     found = [*_alone(observer), *_blocked(observer), *_dead(observer)]
-    if observer.record.result is None:
+    if observer.ended is not None:
+        found += _open_jobs(observer)
+    elif observer.record.result is None:
         found += [*_overdue(observer, now_us), *_silent(observer), *_faulty(observer)]
         found += _agreement(observer, differing)
         found += [*_revision(observer), *_open_jobs(observer)]
     order = list(Level)
     is_bad = any(statement.level is Level.BAD for statement in found)
     result = list(_result(observer, is_bad))
-    if observer.record.result is not None:
+    if observer.is_over:
         return [*result, *found]
     return sorted([*result, *found], key=lambda statement: order.index(statement.level))
 
@@ -147,6 +155,9 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
         took_s = record.seconds(record.ended_us)
         after = "" if took_s is None else f" after {took_s:.1f} s"
         yield Statement(level, f"{record.result.name.lower()}{after}")
+    elif (end := observer.ended) is not None:
+        words = end.because if end.result == ENDED else f"{end.result}: {end.because}"
+        yield Statement(_LEVELS.get(end.result, Level.BAD), words.removesuffix(": "))
     elif record.started_us is None and not observer.running:
         yield Statement(Level.INFO, "waiting for robots")
     elif observer.facts.order() is TeamOrder.PAUSE:
@@ -162,7 +173,7 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
 def _blocked(observer: Observer) -> Iterator[Statement]:
     """The requests that no living robots can serve, each with what would help."""
     plan, record = observer.plan, observer.record
-    if record.result is not None:
+    if observer.is_over:
         return
     if (record.started_us is not None or observer.running) and not _present(observer):
         yield Statement(Level.BAD, "no robot is heard")
@@ -254,7 +265,7 @@ def _dead(observer: Observer) -> Iterator[Statement]:
 
 def wanted_activations(observer: Observer) -> set[str]:
     """What the tree requests now; a dead robot's work is wanted while it is among these."""
-    if observer.record.result is not None or observer.plan is None:
+    if observer.is_over or observer.plan is None:
         return set()
     return {request.activation for request in observer.plan.evaluation.requests}
 

@@ -7,6 +7,7 @@ since it sends no heartbeats.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import partial
 
 from mrbt_mesh.core.assignment.problem import Solver
@@ -33,6 +34,17 @@ from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
 from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 from mrbt_mesh.core.planning.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnd:
+    """The run has ended without its mission's result, as its files say: how and why, and since when
+    that is known. It may be continued.
+    """
+
+    result: str
+    because: str
+    at_us: int
 
 
 class Observer:
@@ -65,6 +77,7 @@ class Observer:
         self.refused: dict[str, str] = {}
         # Robots whose processes are known to run, though they may not be heard.
         self.running: frozenset[str] = frozenset()
+        self.ended: RunEnd | None = None
         self._make_plan = engine.plan_making(solver)
         self._engine = engine
         self._planned: tuple[int, int] = (-1, -1)
@@ -222,6 +235,11 @@ class Observer:
         changed = self.replica.take_shown(derived.show, self.membership, now_us)
         self._facts_changed(changed, now_us)
         return bool(changed)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the run is: by the team's result, or since no robot of it is left."""
+        return self.record.result is not None or self.ended is not None
 
     @property
     def _stands_by(self) -> bool:

@@ -172,10 +172,12 @@ class TeamState:
                 self.changes.put(f"job/{name}", None)
 
     def _team(self) -> dict[str, Any]:
-        record = self.observer.record
+        record, end = self.observer.record, self.observer.ended
+        result = end.result if end is not None else None
+        ended_us = end.at_us if end is not None and record.result is None else record.ended_us
         return {
-            "ended": record.result.name.lower() if record.result is not None else None,
-            "ended_s": record.seconds(record.ended_us),
+            "ended": record.result.name.lower() if record.result is not None else result,
+            "ended_s": record.seconds(ended_us),
             "command": str(self.observer.facts.order()),
             "started": record.started_us is not None,
             "rounds": record.rounds.all.total,
@@ -375,5 +377,7 @@ class TeamView:
 
     def ends_s(self, now_us: int) -> float:
         """The end of the run, or now."""
-        ended_us = self.observer.record.ended_us
+        ended_us, end = self.observer.record.ended_us, self.observer.ended
+        if ended_us is None and end is not None:
+            ended_us = end.at_us
         return self.seconds(now_us if ended_us is None else ended_us) or 0.0

@@ -71,7 +71,7 @@ class Feed:
     def show(self) -> None:
         """Look at the observer at once, and send changes."""
         has_changed = self.view.update(self._clock_us())
-        self._is_run_over = self.observer.record.result is not None
+        self._is_run_over = self.observer.is_over
         if has_changed:
             self.wake()
 

@@ -110,6 +110,10 @@ _STATUS = {
         "mission": _TEXT,
         "headline": {"type": "array", "items": _STATEMENT},
         "result": {"type": ["string", "null"]},
+        "over": {
+            "type": "boolean",
+            "description": "Whether the run has its result, or no robot of it is left.",
+        },
         "agreement": {"type": "boolean"},
         "robots": {"type": "object", "additionalProperties": _ROBOT},
         "global_tasks": {"type": "object", "additionalProperties": _TASK},
@@ -147,9 +151,10 @@ _LINK = {
 }
 _EVENTS = (
     "Server-sent events: `begin` with everything, then `news`, and `over` when the result of the "
-    "run is known, or the server ends. The stream ends with `over`, or after `limit` events. A "
-    "client that reads a whole answer asks for one event at a time, and gives the id of the last "
-    "one: the next answer waits until something has changed, a second at most."
+    "run is known, no robot of it is left, or the server ends. The stream ends with `over`, or "
+    "after `limit` events. A client that reads a whole answer asks for one event at a time, and "
+    "gives the id of the last one: the next answer waits until something has changed, a second at "
+    "most."
 )
 
 

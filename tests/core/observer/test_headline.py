@@ -14,7 +14,7 @@ from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.core.observer.episodes import after_text
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.observer import Observer, RunEnd
 from tests.support.commands import command
 from tests.support.watched import ALONE, COVER, WELD, watched
 
@@ -216,3 +216,19 @@ def test_robots_that_do_not_record_are_named_in_one_line() -> None:
     assert said(observer)[0] == f"warn {line}"
     script.block(["recording A works", "recording B works", "pass 100"])
     assert said(observer) == ["good running", "good all 3 agree"]
+
+
+def test_a_run_of_which_no_robot_is_left_says_how_it_ended_until_it_is_continued() -> None:
+    script, observer = watched(WELD, "leave A", "leave B", "pass 3000")
+    assert said(observer)[0] == "bad no robot is heard"
+    for end, words in (
+        (RunEnd("ended", "ended by anna", 0), "info ended by anna"),
+        (RunEnd("blocked", "no robot is left", 0), "bad blocked: no robot is left"),
+        (RunEnd("failure", "", 0), "bad failure"),
+    ):
+        observer.ended = end
+        assert said(observer) == [words]
+        assert observer.is_over
+    observer.ended = None
+    script.block(["start A B", "pass 1000"])
+    assert said(observer) == ["good running", "good all 2 agree"]

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.observer.observer import RunEnd
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.feed import Feed
 from tests.support.watched import WELD, watched
@@ -44,6 +45,25 @@ async def test_a_late_page_hears_the_past_and_then_what_is_new() -> None:
     assert event == "news"
     assert items["work/1"]["end"] == "done"
     assert "fault/0" not in items, "that has not changed"
+    await pages.aclose()
+
+
+async def test_the_end_of_a_run_of_which_no_robot_is_left_can_be_taken_back() -> None:
+    watched = Watched()
+    pages = watched.feed.messages("", ends_with_run=True)
+    await anext(pages)
+    watched.feed.observer.ended = RunEnd("ended", "ended by anna", 0)
+    watched.do("pass 100")
+    _, event, items = read(await anext(pages))
+    assert (event, items["team"]["ended"]) == ("news", "ended")
+    assert [read(each)[1] async for each in pages] == ["over"]
+    again = [read(each)[1] async for each in watched.feed.messages("", ends_with_run=True)]
+    assert again == ["begin", "over"]
+    watched.feed.observer.ended = None
+    watched.do("pass 100")
+    pages = watched.feed.messages("", ends_with_run=True)
+    _, event, items = read(await anext(pages))
+    assert (event, items["team"]["ended"]) == ("begin", None)
     await pages.aclose()
 
 
