@@ -82,18 +82,32 @@ class Again(Decorator):
     def clear(self) -> None:
         self.count = 0
 
+    def _limit(self, before: int) -> int:
+        """The number of attempts as it is now; the one before if it cannot be read any more."""
+        try:
+            return int(self.input(self.limit_port, "int"))
+        except TickError:
+            return before
+
     def tick(self) -> NodeStatus:
         limit = int(self.input(self.limit_port, "int"))
         self.status = RUNNING
         while limit == -1 or self.count < limit:
             was_idle = self.child.status is IDLE
             status = self.tick_child()
-            if status is RUNNING or status is SKIPPED:
+            if status is RUNNING:
+                return status
+            if status is SKIPPED:
+                # One whose children were all skipped counts as running.
+                reset(self.child)
                 return status
             if status is not self.goes_on:
                 self.count = 0
                 return status
             self.count += 1
+            if self.goes_on is FAILURE:
+                # As the library does it: its child may have set another number.
+                limit = self._limit(limit)
             if self.yields and was_idle and (limit == -1 or self.count < limit):
                 self.world.woken_by = self.place
                 return RUNNING
@@ -154,7 +168,6 @@ class Precondition(Decorator):
         script = self.texts.get(text) or self.texts.setdefault(text, parse(text))
         if not self.goes_on and not self.holds(script):
             return NodeStatus(otherwise)
-        self.status = RUNNING
         status = self.tick_child()
         self.goes_on = status is RUNNING or (self.world.exact and status is SKIPPED)
         return status

@@ -96,6 +96,52 @@ def test_retry_keeps_its_count_over_a_skip_and_loses_it_when_halted() -> None:
     assert root.count == 1
 
 
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_precondition_whose_child_is_skipped_stays_idle(exact: bool) -> None:
+    child = '<Leaf says="SUCCESS" _skipIf="k"/>'
+    gate = f'<Precondition if="true" _failureIf="x == 1" _onHalted="h := 1">{child}</Precondition>'
+    body = f'<ReactiveFallback>{gate}<Leaf says="RUNNING"/></ReactiveFallback>'
+    tree = Ticked(body, {"k": True, "x": 0}, exact=exact)
+    assert tree.run() == [RUNNING]
+    # So it is not halted with its parent, and asked again before it starts.
+    assert "h" not in tree.board
+    tree = Ticked(gate, {"k": True, "x": 0}, exact=exact)
+    assert tree.run() == [SKIPPED]
+    tree.board["x"] = 1
+    assert tree.run() == [FAILURE]
+
+
+def test_retry_reads_its_number_again_after_each_failure() -> None:
+    body = '<Leaf says="FAILURE FAILURE FAILURE FAILURE SUCCESS" _onFailure="n += 1"/>'
+    text = f'<RetryUntilSuccessful num_attempts="{{n}}">{body}</RetryUntilSuccessful>'
+    for yields in (True, False):
+        tree = Ticked(text, {"n": 1}, yields=yields)
+        assert tree.once() is SUCCESS
+        assert tree.ticks == [5]
+    fewer = text.replace("n += 1", "n = 1")
+    assert Ticked(fewer, {"n": 5}).run() == [FAILURE]
+    # One that has vanished stays as it was until the next tick.
+    gone = '<Fallback><Sequence><UnsetBlackboard key="n"/><AlwaysFailure/></Sequence></Fallback>'
+    text = f'<RetryUntilSuccessful num_attempts="{{n}}">{gone}</RetryUntilSuccessful>'
+    assert Ticked(text, {"n": 2}, yields=False).run() == [FAILURE]
+
+
+def test_repeat_reads_its_number_once_in_a_tick() -> None:
+    body = '<Leaf says="SUCCESS" _onSuccess="n += 1"/>'
+    tree = Ticked(f'<Repeat num_cycles="{{n}}">{body}</Repeat>', {"n": 1})
+    assert tree.run() == [SUCCESS]
+    assert tree.ticks == [1]
+
+
+@pytest.mark.parametrize("kind", ["Repeat num_cycles", "RetryUntilSuccessful num_attempts"])
+def test_a_child_that_is_skipped_is_reset_by_what_repeats_it(kind: str) -> None:
+    # A Sequence whose children were all skipped counts as running.
+    skipped = f'<Sequence _onHalted="h := 1" _skipIf="x == 1">{SKIP}</Sequence>'
+    tree = Ticked(f'<{kind}="2">{skipped}</{kind.split()[0]}>', {"x": 0})
+    assert tree.run() == [SKIPPED]
+    assert tree.board["h"] == 1
+
+
 def test_run_once() -> None:
     assert Ticked('<RunOnce><Leaf says="RUNNING FAILURE"/></RunOnce>').run(3) == [
         RUNNING,
