@@ -43,7 +43,7 @@ class InOrder(TreeNode):
         self.index = self.skipped = 0
 
     def tick(self) -> NodeStatus:
-        if self.status is not RUNNING:
+        if self.is_anew:
             self.skipped = 0
         self.status = RUNNING
         children, count = self.children, len(self.children)
@@ -67,7 +67,9 @@ class InOrder(TreeNode):
 
     def stopped(self, status: NodeStatus) -> NodeStatus:
         """A child does not let it go on."""
-        return self.ended(status)
+        self.index = 0
+        reset_all(self.children)
+        return status
 
 
 class SequenceWithMemory(InOrder):
@@ -288,7 +290,7 @@ class TryCatch(TreeNode):
         super().halt()
 
     def tick(self) -> NodeStatus:
-        if self.status is not RUNNING:
+        if self.is_anew:
             self.skipped = 0
             self.in_catch = False
         self.status = RUNNING
@@ -307,7 +309,9 @@ class TryCatch(TreeNode):
         if self.in_catch:
             if self.children[-1].execute() is RUNNING:
                 return RUNNING
-            return self.ended(FAILURE)
+            self.index, self.in_catch = 0, False
+            reset_all(self.children)
+            return FAILURE
         return self.ended(SKIPPED if self.skipped == tried else SUCCESS)
 
 

@@ -2,8 +2,10 @@
 
 What Nav2 asks of ROS comes from sources that the program registers: `robot_pose` gives (x, y) in
 metres, `robot_speed` metres a second, `goal_update` the latest goal or None, `paused` whether the
-robot is to pause. A child that has completed begins anew when it is ticked again, as Nav2's own
-actions do. Ports and their defaults are in `builtin_nodes.NAV2_NODES`.
+robot is to pause. Source: the C++ of Nav2 1.5 (commit a3a97043). A control does not reset a child
+that has completed before all of it ends, so that an action below it is not begun again, and a
+decorator that has succeeded goes on where it was. Ports and their defaults are in
+`builtin_nodes.NAV2_NODES`.
 """
 
 from __future__ import annotations
@@ -32,12 +34,6 @@ from mrbt_mesh.btcpp.files.document import pointer
 from mrbt_mesh.btcpp.scripts.values import read_text
 
 
-def _afresh(child: TreeNode) -> NodeStatus:
-    if child.status is not RUNNING:
-        child.status = IDLE
-    return child.execute()
-
-
 class PipelineSequence(TreeNode):
     """A Sequence that ticks the children before the running one again, at every tick."""
 
@@ -48,10 +44,9 @@ class PipelineSequence(TreeNode):
         self.last = 0
 
     def tick(self) -> NodeStatus:
-        self.status = RUNNING
         skipped = 0
         for index, child in enumerate(self.children):
-            status = _afresh(child)
+            status = child.execute()
             if status is FAILURE:
                 return self.ended(FAILURE)
             if status is RUNNING and index >= self.last:
@@ -68,10 +63,9 @@ class NonblockingSequence(TreeNode):
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
 
     def tick(self) -> NodeStatus:
-        self.status = RUNNING
         found = []
         for child in self.children:
-            status = _afresh(child)
+            status = child.execute()
             if status is FAILURE:
                 return self.ended(FAILURE)
             found.append(status)
@@ -92,7 +86,7 @@ class PersistentSequence(TreeNode):
             raise TickError(f"{self.place}: current_child_idx={index} is no child")
         self.status = RUNNING
         while index < len(self.children):
-            status = _afresh(self.children[index])
+            status = self.children[index].execute()
             if status is RUNNING:
                 return RUNNING
             if status is FAILURE:
@@ -140,18 +134,21 @@ class PauseResumeController(TreeNode):
         self.phase = following.get(self.phase, self.phase)
 
     def tick(self) -> NodeStatus:
+        if self.status is IDLE:
+            self.clear()
+            if not self.world.exact:
+                # They stay as they were when it ended: an action would not be begun again.
+                reset_all(self.children)
         self.status = RUNNING
         self._turn()
         if self.phase >= len(self.children):
             self._next()
             return RUNNING
-        status = _afresh(self.children[self.phase])
-        if status is FAILURE:
-            return self.ended(FAILURE)
-        if status is RUNNING:
-            return RUNNING
+        status = self.children[self.phase].execute()
+        if status is RUNNING or status is FAILURE:
+            return status
         if self.phase is _Phase.RESUMED:
-            return self.ended(SUCCESS)
+            return SUCCESS
         self._next()
         return RUNNING
 
@@ -169,62 +166,75 @@ class RecoveryNode(TreeNode):
         allowed = int(self.input("number_of_retries", "int"))
         self.status = RUNNING
         while self.retries <= allowed:
-            status = _afresh(self.children[self.index])
+            status = self.children[self.index].execute()
             if status is RUNNING:
                 return RUNNING
             if self.index == 0:
                 if status is not FAILURE or self.retries >= allowed:
-                    return self.ended(status)
+                    self.halt()
+                    return status
                 reset(self.children[0])
                 self.index = 1
-            elif status is SUCCESS:
-                reset(self.children[1])
-                self.retries += 1
-                self.index = 0
+            elif status is FAILURE:
+                break
             else:
-                return self.ended(FAILURE)
-        return self.ended(FAILURE)
+                reset(self.children[1])
+                self.index = 0
+                if status is SKIPPED:
+                    return FAILURE
+                self.retries += 1
+        self.halt()
+        return FAILURE
 
 
 class RoundRobin(TreeNode):
     """The next child at each turn, until one succeeds.
 
-    After the last child it fails; with `wrap_around` the first one follows.
+    With `wrap_around` the first one follows the last. Without, it fails when the last child has
+    ended, even if that has succeeded.
     """
 
-    __slots__ = ("failed", "index", "skipped")
+    __slots__ = ("failed", "index")
     CHILDREN: ClassVar[tuple[int, int | None]] = (1, None)
 
     def clear(self) -> None:
-        self.index = self.failed = self.skipped = 0
+        self.index = self.failed = 0
 
     def tick(self) -> NodeStatus:
         self.status = RUNNING
         count, wraps = len(self.children), self.input("wrap_around", "bool")
-        while self.failed + self.skipped < count and self.index < count:
-            status = _afresh(self.children[self.index])
+        skipped = 0
+        while self.failed + skipped < count:
+            status = self.children[self.index].execute()
             if status is RUNNING:
                 return RUNNING
             self.index += 1
-            if wraps and self.index == count:
+            self.failed += status is FAILURE
+            skipped += status is SKIPPED
+            if self.index == count:
+                if not wraps:
+                    break
                 self.index = 0
             if status is SUCCESS:
-                self.failed = self.skipped = 0
+                self.failed = 0
                 reset_all(self.children)
                 return SUCCESS
-            self.failed += status is FAILURE
-            self.skipped += status is SKIPPED
-        return self.ended(SKIPPED if self.skipped == count else FAILURE)
+        self.halt()
+        return SKIPPED if skipped == count else FAILURE
 
 
 class _Gate(Decorator):
-    """Ticks the child the first time, while it runs, and whenever `is_open`."""
+    """Ticks the child the first time, while it runs, and whenever `is_open`.
 
-    __slots__ = ("first",)
+    A round ends when somebody resets this node, not when the child ends: below a control that
+    ticks its children again after they have succeeded, the child has to wait.
+    """
+
+    __slots__ = ("first", "has_begun")
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self.first = True
+        self.first = self.has_begun = False
 
     @abstractmethod
     def begin(self) -> None:
@@ -238,15 +248,16 @@ class _Gate(Decorator):
         """The child has succeeded."""
 
     def tick(self) -> NodeStatus:
-        if self.status is not RUNNING:
-            self.first = True
+        # A pre-condition may have ended it before its first round.
+        if self.status is IDLE or not self.has_begun:
+            self.first = self.has_begun = True
             self.begin()
         self.status = RUNNING
         is_open = self.is_open()
         if not (self.first or self.child.status is RUNNING or is_open):
             return RUNNING
         self.first = False
-        status = _afresh(self.child)
+        status = self.tick_child()
         if status is SUCCESS:
             self.succeeded()
         return status
@@ -355,13 +366,12 @@ class GoalUpdater(Decorator):
     __slots__ = ()
 
     def tick(self) -> NodeStatus:
-        self.status = RUNNING
         source = self.world.sources.get("goal_update")
         latest = source() if source is not None else None
         for read, written in (("input_goal", "output_goal"), ("input_goals", "output_goals")):
             if written in self.ports:
                 self.output(written, self.input(read, "") if latest is None else latest)
-        return _afresh(self.child)
+        return self.tick_child()
 
 
 class SingleTrigger(Decorator):
@@ -373,12 +383,12 @@ class SingleTrigger(Decorator):
         self.is_done = False
 
     def tick(self) -> NodeStatus:
-        if self.status is not RUNNING:
+        if self.status is IDLE:
             self.clear()
         self.status = RUNNING
         if self.is_done:
             return FAILURE
-        status = self.child.execute()
+        status = self.tick_child()
         self.is_done = status in COMPLETED
         return status
 
@@ -395,14 +405,14 @@ class GoalUpdatedController(Decorator):
         self.seen: tuple[Any, ...] | None = None
 
     def tick(self) -> NodeStatus:
-        if self.status is not RUNNING:
+        if self.status is IDLE:
             self.clear()
         self.status = RUNNING
         goals = _goals(self)
         if goals == self.seen and self.child.status is not RUNNING:
             return RUNNING
         self.seen = goals
-        return _afresh(self.child)
+        return self.tick_child()
 
 
 def _goals(node: TreeNode) -> tuple[Any, ...]:
@@ -446,7 +456,7 @@ class PathLongerOnApproach(Decorator):
         if self.before is None or path == self.before:
             return False
         before, points = self._points(self.before), self._points(path)
-        if not before or not points or before[-1] != points[-1]:
+        if not before or len(points) in (0, len(before)) or before[-1] != points[-1]:
             return False
         near, factor = (float(self.input(p, "double")) for p in ("prox_len", "length_factor"))
         length = _length(before)

@@ -191,6 +191,14 @@ class TreeNode(ABC):
         reset_all(self.children)
         return status
 
+    @property
+    def is_anew(self) -> bool:
+        """Whether the tick that begins is the first one of a run.
+
+        For the library, and an exact tree, a node that has ended goes on if nobody has reset it.
+        """
+        return self.status is IDLE or (self.status is not RUNNING and not self.world.exact)
+
     def expire(self) -> None:
         """The deadline that the node has set is over."""
 
