@@ -42,7 +42,7 @@ from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.files.upgrade import old_pointer
-from mrbt_mesh.btcpp.scripts.parser import quoting_problem
+from mrbt_mesh.btcpp.scripts.parser import dialect_problem
 from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import MAX_PATH_CHARACTERS
 
@@ -184,7 +184,7 @@ class NodeChecker:
         for name, script in conditions(place.element).items():
             if problem := script_problem(script):
                 self.error(place, f"{name}: {problem}")
-            elif problem := quoting_problem(script):
+            elif problem := dialect_problem(script):
                 self.rule(place, f"{name}: {problem}")
         for name, value in ports(place.element).items():
             if entry := old_pointer(value):

@@ -19,7 +19,7 @@ from mrbt_mesh.btcpp.files.builtin_nodes import (
     UNSIGNED,
 )
 from mrbt_mesh.btcpp.files.document import pointer
-from mrbt_mesh.btcpp.scripts.parser import parse, quoting_problem
+from mrbt_mesh.btcpp.scripts.parser import dialect_problem, parse
 from mrbt_mesh.btcpp.scripts.script import Impossible, ScriptError
 from mrbt_mesh.btcpp.scripts.values import read_boolean, split_items
 from mrbt_mesh.errors import MAX_SHOWN_CHARACTERS, nearest
@@ -93,7 +93,7 @@ def typing_problem(kind: str, value: str) -> tuple[str, bool]:
         is_odd = is_typed and (value == "=" or value != value.strip())
         return ("BehaviorTree.CPP takes only {name} or {=} here" if is_odd else ""), is_odd
     if kind == SCRIPT:
-        problem = quoting_problem(value)
+        problem = dialect_problem(value)
         return problem, bool(problem)
     if kind in (INTEGER, UNSIGNED, BOOLEAN, REAL) and value[:1].isspace():
         return f"{shown(value)} begins with a space, which BehaviorTree.CPP does not take", True

@@ -23,6 +23,7 @@ from mrbt_mesh.btcpp.scripts.script import (
     String,
     Unary,
 )
+from mrbt_mesh.btcpp.scripts.values import read_real
 
 MAX_CHARACTERS = 20_000
 MAX_NESTING = 60
@@ -56,16 +57,23 @@ def parse(text: str) -> Script:
     return _Parser(_tokens(text)).script()
 
 
-def quoting_problem(text: str) -> str:
-    """The quoted text of a script that BehaviorTree.CPP cannot read, and why; else "".
+def dialect_problem(text: str) -> str:
+    """What of a script that can be read BehaviorTree.CPP refuses, and why; else "".
 
-    It takes single quotes and ASCII. Raises ScriptError.
+    It takes texts in single quotes, names of ASCII, and no white space of other kinds. Raises
+    ScriptError.
     """
+    between = text
     for token in _tokens(text):
         if token.kind == "text" and token.text[0] == '"':
             return f"BehaviorTree.CPP refuses a text in double quotes, {token}; use single ones"
-        if token.kind == "text" and not token.text.isascii():
-            return f"BehaviorTree.CPP refuses the text {token}, which is not ASCII"
+        if token.kind == "name" and not token.text.isascii():
+            return f"BehaviorTree.CPP refuses the name {token}, which is not ASCII"
+        if token.kind == "text":
+            between = between.replace(token.text, "", 1)
+    for odd in ("\\", "\f", "\v"):
+        if odd in between:
+            return f"BehaviorTree.CPP refuses {odd!r} between the parts of a script"
     return ""
 
 
@@ -134,7 +142,9 @@ def _number(text: str, start: int) -> _Token:
     is_period = after == "." and not joins
     if after and (is_period or ("a" + after).isidentifier()):
         raise ScriptError(f"{after!r} cannot follow the number {match[0][:30]}", match.end() + 1)
-    if value == float("inf") or (isinstance(value, int) and value > MAX_INTEGER):
+    if isinstance(value, float) and read_real(match[0]) is None:
+        raise ScriptError(f"a number that is too {'large' if value else 'small'}", column)
+    if isinstance(value, int) and value > MAX_INTEGER:
         raise ScriptError("a number that is too large", column)
     return _Token("number", match[0], column, value)
 
@@ -168,17 +178,26 @@ class _Parser:
 
     def script(self) -> Script:
         statements = [self.expression()]
-        while self.accept(";") or self.next.kind != "end":
-            if self.next.kind != "end":
-                self.operators = 0
-                statements.append(self.expression())
+        self.skip_semicolons()
+        while self.next.kind != "end":
+            self.operators = 0
+            statements.append(self.expression())
+            self.skip_semicolons()
         return Script(tuple(statements))
+
+    def skip_semicolons(self) -> None:
+        """None or any number may stand after a statement."""
+        while self.accept(";"):
+            pass
 
     def expression(self) -> Expression:
         """An assignment, or anything that binds tighter."""
         self.nest(self.next)
-        left = self.conditional()
-        if operator := self.accept(*ASSIGNMENTS):
+        left = self.binary(LEVELS["||"])
+        if self.accept("?"):
+            # No assignment can follow it, not even one that fails.
+            left = self.conditional(left)
+        elif operator := self.accept(*ASSIGNMENTS):
             self.count(operator)
             right = self.expression()
             if isinstance(left, Name):
@@ -188,16 +207,16 @@ class _Parser:
         self.nesting -= 1
         return left
 
-    def conditional(self) -> Expression:
-        condition = self.binary(LEVELS["&&"])
-        if not self.accept("?"):
-            return condition
+    def conditional(self, condition: Expression) -> Expression:
+        """What follows `condition ?`."""
         self.nest(self.next)
         then = self.expression()
         self.expect(":", "between the two values of '?'")
-        result = Conditional(condition, then, self.conditional())
+        otherwise = self.binary(LEVELS["||"])
+        if self.accept("?"):
+            otherwise = self.conditional(otherwise)
         self.nesting -= 1
-        return result
+        return Conditional(condition, then, otherwise)
 
     def binary(self, lowest: int) -> Expression:
         """Operators that bind at least as tightly as `lowest`, from left to right."""

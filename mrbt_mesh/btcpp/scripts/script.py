@@ -116,15 +116,16 @@ ASSIGNMENTS = frozenset({":=", "=", "+=", "-=", "*=", "/="})
 COMPARISONS = frozenset({"==", "!=", "<", "<=", ">", ">="})
 LOGICAL = frozenset({"&&", "||"})
 BITS = frozenset({"&", "|", "^"})
-# How tightly operators bind. `&&` and `||` bind alike, unlike in C.
+# How tightly operators bind; unlike in C, `|` and `^` bind alike, and all comparisons do.
 LEVELS = {
     **dict.fromkeys(ASSIGNMENTS, 1),
     "?": 2,
-    **dict.fromkeys(LOGICAL, 3),
-    **dict.fromkeys(COMPARISONS, 4),
-    "|": 5,
-    "^": 5,
-    "&": 6,
+    "||": 3,
+    "&&": 4,
+    **dict.fromkeys(COMPARISONS, 5),
+    "|": 6,
+    "^": 6,
+    "&": 7,
     "..": 8,
     "+": 8,
     "-": 8,
@@ -222,10 +223,10 @@ def _print(expression: Expression) -> str:
     if isinstance(expression, Assign):
         return f"{expression.name} {expression.operator} {_print(expression.value)}"
     if isinstance(expression, Impossible):
-        left = _operand(expression.left, LEVELS["?"])
+        left = _operand(expression.left, LEVELS["||"])
         return f"{left} {expression.operator} {_print(expression.right)}"
     if isinstance(expression, Conditional):
-        condition = _operand(expression.condition, LEVELS["&&"])
+        condition = _operand(expression.condition, LEVELS["||"])
         otherwise = _operand(expression.otherwise, LEVELS["?"])
         return f"{condition} ? {_print(expression.then)} : {otherwise}"
     if isinstance(expression, Comparison):

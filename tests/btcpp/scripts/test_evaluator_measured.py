@@ -8,12 +8,15 @@ import math
 from collections import Counter
 from typing import Any
 
-from mrbt_mesh.btcpp.scripts.parser import parse, quoting_problem, single_quoted
+import pytest
+
+from mrbt_mesh.btcpp.scripts.parser import dialect_problem, parse, single_quoted
 from mrbt_mesh.btcpp.scripts.script import ScriptError
-from tests.support.btcpp.boards import board_of, evaluate
+from tests.support.btcpp.boards import board_of, entries_of, evaluate
 from tests.support.paths import ROOT
 
 DATA = ROOT / "tests" / "data" / "btcpp" / "scripts.jsonl.gz"
+PRECEDENCE = DATA.with_name("precedence.jsonl.gz")
 ENUMS = {"RED": 1, "BLUE": 2}
 
 
@@ -32,7 +35,7 @@ def verdict(text: str) -> str:
     board = board_of({"a": 3, "b": 2.5, "s": "txt", "t": True})
     try:
         script = parse(text)
-        if quoting_problem(text):
+        if dialect_problem(text):
             return "ERRP"
     except ScriptError:
         return "ERRP"
@@ -59,7 +62,36 @@ def test_every_script_ends_as_in_the_library() -> None:
 def test_a_text_in_double_quotes_is_refused_for_its_quotes_alone() -> None:
     """1,679 measured scripts have one; in single quotes it is what was meant."""
     refused = 'n := "t\'x"; s = "txt"'
-    assert "in double quotes, '\"t\\'x\"'" in quoting_problem(refused)
+    assert "in double quotes, '\"t\\'x\"'" in dialect_problem(refused)
     assert single_quoted(refused) == "n := \"t'x\"; s = 'txt'"
     assert verdict('n := "x"') == "ERRP"
     assert verdict(single_quoted('n := "x"')) == "OK 'x' a=3 b=2.5 s='txt' t=1 n='x'"
+
+
+def after(text: str) -> str | dict[str, Any]:
+    """The entries after a script, or that it does not parse, or fails."""
+    board = board_of({"i": 4, "d": 2.5, "s": "abc", "b": True})
+    try:
+        script = parse(text)
+    except ScriptError:
+        return "ERRP"
+    try:
+        evaluate(script, board, RED=1)
+    except ScriptError:
+        return "ERRE"
+    return entries_of(board)
+
+
+def test_operators_bind_as_in_the_library() -> None:
+    """`&&` and `||` next to each other, assignments behind anything, semicolons."""
+    with gzip.open(PRECEDENCE, "rt", encoding="utf-8") as lines:
+        rows = [json.loads(line) for line in lines]
+    kinds: Counter[str] = Counter()
+    for text, measured in rows:
+        kinds[measured if isinstance(measured, str) else "OK"] += 1
+        found = after(text)
+        if isinstance(measured, str) or isinstance(found, str):
+            assert found == measured, (text, measured)
+        else:
+            assert found == pytest.approx(measured), (text, measured)
+    assert kinds == {"ERRE": 953, "OK": 702, "ERRP": 345}

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mrbt_mesh.btcpp.scripts import script as ast
 from mrbt_mesh.btcpp.scripts.evaluator import is_true
-from mrbt_mesh.btcpp.scripts.parser import MAX_NESTING, MAX_OPERATORS, parse
+from mrbt_mesh.btcpp.scripts.parser import MAX_NESTING, MAX_OPERATORS, dialect_problem, parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError
 from tests.support.btcpp.boards import board_of, entries_of, evaluate
 
@@ -39,7 +39,9 @@ from tests.support.btcpp.boards import board_of, entries_of, evaluate
         ("1 && 0", 0),
         ("1 && 2.5", 1),
         ("0 || 0", 0),
-        ("1 || 0 && 0", 0),  # both bind alike, from the left
+        ("1 || 0 && 0", 1),  # `&&` binds tighter
+        ("0 && 1 || 1", 1),
+        ("1 || 1 && 0 || 0", 1),
         ("1 < 2 < 3", 1),
         ("1 < 3 < 2", 0),
         ("2 >= 2 <= 2 != 3 > 1", 1),
@@ -66,6 +68,7 @@ from tests.support.btcpp.boards import board_of, entries_of, evaluate
         ("n = '8'; n", 8),
         ("1 2", 2),  # ';' may be missing, or too much
         ("x := 1;", 1),
+        ("x := 1;; ;x := 2;;", 2),
         ("1 ? 2 : 3 ? 4 : 5", 2),
         ("0 ? 2 : 0 ? 4 : 5", 5),
         ("k := m := 2; k + m", 4),
@@ -86,6 +89,22 @@ def test_values(text: str, value: Any) -> None:
     board = board_of({"n": 5, "word": "RED"}, parent=board_of({"n": 7}))
     result = evaluate(text, board, RED=3)
     assert result == pytest.approx(value) if isinstance(value, float) else result == value
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('x := "a"', "in double quotes"),
+        ("größe := 1", "the name 'größe', which is not ASCII"),
+        ("x := 1 + \\\n 2", "between the parts"),
+        ("x := 1\f", "between the parts"),
+        ("x := 'größe \\ '; x := 0.000; y_1 = @z", ""),
+    ],
+)
+def test_what_the_library_cannot_read(text: str, problem: str) -> None:
+    assert parse(text)
+    found = dialect_problem(text)
+    assert problem in found if problem else not found
 
 
 def test_assignment_changes_the_blackboard() -> None:
@@ -109,10 +128,12 @@ def test_assignment_changes_the_blackboard() -> None:
         ("'open", 1, "not closed"),
         ("a $ b", 3, "'$' has no meaning"),
         ("(1 + 2", 7, "')' expected to close the one in column 1"),
+        ("1 ? n : 3 = 2", 11, "a value expected, found '='"),  # none after `a ? b : c`
         ("1 ? 2", 6, "':' expected between the two values"),
         ("99999999999999999999", 1, "too large"),
         ("9" * 5000, 1, "too large"),
         ("1e999", 1, "too large"),
+        ("1e-999", 1, "too small"),
         ("(" * 100 + "1", MAX_NESTING + 1, "nested deeper than"),
         ("-" * 100 + "1", MAX_NESTING, "nested deeper than"),
         ("1" + "+1" * 300, 2 * MAX_OPERATORS + 2, "more than 200 operators"),
