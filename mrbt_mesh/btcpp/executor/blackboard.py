@@ -8,21 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mrbt_mesh.btcpp.scripts.values import (
-    ANY_TYPE,
-    ValueTypeError,
-    as_integer,
-    as_number,
-    as_truth,
-    read_text,
-)
+from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, ValueTypeError, as_type, read_text
 
 # The library converts between numbers where nothing is lost, but for these: (type, new type).
 _NEVER_SAFE = {
     *(("bool", other) for other in ("int", "int64_t", "double")),
     *((other, "bool") for other in ("int", "int64_t")),
 }
-_INTEGERS = ("int", "unsigned int", "int64_t", "uint64_t", "long", "size_t")
 
 
 class BlackboardError(ValueError):
@@ -231,14 +223,8 @@ def converted(name: str, value: Any, type_name: str) -> Any:
     try:
         if isinstance(value, str):
             return read_text(value, type_name)
-        if type_name in ("double", "float"):
-            return as_number(value)
-        if type_name == "bool":
-            return as_truth(value)
-        if type_name in _INTEGERS:
-            return as_integer(value)
+        if type_name != "std::string":
+            return as_type(value, type_name)
     except ValueTypeError as error:
         raise BlackboardError(f"the entry {name!r} is of type {type_name}: {error}") from None
-    if type_name == "std::string":
-        raise BlackboardError(f"the entry {name!r} holds a text, not {value!r}")
-    return value
+    raise BlackboardError(f"the entry {name!r} holds a text, not {value!r}")

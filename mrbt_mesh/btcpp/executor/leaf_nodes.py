@@ -43,6 +43,9 @@ class LeafNode(TreeNode):
         found: dict[str, Any] = {}
         for name, port in self.leaf.ports.items():
             may_be_missing = port.is_optional or port.writes
+            if self.world.exact and port.has_value and name in self.ports:
+                # In the library a default is for a port that is left out, not for its entry.
+                may_be_missing = False
             is_left_out = port.writes and self.ports.get(name) == ""
             if port.reads and not (may_be_missing and (is_left_out or self._has_no_value(name))):
                 found[name] = self.input(name, port.type)

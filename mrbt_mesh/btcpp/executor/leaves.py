@@ -54,7 +54,9 @@ class Out(Generic[T]):
 
 
 class InOut(Out[T]):
-    """A port that is read and written. `value` is the entry's when the leaf began."""
+    """A port that is read and written. `value` is the entry's when the leaf began, None if it had
+    none.
+    """
 
     def __init__(self, write: Callable[[Any], None], value: T) -> None:
         super().__init__(write)
@@ -63,12 +65,16 @@ class InOut(Out[T]):
 
 @dataclass(frozen=True, slots=True)
 class LeafPort:
-    """One port: its C++ type (empty: any), its directions, and whether it may be missing."""
+    """One port: its C++ type (empty: any), its directions, and whether it may be missing.
+
+    `has_value`: its default is one, not None.
+    """
 
     type: str = ""
     reads: bool = True
     writes: bool = False
     is_optional: bool = False
+    has_value: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,14 +248,14 @@ def leaf_of(
         elif hints.get(parameter.name) in given:
             others[parameter.name] = hints[parameter.name]
         elif parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
-            has_default = parameter.default is not inspect.Parameter.empty
-            ports[parameter.name] = _port(hints.get(parameter.name), has_default)
+            ports[parameter.name] = _port(hints.get(parameter.name), parameter.default)
         else:
             raise LeafError(f"the leaf {name!r}: {parameter} cannot be a port")
     return Leaf(name, category, function, ports, takes_others, takes_type, others)
 
 
-def _port(annotation: Any, has_default: bool) -> LeafPort:
+def _port(annotation: Any, default: Any) -> LeafPort:
+    has_default = default is not inspect.Parameter.empty
     if typing.get_origin(annotation) in (typing.Union, types.UnionType):
         parts = [part for part in typing.get_args(annotation) if part is not type(None)]
         annotation = parts[0] if len(parts) == 1 else None
@@ -258,7 +264,8 @@ def _port(annotation: Any, has_default: bool) -> LeafPort:
     if origin in (Out, InOut):
         inner = arguments[0] if arguments else None
         return LeafPort(_type_name(inner), origin is InOut, True, has_default)
-    return LeafPort(_type_name(annotation), is_optional=has_default)
+    has_value = has_default and default is not None
+    return LeafPort(_type_name(annotation), is_optional=has_default, has_value=has_value)
 
 
 def _type_name(annotation: Any) -> str:

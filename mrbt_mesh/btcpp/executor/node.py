@@ -18,10 +18,8 @@ from mrbt_mesh.btcpp.scripts.evaluator import is_true, run_script
 from mrbt_mesh.btcpp.scripts.script import Script, ScriptError
 from mrbt_mesh.btcpp.scripts.values import (
     ValueTypeError,
-    as_integer,
-    as_number,
     as_text,
-    as_truth,
+    as_type,
     read_text,
 )
 
@@ -310,15 +308,9 @@ def typed(value: Any, type_name: str, enums: Mapping[str, int]) -> Any:
         raise ValueTypeError(f"{value!r} is no status")
     if isinstance(value, str):
         return value if type_name == "std::string" else read_text(value, type_name, enums)
-    if not isinstance(value, int | float):
-        return value
     if type_name == "std::string":
-        return as_text(value)
-    if type_name in ("double", "float"):
-        return as_number(value)
-    if type_name == "bool":
-        return as_truth(value)
-    return as_integer(value) if type_name in ("int", "unsigned int") else value
+        return as_text(value) if isinstance(value, int | float) else value
+    return as_type(value, type_name)
 
 
 def reset(node: TreeNode) -> None:

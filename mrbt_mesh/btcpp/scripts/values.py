@@ -108,6 +108,14 @@ def as_integer(value: Any) -> int:
     raise ValueTypeError(f"{value!r} is no integer")
 
 
+def as_integer_of(value: Any, type_name: str) -> int:
+    """As an integer of this C++ type: nothing is cut off, nothing out of its range."""
+    number = as_integer(value)
+    if number not in _RANGES[type_name]:
+        raise ValueTypeError(f"{number} is out of the range of {type_name}")
+    return number
+
+
 def as_truth(value: Any) -> bool:
     """As a boolean: an integer has to be 0 or 1, a real number must not be negative."""
     if isinstance(value, float) and not value < 0:
@@ -140,6 +148,47 @@ def copied_into(before: Any, value: Any) -> Any:
     if isinstance(before, float) and isinstance(value, int | float):
         return as_number(value)
     raise ValueTypeError(f"{value!r} cannot take the place of {before!r}")
+
+
+def as_type(value: Any, type_name: str) -> Any:
+    """A value that is no text as one of this C++ type; as it is for types that are no numbers.
+
+    Items of a list are converted, too; numbers of other libraries are what Python takes them for.
+    """
+    if not _is_numeric(type_name):
+        return _as_list(value, type_name) if isinstance(value, list) else value
+    if not isinstance(value, int | float):
+        value = _plain_number(value, type_name)
+    if type_name in _REALS:
+        return as_number(value)
+    return as_truth(value) if type_name == "bool" else as_integer_of(value, type_name)
+
+
+def _as_list(values: list[Any], type_name: str) -> list[Any]:
+    """The same list if there is nothing to convert."""
+    match = _LISTS.fullmatch(type_name)
+    item = (match[1] or match[2]) if match else ""
+    if not _is_numeric(item):
+        return values
+    items = [read_text(v, item) if isinstance(v, str) else as_type(v, item) for v in values]
+    is_same = all(type(new) is type(old) for new, old in zip(items, values, strict=True))
+    return values if is_same else items
+
+
+def _is_numeric(type_name: str) -> bool:
+    return type_name in INTEGERS or type_name in _REALS or type_name == "bool"
+
+
+def _plain_number(value: Any, type_name: str) -> int | float:
+    """A number that is none of Python's own, like numpy's."""
+    for method, number in (("__index__", int), ("__float__", float), ("__bool__", bool)):
+        is_wanted = method != "__bool__" or type_name == "bool"
+        if is_wanted and hasattr(value, method):
+            try:
+                return number(value)
+            except (TypeError, ValueError):
+                break
+    raise ValueTypeError(f"{value!r:.80} is no value of the type {type_name}")
 
 
 def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None) -> Any:

@@ -35,6 +35,110 @@ def test_inputs_are_converted_and_outputs_are_written() -> None:
     assert (tree.blackboard["o"], tree.blackboard["n"]) == ("done", 5)
 
 
+def needs(kind: Any) -> Any:
+    def work(v: Any) -> None:
+        seen.append(v)
+
+    seen: list[Any] = []
+    work.__annotations__ = {"v": kind}
+    return work, seen
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize(
+    ("kind", "value", "got"),
+    [
+        # As the library's getInput: a number is converted if nothing is lost, else an error.
+        (int, 2.5, None),
+        (int, 1e20, None),
+        (int, float("nan"), None),
+        (int, 3.0, 3),
+        (int, -3.0, -3),
+        (int, True, 1),
+        (int, 2**31, 2**31),
+        (float, 3, 3.0),
+        (float, 2**53, None),
+        (bool, 1, True),
+        (bool, 2, None),
+        (bool, 0.5, True),
+        (bool, -0.5, None),
+        (str, 2.5, "2.500000"),
+        (str, 3, "3"),
+        (list[float], [1, 2.5], [1.0, 2.5]),
+        (list[int], [1.5], None),
+        (list[int], ["1", 2.0], [1, 2]),
+        (int, {"x": 1}, None),
+        (float, [1.0], None),
+    ],
+)
+def test_an_entry_becomes_what_the_parameter_is_or_an_error(
+    kind: Any, value: Any, got: Any, exact: bool
+) -> None:
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{WORK}</BehaviorTree></root>'
+    tree = BehaviorTree.from_text(text, exact=exact)
+    work, seen = needs(kind)
+    tree.action("Work")(work)
+    executor = tree.executor
+    tree.blackboard.write("x", value)
+    if got is None:
+        with pytest.raises(TickError, match="Work: port 'v'"):
+            executor.tick(0)
+    else:
+        assert executor.tick(0) is NodeStatus.SUCCESS
+        assert seen == [got]
+        assert type(seen[0]) is type(got)
+
+
+WORK = '<Work v="{x}"/>'
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        f'<Sequence><Script code="x := 5/2"/>{WORK}</Sequence>',
+        '<SubTree ID="Inner" x="2.5"/>',
+        '<Sequence><Script code="y := 5/2"/><SubTree ID="Inner" x="{y}"/></Sequence>',
+    ],
+)
+def test_a_fraction_is_no_integer_wherever_it_comes_from(way: str) -> None:
+    text = (
+        f'<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">{way}'
+        f'</BehaviorTree><BehaviorTree ID="Inner">{WORK}</BehaviorTree></root>'
+    )
+    tree = BehaviorTree.from_text(text)
+    work, _ = needs(int)
+    tree.action("Work")(work)
+    with pytest.raises(TickError, match=r"2\.5 is no integer"):
+        tree.executor.tick(0)
+
+
+def test_a_time_is_not_negative() -> None:
+    timed = '<Timeout msec="{n}"><AlwaysSuccess/></Timeout>'
+    tree = tree_of(f'<Sequence><Script code="n := -5"/>{timed}</Sequence>')
+    with pytest.raises(TickError, match="-5 is out of the range of unsigned int"):
+        tree.executor.tick(0)
+
+
+def test_a_default_is_for_a_port_that_is_left_out() -> None:
+    """By default also for an entry that has no value, which the library takes for an error."""
+    for exact in (False, True):
+        for body, fails in (("<Work/>", False), ('<Work v="{x}"/>', exact)):
+            text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+            tree = BehaviorTree.from_text(text, exact=exact)
+            seen: list[int] = []
+
+            @tree.action("Work")
+            def work(v: int = 5, seen: Any = seen) -> None:
+                seen.append(v)
+
+            if fails:
+                with pytest.raises(TickError, match="the entry 'x' has no value"):
+                    tree.executor.tick(0)
+            else:
+                assert tree.executor.tick(0) is NodeStatus.SUCCESS
+                assert seen == [5]
+
+
 @pytest.mark.parametrize("ports", ["", ' error="" retries=""'])
 def test_outputs_may_be_left_out_also_by_an_empty_text(ports: str) -> None:
     tree = tree_of(f"<Work{ports}/>")
