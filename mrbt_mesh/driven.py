@@ -77,9 +77,13 @@ class Driven:
             except asyncio.CancelledError as cancellation:
                 del step
                 step = self._thrown(cancellation)
-            except BaseException:
+            except GeneratorExit:
                 self._coroutine.close()
                 raise
+            except BaseException as error:
+                # What it waited for has failed: that is its own affair, and it may catch it.
+                del step
+                step = partial(self._coroutine.throw, error)
 
     def _thrown(self, cancellation: asyncio.CancelledError) -> Callable[[], Any]:
         """The step in which the coroutine is cancelled; raises GivenUpError."""
