@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
@@ -17,6 +18,8 @@ INITIALIZING, RUNNING, PAUSED = "INITIALIZING", "RUNNING", "PAUSED"
 # A vehicle with such an error cannot go on with its order; with the second kind, with none.
 STOPPING = frozenset({"FATAL", "CRITICAL"})
 FATAL = "FATAL"
+# An error that says no level.
+WARNING = "WARNING"
 # By such an error a vehicle refuses an order: the names of all versions, without case and "_".
 REFUSALS = frozenset(
     {
@@ -74,9 +77,14 @@ class VehicleError:
         return bool(named) and value not in named
 
     @property
+    def kind(self) -> str:
+        """Its type as all versions have it, without case and `_`."""
+        return self.type.replace("_", "").lower()
+
+    @property
     def is_refusal(self) -> bool:
         """Whether it is about an order that the vehicle does not take."""
-        return self.type.replace("_", "").lower() in REFUSALS
+        return self.kind in REFUSALS
 
     def __str__(self) -> str:
         return f"{self.type}: {self.description}" if self.description else self.type
@@ -122,6 +130,8 @@ class VehicleState:
     charge_percent: float | None
     is_charging: bool
     place: VehiclePlace | None
+    # The number and the time of the message, in Unix seconds; None: it does not say both.
+    header: tuple[int, float] | None = None
 
     @property
     def has_active_order(self) -> bool:
@@ -191,6 +201,7 @@ def read_state(message: Mapping[str, Any]) -> VehicleState:
         charge_percent=_number(charge),
         is_charging=power.get("charging") is True,
         place=read_place(message),
+        header=_header(message),
     )
 
 
@@ -204,6 +215,17 @@ def read_place(message: Mapping[str, Any]) -> VehiclePlace | None:
     # In a visualization this field is optional.
     localized = said.get("localized", said.get("positionInitialized", True))
     return VehiclePlace(x, y, theta, map_id if isinstance(map_id, str) else "", localized is True)
+
+
+def _header(message: Mapping[str, Any]) -> tuple[int, float] | None:
+    number, said = message.get("headerId"), message.get("timestamp")
+    if not isinstance(number, int) or isinstance(number, bool) or not isinstance(said, str):
+        return None
+    try:
+        moment = datetime.fromisoformat(said)
+        return number, moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
+    except (ValueError, OverflowError):
+        return None
 
 
 def _statuses(states: list[Any]) -> dict[str, str]:
@@ -246,7 +268,7 @@ def _error(said: Any) -> VehicleError:
     description = said.get("errorDescription")
     return VehicleError(
         _required(said, "errorType", str),
-        _required(said, "errorLevel", str),
+        WARNING if said.get("errorLevel") is None else _required(said, "errorLevel", str),
         description if isinstance(description, str) else "",
         tuple(references),
     )

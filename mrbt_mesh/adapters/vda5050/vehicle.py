@@ -10,8 +10,8 @@ order is left alone, and meanwhile the vehicle takes no work of the team.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated, TypeAlias
 
 from pydantic import Field
@@ -71,6 +71,29 @@ ENDED = FINISHED, FAILED
 # Finished instant actions are cleared when there are this many.
 MANY_INSTANT_ACTIONS = 20
 BEGUN = frozenset({INITIALIZING, RUNNING, PAUSED, FINISHED, RETRIABLE})
+# A state that is older than the one before, by number and by time, came late; if for so long there
+# is none but such, the vehicle counts anew, and its clock has gone back.
+LATE_S = 10.0
+# States that cannot be read are a fault once there has been no other one for so long.
+UNREADABLE_S = 5.0
+# A silence of this length is named when an order stands still.
+SAID_NOTHING_S = 15.0
+# A vehicle that names its order and says nothing of its actions has forgotten them.
+FORGOTTEN_S = 5.0
+# How a vehicle answers an order that it has already, when it is sent again.
+KNOWN_ALREADY = frozenset({"orderupdateerror", "sameorderupdateid"})
+
+
+def ours_runs(state: VehicleState) -> bool:
+    """Whether a vehicle still has something to drive or to do for an order of this adapter."""
+    if not state.order_id.startswith(OURS):
+        return False
+    # Up to 2.1 instant actions, e.g. to charge, are among those of the order.
+    return bool(state.nodes_left or state.edges_left) or any(
+        status not in ENDED
+        for name, status in state.actions.items()
+        if name.startswith(OURS) and "/" in name
+    )
 
 
 @dataclass(frozen=True)
@@ -106,6 +129,16 @@ class Battery(FileModel):
     enough_percent: Percent = 30.0
 
 
+@dataclass
+class _TakenBack:
+    """The order of a job that was cancelled, and what the vehicle has said of its actions."""
+
+    work: Hashable
+    order: VehicleOrder
+    seen: dict[str, str] = field(default_factory=dict)
+    is_done: bool = False
+
+
 class Vehicle:
     """The order of one vehicle. Every method returns what is to be done; `now_s` never goes back.
 
@@ -129,6 +162,8 @@ class Vehicle:
         self._count = 0
         self.state: VehicleState | None = None
         self._link = Link.UNKNOWN
+        self._newest: tuple[int, float] | None = None
+        self._newest_s = now_s
         self._job: tuple[StopTemplate, ...] | None = None
         self._order: VehicleOrder | None = None
         # An order that was sent, and whose job is over.
@@ -138,6 +173,14 @@ class Vehicle:
         self._before: VehicleState | None = None
         self._seen: dict[str, str] = {}
         self._is_taken = False
+        # Whether it was at the order's goal while it named the order.
+        self._was_at_goal = False
+        # What the job is for, and the order of one that was taken back: a vehicle out of reach, or
+        # one that does not stop, may do it to its end.
+        self._work: Hashable = None
+        self._taken_back: _TakenBack | None = None
+        self._unreadable = ""
+        self._listed_s = now_s
         # How far the order is, and since when.
         self._progress: tuple[object, ...] = ()
         self._progress_s = now_s
@@ -158,6 +201,7 @@ class Vehicle:
         self._link = Link.UNKNOWN
         self.state = None
         self._heard_s = now_s
+        self._newest, self._unreadable = None, ""
         return [self._request_state()]
 
     def unlinked(self, now_s: float) -> list[Effect]:
@@ -178,6 +222,7 @@ class Vehicle:
             return []
         if was is Link.ONLINE:
             return []
+        self._newest = None
         return [self._request_state()]
 
     def said(self, state: VehicleState, now_s: float) -> list[Effect]:
@@ -186,8 +231,9 @@ class Vehicle:
         Its vehicle is online even if the connection topic has no word of it or a last will: a
         restarted broker has forgotten that, and not every vehicle announces itself again.
         """
-        if self._link in GOODBYE:
+        if self._link in GOODBYE or self._is_late(state, now_s):
             return []
+        self._unreadable = ""
         self.state, self._heard_s, self._link = state, now_s, Link.ONLINE
         if state.charge_percent is not None:
             # One that charges when it is first heard may have been low before.
@@ -200,6 +246,23 @@ class Vehicle:
             self._paused_s = now_s
         return [*self._advance(now_s), *self._cleared_instant_actions(state, now_s)]
 
+    def unreadable(self, reason: str, now_s: float) -> list[Effect]:
+        """A state that nobody can read: the vehicle is there, and what it does is not known."""
+        self._unreadable = reason
+        return self._advance(now_s)
+
+    def _is_late(self, state: VehicleState, now_s: float) -> bool:
+        """Whether a state was overtaken by a newer one on its way."""
+        if state.header is None:
+            return False
+        newest = self._newest
+        if newest is not None and now_s - self._newest_s < LATE_S:
+            (number, unix_s), (newest_number, newest_unix_s) = state.header, newest
+            if number < newest_number and unix_s < newest_unix_s:
+                return True
+        self._newest, self._newest_s = state.header, now_s
+        return False
+
     def _cleared_instant_actions(self, state: VehicleState, now_s: float) -> list[Effect]:
         """A vehicle of 3.0 reports them for ever, and its list may become full."""
         ended = sum(status in ENDED for status in state.instant_actions.values())
@@ -209,14 +272,22 @@ class Vehicle:
         self._cleared_s = now_s
         return [self._instant(clear_instant_actions(self._next_id("clear")))]
 
-    def start(self, stops: Sequence[StopTemplate], now_s: float) -> list[Effect]:
-        """A new job; the one before has ended or was cancelled."""
-        self._job = tuple(stops)
+    def start(
+        self, stops: Sequence[StopTemplate], now_s: float, work: Hashable = None
+    ) -> list[Effect]:
+        """A new job; the one before has ended or was cancelled.
+
+        `work`: what it is for. If that was cancelled before, and the vehicle has done it to its end
+        all the same, it is done.
+        """
+        self._job, self._work = tuple(stops), work
         self._was_cut_off = False
         return self._advance(now_s)
 
     def cancel(self, now_s: float) -> list[Effect]:
         """The job is no longer needed: its order is cancelled at the vehicle."""
+        if self._job is not None and self._order is not None and self._work is not None:
+            self._taken_back = _TakenBack(self._work, self._order, dict(self._seen))
         self._give_up()
         return self._advance(now_s)
 
@@ -237,6 +308,22 @@ class Vehicle:
         sent = self._order is not None or self._stale is not None
         return self.is_reachable and not sent and not self._ours_runs()
 
+    @property
+    def order_id(self) -> str:
+        """The id of the order under way; empty: there is none."""
+        return self._order.order_id if self._order is not None else ""
+
+    def has_done(self, work: Hashable) -> bool:
+        """Whether the vehicle has done this to its end although it was taken back."""
+        taken_back = self._taken_back
+        return taken_back is not None and taken_back.work == work and taken_back.is_done
+
+    def is_out_of_reach(self, now_s: float) -> bool:
+        """Whether the broker is there, and the vehicle is not."""
+        if self._unlinked_s is not None or self.is_reachable:
+            return False
+        return self._link not in (Link.ONLINE, Link.UNKNOWN) or now_s - self._heard_s >= OBEY_S
+
     def fault(self, now_s: float) -> str:
         """Why this vehicle can do nothing for the team now; empty if it can."""
         if self._unlinked_s is not None:
@@ -250,7 +337,10 @@ class Vehicle:
         if self.state is None:
             if self._job is not None and self._is_news_due(now_s):
                 return ""
-            return "the vehicle has not sent its state"
+            why = f" that can be read: {self._unreadable}" if self._unreadable else ""
+            return f"the vehicle has not sent its state{why}"
+        if self._unreadable and now_s - self._heard_s >= UNREADABLE_S:
+            return f"the vehicle's states cannot be read: {self._unreadable}"
         if now_s - self._heard_s >= SILENT_S:
             return f"no state of the vehicle for {SILENT_S:g} s"
         return self._trouble(self.state, now_s)
@@ -290,18 +380,42 @@ class Vehicle:
             return []
         state, order = self.state, self._order
         if order is None:
+            self._look_at_what_was_taken_back(state)
             if not self._is_cleared(state, now_s):
                 return self._cancelled(state, now_s)
             self._stale = self._cancel = None
-            return self._begin(state, now_s) if self._job is not None else []
+            if self._job is None:
+                return []
+            if self._work is not None and self.has_done(self._work):
+                self._taken_back = None
+                return self._end(True, "")
+            return self._begin(state, now_s)
         ours = {name: state.actions[name] for name in order.action_ids if name in state.actions}
         self._seen |= ours
         if state.order_id == order.order_id:
             self._is_taken = True
+            self._was_at_goal |= self._is_at_goal(state, order)
             return self._judged(state, order, now_s)
         if self._is_taken or ours or self._has_come_to_its_end(state, order):
             return self._dropped(state, order)
         return self._unanswered(state, order, now_s)
+
+    def _look_at_what_was_taken_back(self, state: VehicleState) -> None:
+        taken_back = self._taken_back
+        if taken_back is None or state.order_id not in ("", taken_back.order.order_id):
+            return
+        order, is_named = taken_back.order, state.order_id == taken_back.order.order_id
+        taken_back.seen |= {n: state.actions[n] for n in order.action_ids if n in state.actions}
+        has_more = is_named and bool(state.nodes_left or state.edges_left)
+        is_there = is_named and self._is_at_goal(state, order)
+        if not has_more and _is_done(order, taken_back.seen, is_there):
+            taken_back.is_done = True
+
+    def _is_at_goal(self, state: VehicleState, order: VehicleOrder) -> bool:
+        if state.nodes_left or state.edges_left:
+            return False
+        end = order.nodes[-1].name, order.last_sequence_id
+        return (state.last_node, state.last_sequence_id) == end
 
     def _is_cleared(self, state: VehicleState, now_s: float) -> bool:
         """Whether nothing of ours runs, or can still begin."""
@@ -328,14 +442,7 @@ class Vehicle:
             return False
         if self._is_stopping(state):
             return True
-        if not state.order_id.startswith(OURS):
-            return False
-        # Up to 2.1 instant actions, e.g. to charge, are among those of the order.
-        return bool(state.nodes_left or state.edges_left) or any(
-            status not in ENDED
-            for name, status in state.actions.items()
-            if name.startswith(OURS) and "/" in name
-        )
+        return ours_runs(state)
 
     def _is_stopping(self, state: VehicleState) -> bool:
         """Whether it still carries out a cancellation, of whomever."""
@@ -371,6 +478,7 @@ class Vehicle:
             return self._end(False, str(error))
         self._order, self._sent_s, self._first_sent_s = order, now_s, now_s
         self._before, self._seen, self._is_taken = state, {}, False
+        self._was_at_goal, self._taken_back, self._listed_s = False, None, now_s
         self._progress, self._progress_s = (), now_s
         return [Send(ORDER, order_message(order, self._dialect))]
 
@@ -381,6 +489,7 @@ class Vehicle:
         if now_s - self._first_sent_s >= ACCEPT_S:
             # If it is received later, it will be cancelled: no job has that order.
             new = [str(error) for error in self._errors(state) if self._is_new(error)]
+            new += [f"its states cannot be read: {self._unreadable}"] if self._unreadable else []
             said = f": {'; '.join(new[:3])}" if new else ""
             return self._end(False, f"the vehicle did not take the order in {ACCEPT_S:g} s{said}")
         if now_s - self._sent_s >= AGAIN_S:
@@ -401,20 +510,22 @@ class Vehicle:
 
         It is never sent again: what it asks for would be done twice.
         """
+        is_there = self._was_at_goal or self._has_come_to_its_end(state, order)
+        if _is_done(order, self._seen, is_there or self._is_at_goal(state, order)):
+            return self._end(True, "")
+        if state.mode not in FOLLOWING:
+            return []  # somebody else has taken it over, which is a fault of the vehicle
         broken = [name for name, status in self._seen.items() if status in (FAILED, RETRIABLE)]
         if broken:
             return self._end(False, self._why(state, order, broken[0]))
-        at_end = (state.last_node, state.last_sequence_id)
-        if at_end == (order.nodes[-1].name, order.last_sequence_id) and not state.has_active_order:
-            return self._end(True, "")
         other = f" and names {state.order_id}" if state.order_id else ""
-        return self._end(False, f"the vehicle has dropped the order{other}, {self._done(order)}")
+        return self._end(False, f"the vehicle has dropped the order{other}; {self._done(order)}")
 
     def _done(self, order: VehicleOrder) -> str:
-        """What is known to be done of an order that has not come to its end."""
+        """What was last seen of the actions of an order that has not come to its end."""
         actions = [action for node in order.nodes for action in node.actions]
-        begun = [a.type for a in actions if self._seen.get(a.action_id) in BEGUN]
-        return f"after {', '.join(begun)} had begun" if begun else "before any action had begun"
+        seen = [f"{a.type} {self._seen.get(a.action_id, 'never')}" for a in actions]
+        return f"last seen: {', '.join(seen)}" if seen else "it has no actions"
 
     def _stalled(self, state: VehicleState, order: VehicleOrder, now_s: float) -> str:
         """Why an order has made no progress for too long; empty if it has."""
@@ -433,6 +544,14 @@ class Vehicle:
         why += ["it asks for more of its base"] if state.wants_base else []
         actions = [action for node in order.nodes for action in node.actions]
         why += [f"its action {a.type} is paused" for a in actions if self._is_paused(a.action_id)]
+        why += [str(error) for error in self._errors(state) if error.level in STOPPING]
+        silent_s = now_s - self._heard_s
+        why += [f"it has said nothing for {silent_s:.0f} s"] if silent_s >= SAID_NOTHING_S else []
+        here = [node.actions for node in order.nodes if node.name == state.last_node]
+        begun = [a for a in actions if self._seen.get(a.action_id) in (RUNNING, INITIALIZING)]
+        waits = [a for each in here for a in each if self._seen.get(a.action_id) == "WAITING"]
+        if not why and waits and not begun:
+            why.append(f"its action {waits[0].type} has not begun, at {state.last_node}")
         because = f": {'; '.join(why)}" if why else ""
         return f"the order has made no progress for {self._no_progress_s:g} s{because}"
 
@@ -441,29 +560,44 @@ class Vehicle:
 
     def _judged(self, state: VehicleState, order: VehicleOrder, now_s: float) -> list[Effect]:
         """The progress or the end of the order that the vehicle has accepted."""
-        statuses = {name: state.actions.get(name, "") for name in order.action_ids}
+        # What is FINISHED stays so: some vehicles list only what is left.
+        statuses = {name: self._seen.get(name, "") for name in order.action_ids}
         broken = [name for name, status in statuses.items() if status in (FAILED, RETRIABLE)]
         stopping = [error for error in self._errors(state) if error.level in STOPPING]
+        is_there = state.last_sequence_id == order.last_sequence_id
+        if not (state.nodes_left or state.edges_left) and _is_done(order, self._seen, is_there):
+            return self._end(True, "")
+        if state.mode not in FOLLOWING:
+            return []  # somebody else has taken it over, which is a fault of the vehicle
         if state.nodes_left or state.edges_left or set(statuses.values()) - {FINISHED, FAILED}:
             if stopping and stopping[0].level != FATAL:
                 return self._end(False, f"the vehicle cannot go on: {stopping[0]}")
             if broken and not self._was_cut_off:
                 return self._end(False, self._why(state, order, broken[0]))
+            if self._has_forgotten(state, order, now_s):
+                text = "the vehicle names the order and has forgotten what it is"
+                return self._end(False, f"{text}; {self._done(order)}")
             if stalled := self._stalled(state, order, now_s):
                 return self._end(False, stalled)
             done = len(order.nodes) - state.nodes_left
             done += sum(status == FINISHED for status in statuses.values())
             whole = len(order.nodes) + len(order.action_ids)
             return [OrderProgress(max(0, min(done, whole)) / whole)]
-        if not broken and state.last_sequence_id == order.last_sequence_id:
-            return self._end(True, "")
         if self._was_cut_off and not {*self._seen.values()} & BEGUN:
             # The last will of this adapter has cancelled the order: send it again.
             self._was_cut_off, self._order, self._stale = False, None, None
             return self._begin(state, self._heard_s)
         if broken:
             return self._end(False, self._why(state, order, broken[0]))
-        return self._end(False, f"the order ended at {state.last_node}, {self._done(order)}")
+        where = state.last_node or "no node"
+        return self._end(False, f"the order ended at {where}; {self._done(order)}")
+
+    def _has_forgotten(self, state: VehicleState, order: VehicleOrder, now_s: float) -> bool:
+        """Whether the vehicle lists nothing of the order any more that is not done."""
+        is_listed = state.nodes_left or state.edges_left or {*state.actions} & {*order.action_ids}
+        if is_listed:
+            self._listed_s = now_s
+        return now_s - self._listed_s >= FORGOTTEN_S
 
     def _why(self, state: VehicleState, order: VehicleOrder, action_id: str) -> str:
         actions = {a.action_id: a for node in order.nodes for a in node.actions}
@@ -478,6 +612,8 @@ class Vehicle:
         if state.order_id == order.order_id:
             return ""
         errors = [error for error in state.errors if error.is_of("orderId", order.order_id)]
+        if self._sent_s > self._first_sent_s:
+            errors = [error for error in errors if error.kind not in KNOWN_ALREADY]
         errors += [
             error
             for error in state.errors
@@ -486,10 +622,18 @@ class Vehicle:
         return str(errors[0]) if errors else ""
 
     def _errors(self, state: VehicleState) -> list[VehicleError]:
-        """The vehicle's errors, but for those about other orders than the one under way."""
+        """The vehicle's errors, but for those about other orders than the one under way.
+
+        One that is FATAL counts until the vehicle takes it back, whichever order of ours it hit.
+        """
         order = self._order or self._stale
         mine = order.order_id if order is not None else ""
-        return [error for error in state.errors if not error.is_of_another("orderId", mine)]
+        return [
+            error
+            for error in state.errors
+            if not error.is_of_another("orderId", mine)
+            or (error.level == FATAL and not error.is_refusal and _is_about_ours(error))
+        ]
 
     def _is_new(self, error: VehicleError) -> bool:
         return self._before is None or error not in self._before.errors
@@ -513,3 +657,16 @@ class Vehicle:
     def _next_id(self, kind: str) -> str:
         self._count += 1
         return f"{self._session}-{kind}-{self._count}"
+
+
+def _is_about_ours(error: VehicleError) -> bool:
+    return any(key == "orderId" and value.startswith(OURS) for key, value in error.references)
+
+
+def _is_done(order: VehicleOrder, seen: Mapping[str, str], is_at_goal: bool) -> bool:
+    """Whether all of an order was seen done: each action FINISHED, and the goal reached.
+
+    Who has done what is to be done there has been at the goal.
+    """
+    has_all = all(seen.get(name) == FINISHED for name in order.action_ids)
+    return has_all and (is_at_goal or bool(order.nodes[-1].actions))

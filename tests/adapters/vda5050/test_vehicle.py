@@ -11,6 +11,8 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     ACCEPT_S,
     AGAIN_S,
     BROKER_S,
+    FORGOTTEN_S,
+    LATE_S,
     MANY_INSTANT_ACTIONS,
     NO_PROGRESS_S,
     OBEY_S,
@@ -18,7 +20,7 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     SILENT_S,
     Ended,
 )
-from tests.support.vda5050.world import TO_A, TO_C, World, stop
+from tests.support.vda5050.world import PICK, TO_A, TO_C, World, stop
 
 
 def test_an_order_is_driven_to_its_end() -> None:
@@ -424,11 +426,10 @@ def test_a_vehicle_waits_for_the_cancellation_of_another_adapter() -> None:
     assert world.fault() == ""
 
 
-@pytest.mark.parametrize("actions", [True, False])
 @pytest.mark.parametrize("heard", [True, False])
 @pytest.mark.parametrize("order_id", ["", None])
 def test_a_vehicle_that_forgets_its_order_at_the_goal_does_not_get_it_again(
-    actions: bool, heard: bool, order_id: str | None
+    heard: bool, order_id: str | None
 ) -> None:
     world = World().online().start()
     world.deliver()
@@ -439,10 +440,64 @@ def test_a_vehicle_that_forgets_its_order_at_the_goal_does_not_get_it_again(
         world.agv.step()
     for _ in range(14):
         world.after(1.0)
-        world.hear(orderId=order_id, **{} if actions else {"actionStates": []})
+        world.hear(orderId=order_id)
     assert world.ended == [Ended(True)]
     assert "order" not in world.topics()
     assert len(world.agv.begun) == 1
+
+
+@pytest.mark.parametrize("last", ["never", "WAITING", "INITIALIZING", "RUNNING", "PAUSED"])
+@pytest.mark.parametrize("at", ["A", "C"])
+def test_an_order_that_is_forgotten_at_its_goal_is_done_only_if_all_of_it_was_seen_done(
+    last: str, at: str
+) -> None:
+    """Whether the vehicle drove there, or was there already."""
+    world = World().online().start(TO_C if at == "C" else (stop("A", PICK),))
+    world.deliver()
+    (action_id,) = world.agv.statuses
+    status = {"actionId": action_id, "actionStatus": last}
+    world.agv.deliver_to_goal()
+    if last != "never":
+        world.hear(actionStates=[status])
+    for _ in range(3):
+        world.hear(orderId="", actionStates=[])
+        world.after(1.0)
+    if at == "A" and last == "never":
+        assert world.ended == []  # it has not taken it in yet, as far as anybody knows
+        return
+    (end,) = world.ended
+    assert not end.success
+    assert f"last seen: pick {last}" in end.reason
+    assert "order" not in world.topics()
+
+
+def test_an_order_without_actions_is_done_when_its_goal_was_reached() -> None:
+    world = World().online().start((stop("C"),)).deliver_all(3)
+    assert world.ended == [Ended(True)]
+    world = World().online().start((stop("C"),)).deliver_all(2)
+    world.agv.step()
+    world.hear(orderId="")
+    assert world.ended == [Ended(True)]
+    world = World().online().start((stop("C"),)).deliver_all(2)
+    world.hear(orderId="", nodeStates=[])
+    assert [each.success for each in world.ended] == [False]
+
+
+def test_who_lists_no_longer_what_is_done_has_done_it() -> None:
+    world = World().online().start((*TO_C, *TO_A)).deliver_all(3)
+    drop = list(world.agv.statuses)[1]
+    world.agv.step()
+    world.agv.step()
+    world.hear(actionStates=[{"actionId": drop, "actionStatus": "FINISHED"}])
+    assert world.ended == [Ended(True)]
+
+
+def test_who_reports_no_node_has_done_what_is_finished() -> None:
+    world = World().driving()
+    world.agv.step()
+    world.agv.step()
+    world.hear(lastNodeId=None, lastNodeSequenceId=None)
+    assert world.ended == [Ended(True)]
 
 
 def test_a_vehicle_that_restarts_after_an_action_does_not_get_its_order_again() -> None:
@@ -452,7 +507,7 @@ def test_a_vehicle_that_restarts_after_an_action_does_not_get_its_order_again() 
         world.after(1.0)
         world.hear(**blank, nodeStates=[], driving=False)
     (end,) = world.ended
-    assert end.reason == "the vehicle has dropped the order, after pick had begun"
+    assert end.reason == "the vehicle has dropped the order; last seen: pick FINISHED, drop WAITING"
     assert "order" not in world.topics()
 
 
@@ -537,3 +592,174 @@ def test_a_vehicle_of_3_0_is_told_to_clear_its_instant_actions() -> None:
     old.sent.clear()
     old.hear(instantActionStates=ended)
     assert old.sent == []
+
+
+# -- what counts until the vehicle takes it back ---------------------------------------------------
+
+
+def error(kind: str, level: str | None, order_id: str) -> dict[str, Any]:
+    references = [{"referenceKey": "orderId", "referenceValue": order_id}]
+    return {"errorType": kind, "errorLevel": level, "errorReferences": references}
+
+
+def test_a_fatal_error_counts_until_it_is_taken_back_also_when_its_order_has_ended() -> None:
+    world = World().driving()
+    fatal = error("motorError", "FATAL", (world.agv.order or {})["orderId"])
+    world.hear(errors=[fatal])
+    assert "fatal error: motorError" in world.fault()
+    world.take(world.vehicle.cancel(world.now_s))
+    world.deliver()
+    for _ in range(5):
+        world.hear(errors=[fatal])
+        world.after(1.0)
+        assert "fatal error: motorError" in world.fault()
+    world.sent.clear()
+    world.start(TO_A)
+    assert world.sent == []
+    world.hear(errors=[])
+    assert (world.fault(), world.topics()) == ("", ["order"])
+
+
+def test_an_order_that_was_refused_with_a_fatal_error_does_not_stop_the_next_one() -> None:
+    world = World().online().start()
+    world.hear(errors=[error("validationError", "FATAL", world.sent[-1].body["orderId"])])
+    assert "refused the order" in world.ended[0].reason
+    world.hear(errors=[error("validationError", "FATAL", world.sent[-1].body["orderId"])])
+    world.after(OBEY_S)
+    assert world.fault() == ""
+
+
+def test_an_error_without_a_level_is_a_warning() -> None:
+    world = World().driving()
+    world.hear(errors=[error("odd", None, "x")])
+    assert (world.fault(), world.ended) == ("", [])
+
+
+@pytest.mark.parametrize("mode", ["MANUAL", "SERVICE", "INTERVENED"])
+def test_an_order_that_somebody_ends_in_another_mode_has_not_failed(mode: str) -> None:
+    world = World().driving()
+    failed = [{"actionId": name, "actionStatus": "FAILED"} for name in world.agv.statuses]
+    world.hear(operatingMode=mode, actionStates=failed, nodeStates=[])
+    world.hear(operatingMode=mode, orderId="", actionStates=[], nodeStates=[])
+    assert world.ended == []
+    assert world.fault() == f"the vehicle's operating mode is {mode}"
+
+
+# -- messages that come late -----------------------------------------------------------------------
+
+
+def at(number: int, second: float) -> dict[str, Any]:
+    return {"headerId": number, "timestamp": f"2026-11-29T10:00:{second:06.3f}Z"}
+
+
+def test_a_state_that_was_overtaken_says_nothing() -> None:
+    world = World().driving()
+    world.hear(**at(7, 10))
+    world.hear(**at(5, 6), orderId="the-one-before", nodeStates=[], actionStates=[])
+    assert world.ended == []
+    # A restart counts anew, a clock may be set back.
+    world.hear(**at(0, 11), operatingMode="MANUAL")
+    assert "MANUAL" in world.fault()
+    world.hear(**at(1, 2))
+    assert world.fault() == ""
+
+
+def test_a_vehicle_that_counts_anew_with_an_older_clock_is_believed_in_time() -> None:
+    world = World().driving()
+    world.hear(**at(7, 10))
+    world.hear(**at(0, 1), operatingMode="MANUAL")
+    assert world.fault() == ""
+    world.after(LATE_S)
+    world.hear(**at(1, 2), operatingMode="MANUAL")
+    assert "MANUAL" in world.fault()
+    world = World().driving()
+    world.hear(**at(7, 10))
+    world.take(world.vehicle.connection(Link.BROKEN, world.now_s))
+    world.take(world.vehicle.connection(Link.ONLINE, world.now_s))
+    world.hear(**at(0, 1), operatingMode="MANUAL")
+    assert "MANUAL" in world.fault()
+
+
+@pytest.mark.parametrize("kind", ["SAME_ORDER_UPDATE_ID", "orderUpdateError"])
+def test_the_answer_to_an_order_that_was_sent_again_is_no_refusal(kind: str) -> None:
+    world = World().online().start()
+    order = world.sent[-1]
+    world.after(AGAIN_S)
+    known = error(kind, "WARNING", order.body["orderId"])
+    world.hear(errors=[known])
+    assert world.ended == []
+    world.agv.take("order", order.body)
+    for _ in range(3):
+        world.agv.step()
+        world.hear(errors=[known])
+    assert world.ended == [Ended(True)]
+
+
+# -- what a vehicle has done alone -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", ["link", "vehicle", "cancelled"])
+def test_an_order_that_a_vehicle_has_done_alone_is_done(how: str) -> None:
+    world = World().online()
+    world.take(world.vehicle.start(TO_C, world.now_s, "work"))
+    world.deliver_all(1)
+    if how == "link":
+        world.take(world.vehicle.unlinked(world.now_s))
+    elif how == "vehicle":
+        world.take(world.vehicle.connection(Link.BROKEN, world.now_s))
+    world.take(world.vehicle.cancel(world.now_s))
+    world.sent.clear()
+    world.agv.step()
+    world.agv.step()
+    world.after(12.0)
+    world.sent.clear()
+    world.online()
+    world.take(world.vehicle.start(TO_C, world.now_s, "work"))
+    world.deliver()
+    world.hear()
+    world.after(1.0)
+    world.hear()
+    assert world.ended == [Ended(True)]
+    assert len(world.agv.begun) == 1
+    # The next attempt is another work.
+    world.take(world.vehicle.start(TO_C, world.now_s, "work, again"))
+    world.deliver()
+    assert len(world.agv.begun) == 2
+
+
+def test_what_a_vehicle_has_not_done_to_its_end_is_begun_again() -> None:
+    world = World().online()
+    world.take(world.vehicle.start(TO_C, world.now_s, "work"))
+    world.deliver_all(1)
+    world.take(world.vehicle.cancel(world.now_s))
+    world.deliver()
+    world.hear()
+    world.take(world.vehicle.start(TO_C, world.now_s, "work"))
+    world.deliver()
+    assert (world.ended, len(world.agv.begun)) == ([], 2)
+
+
+# -- standstills -----------------------------------------------------------------------------------
+
+
+def test_a_vehicle_that_keeps_the_name_of_its_order_alone_has_forgotten_it() -> None:
+    world = World().driving()
+    for _ in range(int(FORGOTTEN_S) + 1):
+        world.hear(nodeStates=[], edgeStates=[], actionStates=[])
+        world.after(1.0)
+    (end,) = world.ended
+    assert "has forgotten what it is; last seen: pick WAITING" in end.reason
+
+
+def test_a_silence_and_an_action_that_does_not_begin_are_named_when_an_order_stands_still() -> None:
+    world = World().driving()
+    world.agv.node = "C"
+    for _ in range(int(NO_PROGRESS_S / 10)):
+        world.hear(nodeStates=[])
+        world.after(10.0)
+    world.hear(nodeStates=[])
+    assert "its action pick has not begun, at C" in world.ended[0].reason
+    vehicle = World().driving()
+    vehicle.vehicle._no_progress_s = 20.0
+    vehicle.after(20.0)
+    assert "it has said nothing for 20 s" in vehicle.ended[0].reason
