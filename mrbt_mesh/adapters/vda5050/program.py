@@ -3,6 +3,8 @@
 `vehicle.py` decides; here are the clock, the broker and the robot's runtime. The broker sends the
 last will of this adapter to the adapters of the other robots, and one of them cancels the vehicle's
 order: a vehicle does not drive on when its robot's process has died and another robot takes over.
+Before an order goes, the others hear what it is for (`other_adapters.py`), and none begins the same
+before this vehicle has ended it.
 
 A broker that is stopped normally sends all last wills before it ends, also those of vehicles. So a
 last will counts only if its broker is still alive after `GRACE_S`.
@@ -22,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import anyio
 
 from mrbt_mesh.adapters.binding import ALL, FillError, LostCapabilities, News
-from mrbt_mesh.adapters.vda5050.dialects import CONNECTION, STATE, VISUALIZATION, Message
+from mrbt_mesh.adapters.vda5050.dialects import CONNECTION, ORDER, STATE, VISUALIZATION, Message
 from mrbt_mesh.adapters.vda5050.layout import RouteError, StopTemplate, TaskTemplate
 from mrbt_mesh.adapters.vda5050.layout_file import LayoutFile, load_layout
 from mrbt_mesh.adapters.vda5050.messages import (
@@ -34,7 +36,15 @@ from mrbt_mesh.adapters.vda5050.messages import (
     read_place,
     read_state,
 )
-from mrbt_mesh.adapters.vda5050.other_adapters import ADAPTER, GONE, GRACE_S, OtherAdapters
+from mrbt_mesh.adapters.vda5050.other_adapters import (
+    ADAPTER,
+    GONE,
+    GRACE_S,
+    HOLD_S,
+    Claim,
+    OtherAdapters,
+    Work,
+)
 from mrbt_mesh.adapters.vda5050.vehicle import (
     NO_BROKER,
     Effect,
@@ -54,8 +64,9 @@ if TYPE_CHECKING:
 
 TICK_S = 0.25
 RECONNECT_S = 0.5
-# How long a cancelled task waits for its vehicle to stop.
-STOP_S = 5.0
+# How long a cancelled task waits for its vehicle to stop: not so long that it is itself taken for
+# one that does not end. The vehicle gets no other order before it has stopped, and nobody the same.
+STOP_S = 4.0
 # How long a bid waits for the first state.
 FIRST_STATE_S = 5.0
 # A vehicle without a message is pending for this long; then that is a fault.
@@ -125,6 +136,7 @@ class ConnectedVehicle:
         )
         self._background: RobotContext | None = None
         self._job: TaskContext | None = None
+        self._work: Work | None = None
         self._end: Ended | None = None
         self._outbox: list[Send] = []
         self._news = News()
@@ -140,11 +152,17 @@ class ConnectedVehicle:
 
     async def perform(self, task: TaskContext, stops: tuple[StopTemplate, ...]) -> None:
         """Have an order carried out; raises TaskFailedError. Cancelled: cancels it there."""
-        while self._adapters.gone:  # one of their vehicles may be at the same work
-            await self._news.wait()
-        self._job, self._end = task, None
+        work = Work(task.activation, task.local_task)
+        while holder := self._adapters.holder(work, task.partners):
+            self._log.info("waits_for_vehicle", robot=holder, local_task=task.local_task)
+            while self._adapters.holder(work, task.partners) == holder:
+                await self._news.wait()
+        if self._adapters.was_done(work):
+            self._log.warning("done_by_another_vehicle", local_task=task.local_task)
+            return
+        self._job, self._work, self._end = task, work, None
         try:
-            self._apply(lambda now_s: self.vehicle.start(stops, now_s))
+            self._apply(lambda now_s: self.vehicle.start(stops, now_s, work))
             while self._end is None:
                 await self._news.wait()
         except BaseException:
@@ -181,7 +199,7 @@ class ConnectedVehicle:
             group.start_soon(self._end_start_up)
             while True:
                 await self._connect()
-                self._adapters.gone.clear()
+                self._adapters.unlinked()
                 self._apply(self.vehicle.unlinked)
                 await anyio.sleep(RECONNECT_S)
 
@@ -221,6 +239,7 @@ class ConnectedVehicle:
 
         async with anyio.create_task_group() as group:
             group.start_soon(self._send_on, client)
+            group.start_soon(self._adapters.look_for_the_dead, group, client)
             try:
                 async for message in client.messages:
                     topic, payload = str(message.topic), message.payload
@@ -229,6 +248,8 @@ class ConnectedVehicle:
                     name = topic.rpartition("/")[2]
                     if name == ADAPTER:
                         self._adapters.hear(topic, payload, group, client)
+                    elif self._adapters.hear_state(topic, payload, message.retain):
+                        continue
                     elif name == CONNECTION and not message.retain:
                         group.start_soon(self._take_link, payload)
                     elif name == CONNECTION or not message.retain:
@@ -263,6 +284,9 @@ class ConnectedVehicle:
 
         while self._outbox:
             effect = self._outbox.pop(0)
+            if effect.topic == ADAPTER:
+                await self._adapters.tell(client, json.dumps(effect.body).encode())
+                continue
             try:
                 payload = self._payload(effect.topic, effect.body)
                 await client.publish(self._address.topic(effect.topic), payload)
@@ -290,6 +314,9 @@ class ConnectedVehicle:
             elif name == VISUALIZATION:
                 self._tell_place(read_place(message))
         except MessageError as error:
+            if name == STATE:
+                reason = str(error)
+                self._apply(lambda now_s: self.vehicle.unreadable(reason, now_s))
             if name not in self._refused:
                 self._refused.add(name)
                 self._log.warning("message_refused", topic=name, error=str(error))
@@ -316,9 +343,12 @@ class ConnectedVehicle:
 
     def _apply(self, step: Callable[[float], list[Effect]]) -> None:
         """Let the vehicle take one step, and carry out what follows."""
-        for effect in step(time.monotonic()):
+        now_s = time.monotonic()
+        for effect in step(now_s):
             match effect:
                 case Send():
+                    if effect.topic == ORDER:
+                        self._claim(effect.body)
                     self._outbox.append(effect)
                     self._log.info("sent", topic=effect.topic, **_named(effect.body))
                 case Ended():
@@ -326,8 +356,35 @@ class ConnectedVehicle:
                 case OrderProgress(fraction):
                     if self._job is not None:
                         self._job.report_progress(fraction)
+        self._release(now_s)
         self._tell_faults()
         self._news.tell()
+
+    def _claim(self, order: Message) -> None:
+        """Say what an order is for, before it goes."""
+        mine = self._adapters.mine
+        if self._work is None or (mine is not None and mine.order_id == order["orderId"]):
+            return
+        ids = tuple(action["actionId"] for node in order["nodes"] for action in node["actions"])
+        mine = self._adapters.mine = Claim(self._work, order["orderId"], ids)
+        self._outbox.append(Send(ADAPTER, {"adapter": "works", "claim": mine.said()}))
+
+    def _release(self, now_s: float) -> None:
+        """Say that the vehicle is at it no longer, once nothing of the order can happen there.
+
+        What a vehicle does that is out of reach nobody knows.
+        """
+        mine, vehicle = self._adapters.mine, self.vehicle
+        if mine is None or vehicle.order_id == mine.order_id:
+            return
+        if mine.since_s is None:
+            mine.since_s = now_s
+            self._outbox.append(Send(ADAPTER, {"adapter": "stopping"}))
+        is_over = vehicle.is_clear or vehicle.is_out_of_reach(now_s)
+        if is_over or now_s - mine.since_s >= HOLD_S:
+            self._adapters.mine = None
+            done = vehicle.has_done(mine.work)
+            self._outbox.append(Send(ADAPTER, {"adapter": "stopped", "done": done}))
 
     def _tell_faults(self) -> None:
         """Report capabilities that this robot has lost or has again."""
@@ -338,6 +395,9 @@ class ConnectedVehicle:
         if fault == NO_BROKER:
             fault += self._broker_error
         found = {ALL: (fault, self._is_starting)} if fault else self._prevented()
+        if not fault:
+            held = self._adapters.told()
+            found |= {n: (why, True) for n, why in held.items() if self._background.can(n)}
         if self._lost.tell(self._background, dict(sorted(found.items()))):
             self._log.warning("capabilities", lost={name: why for name, (why, _) in found.items()})
 
