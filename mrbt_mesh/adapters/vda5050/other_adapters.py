@@ -1,9 +1,10 @@
 """Messages between the adapters of a fleet: no two vehicles are at the same work.
 
 Each vehicle has one more topic, `mrbt`. Before an order its adapter says there what the order is
-for (`Claim`), and afterwards that the vehicle is at it no longer. Whoever gets the same work waits
-for that. When an adapter has ended (its last will), the others cancel the order of its vehicle and
-watch the vehicle until it has stopped; what it has done to its end all the same is not done again.
+for (`VehicleClaim`), and afterwards that the vehicle is at it no longer. Whoever gets the same work
+waits for that. When an adapter has ended (its last will), the others cancel the order of its
+vehicle and watch the vehicle until it has stopped; what it has done to its end all the same is not
+done again.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ HERE, GONE, STOPPING, STOPPED = (message(kind) for kind in ("here", "gone", "sto
 
 
 @dataclass(frozen=True)
-class Work:
+class OrderedWork:
     """What an order is for: a ground local task of an activation."""
 
     activation: str
@@ -69,10 +70,10 @@ class Work:
 
 
 @dataclass
-class Claim:
+class VehicleClaim:
     """A vehicle is at this work, by this order. `since_s`: since when it should have ended."""
 
-    work: Work
+    work: OrderedWork
     order_id: str
     action_ids: tuple[str, ...]
     since_s: float | None = None
@@ -93,7 +94,7 @@ class _Watch:
     """The vehicle of an adapter that has ended, from then on."""
 
     began_s: float
-    claim: Claim | None
+    claim: VehicleClaim | None
     cancels: set[str] = field(default_factory=set)
     sent_s: float | None = None
     first_sent_s: float | None = None
@@ -147,11 +148,11 @@ class OtherAdapters:
     """
 
     def __init__(self, file: LayoutFile, robot: str, changed: Callable[[], None]) -> None:
-        self.mine: Claim | None = None
-        self._claims: dict[str, Claim] = {}
+        self.mine: VehicleClaim | None = None
+        self._claims: dict[str, VehicleClaim] = {}
         self._gone: dict[str, _Watch] = {}
         # What a vehicle has done although it was cancelled, and until when that counts.
-        self._done: dict[Work, float] = {}
+        self._done: dict[OrderedWork, float] = {}
         # Those that have not said since the last connection that they go on.
         self._unheard: set[str] = set()
         self._changed = changed
@@ -189,7 +190,7 @@ class OtherAdapters:
 
     # -- what others are at ---------------------------------------------------------------------
 
-    def holder(self, work: Work, partners: Iterable[str]) -> str:
+    def holder(self, work: OrderedWork, partners: Iterable[str]) -> str:
         """The robot whose vehicle must end before another one begins this; empty: none."""
         now_s = anyio.current_time()
         for robot in self._gone:
@@ -220,7 +221,7 @@ class OtherAdapters:
                 )
         return found
 
-    def was_done(self, work: Work) -> bool:
+    def was_done(self, work: OrderedWork) -> bool:
         """Whether a vehicle did this to its end after it was taken back; asked once."""
         until_s = self._done.pop(work, None)
         return until_s is not None and anyio.current_time() < until_s
@@ -269,12 +270,12 @@ class OtherAdapters:
     def _claimed(self, robot: str, said: Any) -> None:
         if not isinstance(said, dict):
             return
-        work = Work(str(said.get("activation")), str(said.get("local_task")))
+        work = OrderedWork(str(said.get("activation")), str(said.get("local_task")))
         actions = said.get("actions")
         ids = tuple(map(str, actions)) if isinstance(actions, list) else ()
         self._gone.pop(robot, None)
         since_s = anyio.current_time() if said.get("stopping") is True else None
-        self._claims[robot] = Claim(work, str(said.get("order")), ids, since_s)
+        self._claims[robot] = VehicleClaim(work, str(said.get("order")), ids, since_s)
 
     def _settle(self, robot: str, was_done: bool) -> None:
         self._gone.pop(robot, None)

@@ -41,9 +41,9 @@ from mrbt_mesh.adapters.vda5050.other_adapters import (
     GONE,
     GRACE_S,
     HOLD_S,
-    Claim,
+    OrderedWork,
     OtherAdapters,
-    Work,
+    VehicleClaim,
 )
 from mrbt_mesh.adapters.vda5050.vehicle import (
     NO_BROKER,
@@ -136,7 +136,7 @@ class ConnectedVehicle:
         )
         self._background: RobotContext | None = None
         self._job: TaskContext | None = None
-        self._work: Work | None = None
+        self._work: OrderedWork | None = None
         self._end: Ended | None = None
         self._outbox: list[Send] = []
         self._news = News()
@@ -152,7 +152,7 @@ class ConnectedVehicle:
 
     async def perform(self, task: TaskContext, stops: tuple[StopTemplate, ...]) -> None:
         """Have an order carried out; raises TaskFailedError. Cancelled: cancels it there."""
-        work = Work(task.activation, task.local_task)
+        work = OrderedWork(task.activation, task.local_task)
         while holder := self._adapters.holder(work, task.partners):
             self._log.info("waits_for_vehicle", robot=holder, local_task=task.local_task)
             while self._adapters.holder(work, task.partners) == holder:
@@ -366,7 +366,7 @@ class ConnectedVehicle:
         if self._work is None or (mine is not None and mine.order_id == order["orderId"]):
             return
         ids = tuple(action["actionId"] for node in order["nodes"] for action in node["actions"])
-        mine = self._adapters.mine = Claim(self._work, order["orderId"], ids)
+        mine = self._adapters.mine = VehicleClaim(self._work, order["orderId"], ids)
         self._outbox.append(Send(ADAPTER, {"adapter": "works", "claim": mine.said()}))
 
     def _release(self, now_s: float) -> None:

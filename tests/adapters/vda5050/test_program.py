@@ -21,8 +21,8 @@ from mrbt_mesh.adapters.vda5050.other_adapters import (
     GONE,
     HERE,
     HOLD_S,
-    Claim,
-    Work,
+    OrderedWork,
+    VehicleClaim,
     message,
 )
 from mrbt_mesh.adapters.vda5050.program import ConnectedVehicle
@@ -246,8 +246,8 @@ class Broker:
 
 
 ORDER_ID = "mrbt-F2-x-order-1"
-WORK = Work("act-1", "count(R1)")
-CLAIM = Claim(WORK, ORDER_ID, (f"{ORDER_ID}/1",))
+WORK = OrderedWork("act-1", "count(R1)")
+CLAIM = VehicleClaim(WORK, ORDER_ID, (f"{ORDER_ID}/1",))
 
 
 class Takeover:
@@ -375,7 +375,9 @@ def test_other_work_does_not_wait_for_a_vehicle_that_does_not_stop() -> None:
     world = Takeover()
 
     async def story() -> None:
-        world.says(message("works", claim=replace(CLAIM, work=Work("a", "count(R9)")).said()))
+        world.says(
+            message("works", claim=replace(CLAIM, work=OrderedWork("a", "count(R9)")).said())
+        )
         world.says(GONE)
         await world.begin()
         assert world.has_begun
