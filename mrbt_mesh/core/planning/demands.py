@@ -251,7 +251,6 @@ def incarnations(team: Mapping[str, Worker]) -> dict[str, Incarnation]:
 # How it begins that an exclusive request is in doubt.
 IN_DOUBT = "in doubt"
 # How it begins that an exclusive request lacks robots that may grant it.
-IN_DOUBT = "in doubt"
 LACKS_GRANTS = "exclusive: needs grants from"
 
 
