@@ -114,8 +114,8 @@ def test_script_conditions_become_conditions() -> None:
     a, b, c, d = (condition(name) for name in "abcd")
     not_b = NodeSpec(Kind.INVERTER, (b,))
     a_and_not_b = NodeSpec(Kind.SEQUENCE, (a, not_b))
-    either = NodeSpec(Kind.FALLBACK, (a_and_not_b, c))
-    assert spec(body) == NodeSpec(Kind.SEQUENCE, (either, NodeSpec(Kind.INVERTER, (d,))))
+    c_and_not_d = NodeSpec(Kind.SEQUENCE, (c, NodeSpec(Kind.INVERTER, (d,))))
+    assert spec(body) == NodeSpec(Kind.FALLBACK, (a_and_not_b, c_and_not_d))
 
 
 def test_while_do_else_asks_at_every_tick_and_if_then_else_once() -> None:
