@@ -47,8 +47,8 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
     return summary
 
 
-def reopen(run_dir: RunDir) -> bool:
-    """Take its end from a run that can go on; whether it had ended.
+def has_ended(run_dir: RunDir) -> bool:
+    """Whether a run has ended that can go on.
 
     Raises InputError if its mission is over, so that robots would find nothing to do.
     """
@@ -61,8 +61,15 @@ def reopen(run_dir: RunDir) -> bool:
     if ends and summary["result"] in ("success", "failure"):
         text = f"{run_dir.path}: the mission is over ({summary['result']})"
         raise InputError(f"{text}; `mrbt up` begins one anew")
-    run_dir.remove_summary()
     return True
+
+
+def reopen(run_dir: RunDir) -> bool:
+    """Take its end from a run that can go on; whether it had ended. Raises as `has_ended`."""
+    had_ended = has_ended(run_dir)
+    if had_ended:
+        run_dir.remove_summary()
+    return had_ended
 
 
 def _summary(run_dir: RunDir) -> dict[str, Any]:

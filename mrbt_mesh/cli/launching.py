@@ -12,7 +12,7 @@ import click
 
 from mrbt_mesh.cli.command import BAD_INPUT, FAILURE, SUCCESS
 from mrbt_mesh.cli.command_notes import note_command
-from mrbt_mesh.cli.finished import reopen, start_summary_writer
+from mrbt_mesh.cli.finished import has_ended, start_summary_writer
 from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.jobs_left_behind import jobs_left_behind, open_jobs_text
 from mrbt_mesh.cli.options import ShowOptions
@@ -76,13 +76,14 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
         raise InputError(
             f"{found.path} is a run {how} keys, and can only be continued so: --insecure"
         )
-    reopen(found)
+    has_ended(found)  # raises if its mission is over
     remember(found)
     options = replace(info.options, team=before.team, run=before.run)
     found.save(replace(info, options=options, robots=_in_good_standing(found, info)))
     left_behind = open_jobs_text(jobs_left_behind(found, mission))
     if left_behind:
         note(left_behind)
+    found.remove_summary()
     note_command(found, "up --continue", "the team goes on")
     return found
 
