@@ -82,10 +82,10 @@ def team_ends(run_dir: RunDir) -> list[TeamEnd]:
     except OSError:
         return []
     noted = [(n.by, n.command, n.unix_s) for n in noted_commands(content, "", None) if n.unix_s]
-    following = [unix_s for _, _, unix_s in noted[1:]]
+    following: list[float | None] = [*(unix_s for _, _, unix_s in noted[1:]), None]
     return [
         TeamEnd(command, unix_s, until_s)
-        for (by, command, unix_s), until_s in zip(noted, [*following, None], strict=True)
+        for (by, command, unix_s), until_s in zip(noted, following, strict=False)
         if by == DOWN
     ]
 

@@ -11,9 +11,9 @@ import pytest
 from mrbt_mesh.cli.operator_end import with_operator_end
 from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.formats.mission_file import load_mission
-from mrbt_mesh.runtime.command_log import note_command
+from mrbt_mesh.runtime.command_log import last_end, note_command, team_ends
 from mrbt_mesh.runtime.fencing import boottime_us
-from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir
 from tests.support.paths import mission_file
 
 SECOND_US = 1_000_000
@@ -74,3 +74,9 @@ def test_what_robots_that_leave_leave_undone_was_not_blocked(
 def test_nobody_has_ended_it(record: RunRecord) -> None:
     summary = {"result": "blocked", "blocked": [episode("why", 0)]}
     assert with_operator_end(summary, record, None, "") == summary
+
+
+def test_a_file_of_commands_that_is_empty_names_no_end(tmp_path: Path) -> None:
+    """On a full disk a command could not be noted."""
+    (tmp_path / COMMANDS_FILE).touch()
+    assert (team_ends(RunDir(tmp_path)), last_end(RunDir(tmp_path))) == ([], None)

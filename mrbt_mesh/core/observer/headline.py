@@ -157,7 +157,8 @@ def _result(observer: Observer, is_bad: bool) -> Iterator[Statement]:
         yield Statement(level, f"{record.result.name.lower()}{after}")
     elif (end := observer.ended) is not None:
         words = end.because if end.result == ENDED else f"{end.result}: {end.because}"
-        yield Statement(_LEVELS.get(end.result, Level.BAD), words.removesuffix(": "))
+        text = f"the run is over: {words.removesuffix(': ')}"
+        yield Statement(_LEVELS.get(end.result, Level.BAD), text)
     elif record.started_us is None and not observer.running:
         yield Statement(Level.INFO, "waiting for robots")
     elif observer.facts.order() is TeamOrder.PAUSE:

@@ -222,9 +222,12 @@ def test_a_run_of_which_no_robot_is_left_says_how_it_ended_until_it_is_continued
     script, observer = watched(WELD, "leave A", "leave B", "pass 3000")
     assert said(observer)[0] == "bad no robot is heard"
     for end, words in (
-        (RunEnd("ended", "ended by anna", 0), "info ended by anna"),
-        (RunEnd("blocked", "no robot is left", 0), "bad blocked: no robot is left"),
-        (RunEnd("failure", "", 0), "bad failure"),
+        (RunEnd("ended", "ended by anna", 0), "info the run is over: ended by anna"),
+        (
+            RunEnd("blocked", "no robot is left", 0),
+            "bad the run is over: blocked: no robot is left",
+        ),
+        (RunEnd("failure", "", 0), "bad the run is over: failure"),
     ):
         observer.ended = end
         assert said(observer) == [words]
