@@ -65,8 +65,8 @@ SUITES = (
         "plain",
         "computing",
         (*COMPUTING, "-m", "not processes", "tests/core/agent", "tests/core/observer", "tests/sim"),
-        # In the larger size each plan is compared with the plain one anyway, byte for byte (I7 in
-        # chaos, tests/sim/conftest.py elsewhere), and whole runs effect for effect
+        # In the larger size plans are compared with the plain ones anyway, byte for byte (I7 in
+        # chaos: each; elsewhere a quarter, tests/sim/conftest.py), and whole runs effect for effect
         # (tests/sim/test_run_engines.py).
         {"MRBT_PLAIN": "1", "MRBT_TESTS": "quick"},
         is_nice=True,
