@@ -148,6 +148,8 @@ class ActionRunner:
         self._scopes: dict[int, anyio.CancelScope] = {}
         # With the ticket of the action for which they run; None: for none.
         self._calls: dict[UserCall, int | None] = {}
+        # Those that were cancelled long ago, as the team has been told.
+        self._lingering: set[UserCall] = set()
         self._bids: list[BidMade] = []
         self._own = LocalConditions(lambda name: self._mission.local_condition_default(name))
         # How many of the program's sensors run.
@@ -300,10 +302,15 @@ class ActionRunner:
             return await run
         except anyio.get_cancelled_exc_class():
             if failure := call.late_failure:
+                self._lingering.discard(call)
                 self._tell_problem("when cancelled", call, failure)
             raise
         finally:
             del self._calls[call]
+            if call in self._lingering:
+                self._lingering.discard(call)
+                self._host.log("info", "program_stopped", code=call.name)
+                self._host.submit(ProblemFound(type_name(call.name), ""))
 
     def _function(self, effect: StartAction, name: str, port: AgentPort) -> TaskFunction | None:
         """The program's function for a local task; of one that is a tree in a file, its run."""
@@ -457,6 +464,7 @@ class ActionRunner:
         """Tell of code that goes on long after it was cancelled."""
         for call, of in self._calls.items():
             if of == ticket:
+                self._lingering.add(call)
                 text = f"still runs {CANCEL_LIMIT_S:g} s after it was cancelled ({call.place()})"
                 self._tell_problem("cancelled", call, UserCodeError(text))
 

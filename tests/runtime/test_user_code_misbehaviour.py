@@ -321,5 +321,13 @@ def check(case: Way, found: SimulationResult) -> list[str]:
     return [each for each in said if each]
 
 
+@pytest.mark.parametrize(("name", "ends"), [("long", True), ("ever", False)])
+def test_that_code_still_runs_is_a_problem_until_it_has_ended(name: str, ends: bool) -> None:
+    found = result_of(WAYS[f"shields_itself_for_{name}"])
+    (problem,) = found.summary["problems"]
+    assert "still runs" in problem["problem"]
+    assert (problem.get("until_s") is not None) is ends
+
+
 def test_there_are_enough_of_them() -> None:
     assert len(WAYS) >= 60
