@@ -78,6 +78,7 @@ from mrbt_mesh.testing_commands import (
     ReviseMission,
     job_results,
     read_commands,
+    timed,
 )
 
 __all__ = [
@@ -424,15 +425,8 @@ def _team(mission: Mission, robots: Iterable[str] | None) -> list[str]:
 def _schedule(missions: Missions, faults: Iterable[tuple[float, Fault]]) -> list[NamedFault]:
     """The faults by time; raises InputError for what is no fault of this mission's robots."""
     found = []
-    for index, entry in enumerate(faults):
-        place = f"faults[{index}]"
-        if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[1], Fault):
-            text = "(seconds, fault) is expected, e.g. (2.5, Kill('A1'))"
-            raise InputError(f"{place}: {text}, found {entry!r:.80}")
-        at_s, fault = entry
-        check_number(f"{place}: seconds", at_s)
-        said = f"{place}: {fault!r} at {at_s:g} s"
-        mission = missions.with_robot(fault.robot, round(at_s * MICRO), said)
+    for at_us, fault, said in timed("fault", faults, Fault, "(2.5, Kill('A1'))"):
+        mission = missions.with_robot(fault.robot, at_us, said)
         if isinstance(fault, Lose | Restore | Perform):
             _check_local_task(mission, fault, said)
         if isinstance(fault, Perform):
@@ -441,9 +435,9 @@ def _schedule(missions: Missions, faults: Iterable[tuple[float, Fault]]) -> list
             except ValueError as error:
                 raise InputError(f"{said}: {error}") from None
             given = ChangePerformance(fault.robot, fault.local_task, micro)
-            found.append(NamedFault(round(at_s * MICRO), given, said))
+            found.append(NamedFault(at_us, given, said))
         else:
-            found.append(NamedFault(round(at_s * MICRO), fault, said))
+            found.append(NamedFault(at_us, fault, said))
     return sorted(found, key=lambda named: named.at_us)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import count
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.observer.job_rows import JobRows
@@ -36,6 +36,7 @@ from mrbt_mesh.sim.world.team_commands import (
 )
 
 File: TypeAlias = "str | PathLike[str]"
+_Step = TypeVar("_Step")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,20 @@ class Missions:
         return found
 
 
+def timed(
+    what: str, given: Iterable[tuple[float, _Step]], kinds: Any, example: str
+) -> Iterator[tuple[int, _Step, str]]:
+    """(when in us, a step of these kinds, how it was written); InputError for another one."""
+    for index, entry in enumerate(given):
+        place = f"{what}s[{index}]"
+        if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[1], kinds):
+            text = f"(seconds, {what}) is expected, e.g. {example}"
+            raise InputError(f"{place}: {text}, found {entry!r:.80}")
+        at_s, step = entry
+        check_number(f"{place}: seconds", at_s)
+        yield round(at_s * MICRO), step, f"{place}: {step!r:.200} at {at_s:g} s"
+
+
 def read_commands(
     missions: Missions,
     given: Iterable[tuple[float, Command]],
@@ -120,15 +135,7 @@ def read_commands(
     """The commands by time; revisions are added to the `missions`, with these parameters where they
     have them.
     """
-    entries = []
-    for index, entry in enumerate(given):
-        place = f"commands[{index}]"
-        if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[1], Command):
-            text = "(seconds, command) is expected, e.g. (2.5, CancelJob('job-1'))"
-            raise InputError(f"{place}: {text}, found {entry!r:.80}")
-        at_s, command = entry
-        check_number(f"{place}: seconds", at_s)
-        entries.append((round(at_s * MICRO), command, f"{place}: {command!r:.200} at {at_s:g} s"))
+    entries = list(timed("command", given, Command, "(2.5, CancelJob('job-1'))"))
     proposed = {}
     for at_us, command, said in entries:
         if isinstance(command, ReviseMission):

@@ -302,7 +302,7 @@ def _id(labels: list[str]) -> str:
 
 
 def _time(name: str, request: Mapping[str, Any]) -> datetime | None:
-    """A time of a request; 0 stands for none."""
+    """A time of a request; 0 means that there is none."""
     unix_ms = request.get(name)
     if not unix_ms:
         return None
