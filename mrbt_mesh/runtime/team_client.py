@@ -71,7 +71,6 @@ from mrbt_mesh.runtime.team_address import TeamAddress
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 CONNECT_TIMEOUT_S = 10.0
-CLOCKS_TIMEOUT_S = 10.0
 # The numbers of a job's place, and its id.
 CURSOR_PATTERN = rf"-?[0-9]{{1,16}}(\.-?[0-9]{{1,16}}){{1,2}}~{ARGUMENT_PATTERN}"
 NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
@@ -189,9 +188,10 @@ class TeamClient:
         name = job_id or new_job_id()
         texts = self.arguments_of(kind, values if arguments is None else arguments)
         usual = self.check_job(kind, texts, name, priority, safe)
-        now_us = await self._now_us() if needs_now(usual, not_before, deadline) else 0
+        until_s = anyio.current_time() + CALL_TIMEOUT_S
+        now_us = await self._now_us(until_s) if needs_now(usual, not_before, deadline) else 0
         job = job_value(usual, texts, priority, not_before, deadline, now_us)
-        done = await self._command_job(JOB, name, job, operator, safe)
+        done = await self._command_job(JOB, name, job, operator, safe, until_s=until_s)
         return JobHandle(name, done.state["state"], self)
 
     def check_job(
@@ -259,9 +259,16 @@ class TeamClient:
             )
         if job:
             found = [each for each in found if parse_activation(each[0]).job == job]
+        until_s = anyio.current_time() + CALL_TIMEOUT_S
         for activation, coalition in found:
-            name = f"{DECISION}/{activation}/{coalition}"
-            done = await self._command(name, decision, operator, is_checked=True, rest_s=REST_S)
+            done = await self._command(
+                f"{DECISION}/{activation}/{coalition}",
+                decision,
+                operator,
+                is_checked=True,
+                rest_s=REST_S,
+                until_s=until_s,
+            )
         return done
 
     async def propose(
@@ -305,9 +312,9 @@ class TeamClient:
                     return found
             await news.wait()
 
-    async def _now_us(self) -> int:
-        """The Unix time by the team's clocks."""
-        with anyio.move_on_after(CLOCKS_TIMEOUT_S):
+    async def _now_us(self, until_s: float) -> int:
+        """The Unix time by the team's clocks; waits for one until then."""
+        with anyio.move_on_after(until_s - anyio.current_time()):
             while True:
                 offsets_us = self.watcher.observer.membership.clock_offsets_us()
                 if offsets_us:
@@ -336,11 +343,14 @@ class TeamClient:
         value: Any,
         operator: str,
         safe: int | None = None,
+        until_s: float | None = None,
     ) -> Acknowledged:
         job_types(self.watcher.observer.mission)
         try:
             name = f"{field}/{job_id}"
-            done = await self._command(name, value, operator, safe, is_checked=True)
+            done = await self._command(
+                name, value, operator, safe, is_checked=True, until_s=until_s
+            )
         except CommandRefusedError as refusal:
             raise JobRefusedError(str(refusal), refusal.cause) from None
         except TimeoutError as error:
@@ -371,9 +381,11 @@ class TeamClient:
         needs: Collection[str] = (),
         is_checked: bool = False,
         rest_s: float = 0.0,
+        until_s: float | None = None,
     ) -> Acknowledged:
         """Command a field of a subject. `needs`: those that are to have it, else a majority.
-        `is_checked`: robots may refuse it.
+        `is_checked`: robots may refuse it. `until_s`: the time of the event loop at which it is
+        given up, by which all that one request waits for has to be over.
         """
         watcher, observer = self.watcher, self.watcher.observer
         who, count = printable(operator or user_name())[:MAX_TEXT], len(observer.mission.robots)
@@ -391,7 +403,7 @@ class TeamClient:
             needs,
             is_checked,
             rest_s,
-            CALL_TIMEOUT_S,
+            CALL_TIMEOUT_S if until_s is None else until_s - anyio.current_time(),
         )
         try:
             return await call.carry_out(observer.facts.max_stamp + 1)

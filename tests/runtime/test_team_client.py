@@ -10,7 +10,12 @@ import pytest
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JobArchive
 from mrbt_mesh.runtime.job_requests import JobRefusedError
-from mrbt_mesh.runtime.operator_call import CommandRefusedError
+from mrbt_mesh.runtime.operator_call import (
+    CALL_TIMEOUT_S,
+    Acknowledged,
+    CommandRefusedError,
+    OperatorCall,
+)
 from tests.support.one_robot import DeskClient
 
 
@@ -38,6 +43,35 @@ def test_the_same_request_is_the_same_job_and_another_one_is_refused(
         assert await submitted(client, **usual) == "open", "its deadline is from now, as before"
         with pytest.raises(JobRefusedError, match=r"another job of this id, a: inspect\(shelf_1\)"):
             await submitted(client, **usual | other)
+
+    anyio.run(main)
+
+
+def test_waiting_for_the_teams_clocks_takes_of_the_time_that_a_request_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ends_s: list[float] = []
+
+    async def carry_out(call: OperatorCall, _: int) -> Acknowledged:
+        ends_s.append(anyio.current_time() + call.timeout_s)
+        return Acknowledged({"state": "open"}, ("D1",), ())
+
+    monkeypatch.setattr(OperatorCall, "carry_out", carry_out)
+
+    async def main() -> None:
+        client = DeskClient()
+        membership = client.watcher.observer.membership
+        offsets_us, asked = membership.clock_offsets_us, iter(range(20))
+        monkeypatch.setattr(
+            membership,
+            "clock_offsets_us",
+            lambda: offsets_us() if next(asked, None) is None else [],
+        )
+        begun_s = anyio.current_time()
+        await submitted(client, not_before=timedelta(seconds=60))
+        assert next(asked, None) is None, "no clock was known at first"
+        # A hundredth of a second for what ran between the two looks at the clock.
+        assert ends_s[0] <= begun_s + CALL_TIMEOUT_S + 0.01
 
     anyio.run(main)
 
