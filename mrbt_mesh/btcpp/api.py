@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import runpy
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,16 +38,21 @@ def run(
     *,
     tree: str | None = None,
     entries: Mapping[str, Any] | None = None,
+    warn: Callable[[Finding], object] | None = None,
 ) -> NodeStatus:
     """Run a tree to its end, in an event loop of its own: SUCCESS, FAILURE or SKIPPED.
 
     `program`: the leaves, or a Python file that defines them (see `load_leaves`). `tree`: an ID,
-    by default the main tree. `entries`: the first values of entries of its blackboard. Raises
-    FileError, BlackboardError, TickError, and what a leaf raises except TaskFailedError.
+    by default the main tree. `entries`: the first values of entries of its blackboard. `warn` is
+    called with each warning about the file before the tree begins. Raises FileError,
+    BlackboardError, TickError, and what a leaf raises except TaskFailedError.
     """
     leaves = program if isinstance(program, Leaves) else load_leaves(program)
     loaded = load(file, tree, leaves)
     loaded.check()
+    if warn is not None:
+        for warning in loaded.warnings:
+            warn(warning)
     for name, value in (entries or {}).items():
         loaded.blackboard[name] = value
     return anyio.run(loaded.run)

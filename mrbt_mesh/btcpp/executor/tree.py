@@ -25,7 +25,7 @@ from mrbt_mesh.btcpp.executor.node import NodeStatus, TreeWorld
 from mrbt_mesh.btcpp.executor.runner import TreeRunner
 from mrbt_mesh.btcpp.executor.tree_executor import TreeExecutor
 from mrbt_mesh.btcpp.files.check import check_library
-from mrbt_mesh.btcpp.files.findings import Findings
+from mrbt_mesh.btcpp.files.findings import Finding, Findings
 from mrbt_mesh.btcpp.files.library import Library, load_library, load_text
 
 RATE_HZ = 10.0
@@ -63,6 +63,8 @@ class BehaviorTree:
         given: Mapping[type, Any] | None = None,
     ) -> None:
         self.name = library.chosen_tree(tree)
+        # What is allowed by the file, but hardly meant, in its order.
+        self.warnings: Sequence[Finding] = ()
         self.leaves = leaves if leaves is not None else Leaves()
         # Decorators that register functions and nodes: see `Leaves`.
         self.action, self.condition = self.leaves.action, self.leaves.condition
@@ -97,7 +99,9 @@ class BehaviorTree:
         library = load_library(Path(path), findings, package_folders)
         check_library(library, findings)
         findings.raise_errors()
-        return cls(library, tree, leaves, exact=exact, enums=enums, given=given)
+        made = cls(library, tree, leaves, exact=exact, enums=enums, given=given)
+        made.warnings = findings.warnings
+        return made
 
     @classmethod
     def from_text(
@@ -120,7 +124,9 @@ class BehaviorTree:
         library = load_text(text, Path(file), findings, package_folders)
         check_library(library, findings)
         findings.raise_errors()
-        return cls(library, tree, leaves, exact=exact, enums=enums, given=given)
+        made = cls(library, tree, leaves, exact=exact, enums=enums, given=given)
+        made.warnings = findings.warnings
+        return made
 
     @property
     def executor(self) -> TreeExecutor:

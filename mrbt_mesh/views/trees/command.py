@@ -117,13 +117,17 @@ def run_(file: Path, program: Path, tree_id: str | None, entries: tuple[str, ...
     Example: mrbt tree run fetch.xml --program robot.py --set goal=dock
     """
     from mrbt_mesh import btcpp
+    from mrbt_mesh.views.trees.checking import print_finding
+
+    def warn(finding: btcpp.Finding) -> None:
+        print_finding("warning", finding)
 
     for entry in entries:
         if "=" not in entry:
             raise InputError(f"--set {entry}: NAME=TEXT is expected, e.g. goal=dock")
     values = dict(entry.split("=", 1) for entry in entries)
     try:
-        status = btcpp.run(file, program, tree=tree_id, entries=values)
+        status = btcpp.run(file, program, tree=tree_id, entries=values, warn=warn)
     except (btcpp.BlackboardError, btcpp.TickError) as error:
         raise InputError(f"{file}: {error}") from None
     click.echo(status.name)

@@ -332,6 +332,16 @@ def near(goal: str) -> bool:
 """
 
 
+def test_run_says_what_is_odd_about_the_file(tmp_path: Path) -> None:
+    file, program = tmp_path / "near.xml", tmp_path / "robot.py"
+    tree = '<include path="nowhere.xml"/><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree>'
+    file.write_text(f'<root BTCPP_format="4">{tree}</root>')
+    program.write_text(LEAVES)
+    code, output, problems = mrbt("tree", "run", str(file), "--program", str(program))
+    assert (code, output) == (0, "SUCCESS\n")
+    assert problems.startswith(f"warning: {file}:1: root/include: there is no file ")
+
+
 @pytest.mark.parametrize(
     ("options", "code", "said"),
     [
