@@ -113,6 +113,9 @@ OTHER = 1_000_000
 SETTLE_S = 60.0
 SAMPLE_S = 10.0
 WARM_S = 600.0
+# For so long a job that is not due is left alone before it is read, and cancelled: or the memory
+# would grow with the jobs that are open.
+PARKED_S = 300.0
 CLIENTS = 4
 
 
@@ -300,6 +303,7 @@ class Clients:
         self.numbers = iter(range(1, OTHER))
         self.recent: list[tuple[str, int, str]] = []
         self.latency_s: list[float] = []
+        self.until_s = 0.0
 
     async def request(
         self, client: str, server: Server, kind: str, job: str, value: int, body: dict[str, Any]
@@ -351,9 +355,9 @@ class Clients:
 
     async def go_on(self, client: str, rate: float, duration_s: float) -> None:
         """Have one client hand in `rate` jobs a second on average, and wait for all answers."""
-        until_s = now_s() + duration_s
+        self.until_s = now_s() + duration_s
         async with anyio.create_task_group() as group:
-            while now_s() < until_s:
+            while now_s() < self.until_s:
                 await anyio.sleep(self.draw.expovariate(rate))
                 group.start_soon(self.one, client)
 
@@ -417,6 +421,14 @@ class Clients:
         async with anyio.create_task_group() as group:
             group.start_soon(write, client, server)
             group.start_soon(write, f"{client}'", other)
+        if now_s() + PARKED_S > self.until_s:
+            return
+        await anyio.sleep(PARKED_S)
+        for each in self.servers:
+            while (read := await self.read(client, each, job)) is None:
+                await anyio.sleep(1)
+            self.history.quiet.setdefault(job, []).append(read)
+        await self.until_answered(client, server, CANCEL, job)
 
     async def until_answered(self, client: str, server: Server, kind: str, job: str) -> None:
         """Ask until a server says whether it is done: a held job would stay held for ever."""

@@ -81,7 +81,8 @@ class Fault:
 @dataclass(slots=True)
 class History:
     """`exclusive`: the contents of jobs that must not be done twice. `parked`: jobs that are not
-    due before the end. `final`: job -> what each server shows of it once everything is quiet.
+    due before the end. `quiet`: job -> what each server shows of a parked one when nobody has
+    changed it for minutes, before it is cancelled. `final`: job -> what each shows at the end.
     """
 
     operations: list[Operation] = field(default_factory=list)
@@ -90,6 +91,7 @@ class History:
     faults: list[Fault] = field(default_factory=list)
     exclusive: set[int] = field(default_factory=set)
     parked: set[str] = field(default_factory=set)
+    quiet: dict[str, list[Read]] = field(default_factory=dict)
     final: dict[str, list[Read]] = field(default_factory=dict)
 
 
@@ -132,7 +134,7 @@ def violations(history: History) -> dict[str, list[str]]:
         broken["lost"] += _lost(job, operations, at_work, final, is_parked, is_in_doubt)
         broken["cancelled"] += _cancelled(job, operations, at_work, history.faults, final)
         broken["held"] += _held(job, operations, at_work, history.faults)
-        broken["in force"] += _in_force(job, operations, final)
+        broken["in force"] += _in_force(job, operations, history.quiet.get(job, final))
     for content in sorted(history.exclusive):
         broken["twice"] += _twice(content, works.get(content, []))
     broken["not asked for"] += _not_asked_for(history.operations, works)
@@ -282,7 +284,7 @@ def may_be_last(operations: Sequence[Operation]) -> list[Operation]:
 
 
 def _in_force(job: str, operations: Sequence[Operation], final: Sequence[Read]) -> Iterator[str]:
-    """What is shown at the end is what somebody wrote last; other fields do not matter to it."""
+    """What is shown when all is quiet is what somebody wrote last, whatever other fields are."""
     shown = [each for each in final if each.state and each.state not in ENDED]
     priorities = [each for each in operations if each.kind == PRIORITY]
     if any(each.answer == DONE for each in priorities):

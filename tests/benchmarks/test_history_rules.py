@@ -159,3 +159,14 @@ def test_what_breaks_a_rule_is_found(rule: str, broken: History) -> None:
 def test_every_rule_has_a_history_that_breaks_it() -> None:
     assert tuple(BROKEN) == RULES
     assert tuple(violations(History())) == RULES
+
+
+@pytest.mark.parametrize(("priority", "broken"), [(7, False), (3, True)])
+def test_a_parked_job_is_judged_by_what_was_shown_before_it_was_cancelled(
+    priority: int, broken: bool
+) -> None:
+    given = history(op(PRIORITY, 2, value=7), op(CANCEL, 400), final="cancelled")
+    given.parked.add("j")
+    given.quiet["j"] = [read("waiting", priority)]
+    assert bool(violations(given)["in force"]) is broken
+    assert not violations(given)["lost"]
