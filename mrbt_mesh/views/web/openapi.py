@@ -175,7 +175,14 @@ def openapi(
     cursor = _parameter("cursor", _CURSOR, "Those after this place: of `Link` in an answer.")
     last = _parameter("Last-Event-ID", _TEXT, "Only what has changed since this event.", "header")
     count = _parameter("limit", _numbers(MAX_EVENTS), "End after so many events; none: go on.")
-    events = {"text/event-stream": {"schema": {"type": "string"}, "x-data": _ref("News")}}
+    # Some programs take the schema for that of the text, others for that of each event.
+    data = {"type": "string", "contentMediaType": "application/json", "contentSchema": _ref("News")}
+    event = {
+        "type": "object",
+        "properties": {"id": _TEXT, "event": _TEXT, "data": data},
+        "required": ["data"],
+    }
+    events = {"text/event-stream": {"schema": {"anyOf": [_TEXT, event]}}}
     paths: dict[str, Any] = {
         "/v1/status": {"get": _operation("get_status", "The team and its robots", _ref("Status"))},
         "/v1/job-types": {

@@ -46,6 +46,15 @@ def test_it_has_every_route_with_its_methods() -> None:
     assert served == described
 
 
+def test_a_stream_of_events_is_described_whole_and_event_by_event() -> None:
+    answer = openapi(has_tokens=True)["paths"]["/v1/events"]["get"]["responses"]["200"]
+    judge = Draft202012Validator(answer["content"]["text/event-stream"]["schema"])
+    assert judge.is_valid('id: a.1\nevent: begin\ndata: {"now_s":1.0}\n\n')
+    assert judge.is_valid({"id": "a.1", "event": "begin", "data": '{"now_s":1.0}'})
+    assert not judge.is_valid({"id": "a.1", "event": "begin"})
+    assert not judge.is_valid({"data": {"now_s": 1.0}})
+
+
 NUMBERS = st.integers(-20, 120)
 RANGES = st.tuples(NUMBERS, NUMBERS).map(lambda ends: ("", *sorted(ends)))
 CHOICES = st.lists(st.sampled_from(["a", "3", "-1", "07", "1.5"]), min_size=1, unique=True)
