@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.report import run_program
-from mrbt_mesh.core.agent.operator_desk import command_version
+from mrbt_mesh.core.agent.operator_messages import command_version
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts import jobs, records
 from mrbt_mesh.core.facts.records import Claim, JobEnd, JobState, Member, Phase, Record

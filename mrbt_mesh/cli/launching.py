@@ -36,7 +36,8 @@ from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir, RunInfo, state_dir
 from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
-from mrbt_mesh.runtime.team import Team, address_of
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import address_of
 
 # Long enough for a slow machine to start a few robots.
 UP_TIMEOUT_S = 60.0

@@ -38,8 +38,7 @@ class TeamOptions:
     def find(self) -> TeamAddress:
         """The team that the options name; raises InputError."""
         from mrbt_mesh.formats.mission_file import load_mission
-        from mrbt_mesh.runtime.team import address_of
-        from mrbt_mesh.runtime.team_address import on_network
+        from mrbt_mesh.runtime.team_address import address_of, on_network
 
         found = self.run_directory()
         if found is not None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import anyio.abc
 
-from mrbt_mesh.core.agent.commands import FAULT, LEAVE, RESTORE
+from mrbt_mesh.core.agent.operator_messages import FAULT, LEAVE, RESTORE
 from mrbt_mesh.drills.inject import DrillInjector
 from mrbt_mesh.drills.model import StepModel
 from mrbt_mesh.drills.triggers import Snapshot

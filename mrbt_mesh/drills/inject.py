@@ -12,7 +12,7 @@ from typing import Any
 import anyio
 import psutil
 
-from mrbt_mesh.core.agent.commands import FAULT, LEAVE, PERFORM, RESTORE
+from mrbt_mesh.core.agent.operator_messages import FAULT, LEAVE, PERFORM, RESTORE
 from mrbt_mesh.drills.journals import Done, read
 from mrbt_mesh.drills.model import (
     ROUTER_FAULTS,

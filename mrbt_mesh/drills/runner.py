@@ -34,7 +34,8 @@ from mrbt_mesh.runtime.launcher_lock import launched_from_here
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir, write_atomically
-from mrbt_mesh.runtime.team import Team, address_of, new_run
+from mrbt_mesh.runtime.team import Team, new_run
+from mrbt_mesh.runtime.team_address import address_of
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 FRAME_S = 0.1

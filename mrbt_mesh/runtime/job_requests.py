@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from mrbt_mesh.core.agent.operator_desk import INVALID, OUT_OF_RANGE, UNKNOWN
+from mrbt_mesh.core.agent.operator_messages import INVALID, OUT_OF_RANGE, UNKNOWN
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JOB_CANCELLED, JOB_HOLD, JOB_PRIORITY, Hold
 from mrbt_mesh.core.membership.timing import SECOND_US

@@ -26,15 +26,13 @@ from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError, RunInfo
-from mrbt_mesh.runtime.session_config import TransportConfig
 from mrbt_mesh.runtime.settings import (
     DEFAULT_GATHER_S,
-    ENCRYPTED,
     PROTOCOLS,
     START_S_PER_ROBOT,
     WIRED,
 )
-from mrbt_mesh.runtime.team_address import AddressError, certificates_of
+from mrbt_mesh.runtime.team_address import AddressError
 
 HOST = "127.0.0.1"
 # Whether a connection on loopback comes about at all.
@@ -123,26 +121,6 @@ def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
         KeyFolder.create(folder.path, {**members, operator: Role.OPERATOR})
     elif robot not in folder.manifest().members:
         folder.add({robot: Role.ROBOT})
-
-
-def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
-    """How an observer reaches a run: it dials every robot, or a router.
-
-    Raises TransportError or KeysError.
-    """
-    connect = () if info.options.routers else tuple(info.endpoints.values())
-    certificates = None
-    if any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in connect):
-        certificates = certificates_of(run_dir.keys_path)
-    return TransportConfig(
-        info.team,
-        "",
-        connect=connect,
-        profile=info.options.transport,
-        certificates=certificates,
-        robots=len(info.robots),
-        routers=tuple(info.options.routers),
-    )
 
 
 class StartedRobot(Protocol):

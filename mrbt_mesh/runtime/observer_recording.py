@@ -34,14 +34,12 @@ class RecordTo:
 
 
 def observer_recording(
-    to: RecordTo | None,
+    to: RecordTo,
     observer: Observer,
     run: str,
     keys: Keys | None,
-) -> GuardedRecorder[ObserverRecorder] | None:
+) -> GuardedRecorder[ObserverRecorder]:
     """Begin to record what an observer hears; raises InputError if that cannot be."""
-    if to is None:
-        return None
     metadata = replace(
         observer_metadata(observer, run, keys is not None),
         speed=to.speed,

@@ -15,7 +15,7 @@ from zlib import crc32
 
 import anyio
 
-from mrbt_mesh.core.agent.operator_desk import (
+from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     CONTENDED,
     INVALID,

@@ -19,7 +19,6 @@ from typing import Any
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
 
-import psutil
 import zenoh
 
 from mrbt_mesh.core.membership.wire import MAX_MESSAGE_BYTES
@@ -97,7 +96,7 @@ class TransportConfig:
             return f"router {', '.join(self.routers)}"
         parts = []
         if self.multicast_interface is not None:
-            there = ", ".join(sorted(set(psutil.net_if_addrs()) - {"lo"})) or "lo alone"
+            there = ", ".join(sorted(own_addresses().keys() - {"lo"})) or "lo alone"
             parts.append(f"multicast of {self.multicast_interface} ({there})")
         parts += [f"{name} {', '.join(ends)}" for name, ends in self._named_ends() if ends]
         parts += [NO_IPV6] if self.misses_ipv6() else []
@@ -165,6 +164,8 @@ def _is_any(endpoint: str) -> bool:
 
 def own_addresses() -> dict[str, list[str]]:
     """The machine's interfaces, each with its addresses."""
+    import psutil  # sessions without discovery do not need it
+
     return {
         name: [row.address.partition("%")[0] for row in rows if row.family in _INTERNET]
         for name, rows in psutil.net_if_addrs().items()

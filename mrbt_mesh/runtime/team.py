@@ -19,7 +19,6 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.episodes import DeathTimes
 from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.capacity import allow_open_files
 from mrbt_mesh.runtime.command_log import last_end
 from mrbt_mesh.runtime.fencing import boottime_us
@@ -32,7 +31,6 @@ from mrbt_mesh.runtime.launcher import (
     ensure_keys,
     free_endpoints,
     lower_dials,
-    observer_transport,
     start_robot,
     wait_for_exit,
     with_newcomer,
@@ -50,7 +48,7 @@ from mrbt_mesh.runtime.settings import (
     default_protocol,
 )
 from mrbt_mesh.runtime.solver_loader import may_need_arrays
-from mrbt_mesh.runtime.team_address import AddressError, TeamAddress, timing_of
+from mrbt_mesh.runtime.team_address import AddressError, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
@@ -128,24 +126,6 @@ def _check_routers(routers: Sequence[str], transport: str) -> None:
             "over tls or quic they are clients of a router with `mrbt agent --keys`"
         )
     TransportConfig("", "", routers=tuple(routers), profile=transport)
-
-
-def address_of(run_dir: RunDir) -> TeamAddress:
-    """Where an observer finds the team of a run directory.
-
-    Raises RunDirError or FileError for a damaged one, TransportError without the team's key.
-    """
-    info = run_dir.info()
-    mission = load_mission(run_dir.mission_path)
-    return TeamAddress(
-        mission,
-        info.run,
-        timing_of(info.options.beat_s, info.options.detection_s, mission),
-        observer_transport(run_dir, info),
-        run_dir,
-        keys=None if info.options.insecure else run_dir.keys_path,
-        speed=info.options.speed,
-    )
 
 
 class Team:

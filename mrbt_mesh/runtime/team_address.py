@@ -10,9 +10,11 @@ from mrbt_mesh.core.membership.timing import SECOND_US, Timing
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import is_robot_id
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.robot_options import NetworkOptions
-from mrbt_mesh.runtime.run_dir import RunDir
+from mrbt_mesh.runtime.run_dir import RunDir, RunInfo
 from mrbt_mesh.runtime.session_config import AUTO, Certificates, TransportConfig
+from mrbt_mesh.runtime.settings import ENCRYPTED
 
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.key_folder import ManifestWatch
@@ -69,6 +71,44 @@ def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> Te
             tuple(options.routers),
         ),
         keys=options.keys,
+    )
+
+
+def address_of(run_dir: RunDir) -> TeamAddress:
+    """Where an observer finds the team of a run directory.
+
+    Raises RunDirError or FileError for a damaged one, TransportError without the team's key.
+    """
+    info = run_dir.info()
+    mission = load_mission(run_dir.mission_path)
+    return TeamAddress(
+        mission,
+        info.run,
+        timing_of(info.options.beat_s, info.options.detection_s, mission),
+        observer_transport(run_dir, info),
+        run_dir,
+        keys=None if info.options.insecure else run_dir.keys_path,
+        speed=info.options.speed,
+    )
+
+
+def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
+    """How an observer reaches a run: it dials every robot, or a router.
+
+    Raises TransportError or KeysError.
+    """
+    connect = () if info.options.routers else tuple(info.endpoints.values())
+    certificates = None
+    if any(endpoint.partition("/")[0] in ENCRYPTED for endpoint in connect):
+        certificates = certificates_of(run_dir.keys_path)
+    return TransportConfig(
+        info.team,
+        "",
+        connect=connect,
+        profile=info.options.transport,
+        certificates=certificates,
+        robots=len(info.robots),
+        routers=tuple(info.options.routers),
     )
 
 

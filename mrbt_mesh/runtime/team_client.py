@@ -20,7 +20,7 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.agent.operator_desk import INVALID, UNKNOWN, command_version
+from mrbt_mesh.core.agent.operator_messages import INVALID, UNKNOWN, command_version
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import (
     ABORTED,
@@ -66,8 +66,7 @@ from mrbt_mesh.runtime.operator_call import (
     CommandRefusedError,
     OperatorCall,
 )
-from mrbt_mesh.runtime.team import address_of
-from mrbt_mesh.runtime.team_address import TeamAddress
+from mrbt_mesh.runtime.team_address import TeamAddress, address_of
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 CONNECT_TIMEOUT_S = 10.0

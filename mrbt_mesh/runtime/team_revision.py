@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import anyio
 import anyio.abc
 
-from mrbt_mesh.core.agent.commands import CHECK_REVISION
+from mrbt_mesh.core.agent.operator_messages import CHECK_REVISION
 from mrbt_mesh.core.agent.reviser import size_problem
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.compiled import compile_mission

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from mrbt_mesh.core.agent.commands import OPERATE, command_body
 from mrbt_mesh.core.agent.effects import AskRouter
 from mrbt_mesh.core.agent.inputs import (
     AnswerReceived,
@@ -23,7 +22,13 @@ from mrbt_mesh.core.agent.inputs import (
     RouterAnswered,
     TokenChanged,
 )
-from mrbt_mesh.core.agent.operator_desk import INVALID, CommandStep, operate_body
+from mrbt_mesh.core.agent.operator_messages import (
+    INVALID,
+    OPERATE,
+    CommandStep,
+    command_body,
+    operate_body,
+)
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 from mrbt_mesh.core.facts.values import printable
@@ -33,27 +38,23 @@ from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
 from mrbt_mesh.core.observer.newest import LIVE_ENTRIES
 from mrbt_mesh.core.observer.observer import Observer, RunEnd
-from mrbt_mesh.recording.observer_recorder import ObserverRecorder
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
-from mrbt_mesh.runtime.observer_recording import (
-    RecordTo,
-    observer_metadata,
-    observer_recording,
-    to_observers_record,
-)
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import TransportConfig, TransportError, require_threads
 from mrbt_mesh.runtime.solver_loader import chosen_engine
-from mrbt_mesh.runtime.team_address import TeamAddress, keys_of
+from mrbt_mesh.runtime.team_address import TeamAddress, keys_of, observer_transport
 from mrbt_mesh.runtime.team_changes import TeamChanges
 from mrbt_mesh.runtime.token_holders import life_of
 from mrbt_mesh.runtime.zenoh_transport import ZenohTransport
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # most watchers record nothing
     from mrbt_mesh.recording.messages import MessageSink
     from mrbt_mesh.recording.metadata import RunMetadata
+    from mrbt_mesh.recording.observer_recorder import ObserverRecorder
+    from mrbt_mesh.runtime.observer_recording import RecordTo
+    from mrbt_mesh.runtime.recording import GuardedRecorder
 
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 10.0
@@ -88,8 +89,11 @@ class Watcher:
             LIVE_ENTRIES,
         )
         self.observer.speed = address.speed
-        recording = observer_recording(record, self.observer, address.run, keys)
-        self._recordings = [recording] if recording is not None else []
+        self._recordings: list[GuardedRecorder[ObserverRecorder]] = []
+        if record is not None:
+            from mrbt_mesh.runtime.observer_recording import observer_recording
+
+            self._recordings.append(observer_recording(record, self.observer, address.run, keys))
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = self._next_processes_us = 0
@@ -107,7 +111,6 @@ class Watcher:
     def _changes_of(address: TeamAddress) -> TeamChanges | None:
         if address.run_dir is None:
             return None
-        from mrbt_mesh.runtime.launcher import observer_transport
 
         def read(run_dir: RunDir) -> TransportConfig:
             return observer_transport(run_dir, run_dir.info())
@@ -144,6 +147,9 @@ class Watcher:
 
         Raises what `open_sink` does.
         """
+        from mrbt_mesh.recording.observer_recorder import ObserverRecorder
+        from mrbt_mesh.runtime.observer_recording import observer_metadata, to_observers_record
+
         observer, has_keys = self.observer, self._guard is not None
         sink = open_sink(observer_metadata(observer, self.address.run, has_keys))
         recording = to_observers_record(ObserverRecorder(sink, observer), observer)

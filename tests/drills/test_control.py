@@ -11,7 +11,7 @@ from typing import Any
 import anyio
 import pytest
 
-from mrbt_mesh.core.agent.operator_desk import CommandStep
+from mrbt_mesh.core.agent.operator_messages import CommandStep
 from mrbt_mesh.core.facts.records import OperatorCommand
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.core.membership.keys import make_command

@@ -15,7 +15,7 @@ from mrbt_mesh.recording.recorded_state import team_state
 from mrbt_mesh.runtime.journal import read_journals
 from mrbt_mesh.runtime.observer_recording import RecordTo
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team import address_of
+from mrbt_mesh.runtime.team_address import address_of
 from mrbt_mesh.runtime.watcher import watching
 from tests.support.recorded import state_text
 from tests.support.team import EXPLORE, Team

@@ -10,7 +10,7 @@ import pytest
 
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team import address_of
+from mrbt_mesh.runtime.team_address import address_of
 from mrbt_mesh.runtime.watcher import Watcher, watching
 from tests.support.paths import mission_file
 from tests.support.team import Team

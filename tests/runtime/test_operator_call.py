@@ -19,15 +19,14 @@ from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.job_desk import job_rules
-from mrbt_mesh.core.agent.operator_desk import (
+from mrbt_mesh.core.agent.operator_desk import OperatorDesk, team_rules
+from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     CONTENDED,
     NOT_READY,
     CommandStep,
-    OperatorDesk,
     command_version,
     operate_body,
-    team_rules,
 )
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.records import OPERATORS, Hold, JobState

@@ -11,7 +11,7 @@ import anyio
 import pytest
 
 from mrbt_mesh.core.agent.inputs import AnswerReceived, Input, MessageReceived, TokenChanged
-from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version
+from mrbt_mesh.core.agent.operator_messages import CommandStep, command_version
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.membership.keys import Role

@@ -23,7 +23,7 @@ from mrbt_mesh.runtime.session_config import (
     session_config,
 )
 from mrbt_mesh.runtime.team import new_run
-from mrbt_mesh.runtime.team_address import AddressError
+from mrbt_mesh.runtime.team_address import AddressError, observer_transport
 from tests.support.paths import ROOT, mission_file
 
 REPAIR = mission_file("vehicle_repair")
@@ -106,7 +106,7 @@ def test_robots_of_a_run_are_clients_of_its_routers(tmp_path: Path) -> None:
     assert options(arguments, "--router") == list(routers)
     assert not options(arguments, "--listen")
     assert not options(arguments, "--connect")
-    assert launcher.observer_transport(run_dir, info).routers == routers
+    assert observer_transport(run_dir, info).routers == routers
     assert launcher.with_newcomer(info, "B1").endpoints["B1"] == ""
 
 
@@ -140,7 +140,7 @@ def test_robots_at_places_run_there_and_listen_there(
     assert options(command, "--keys") == [str(run_dir.keys_path)]
     assert "--insecure" not in command
     assert sorted(KeyFolder(run_dir.keys_path).keys_of("A2").members()) == ["A1", "A2", "operator"]
-    seen = launcher.observer_transport(run_dir, info)
+    seen = observer_transport(run_dir, info)
     assert (seen.profile, seen.connect) == (transport, tuple(info.endpoints.values()))
     assert (seen.certificates is not None) == (transport == "wireless")
 

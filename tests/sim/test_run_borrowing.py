@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.agent.commands import RESTORE
+from mrbt_mesh.core.agent.operator_messages import RESTORE
 from mrbt_mesh.sim import Command, Fault, Kill, Restart
 from mrbt_mesh.sim.world.faults import Operate
 from tests.sim.test_run_jobs import run, submit, works

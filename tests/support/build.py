@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from mrbt_mesh.core.agent.operator_desk import command_version
+from mrbt_mesh.core.agent.operator_messages import command_version
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.bt.evaluation import Evaluation, OutcomeTick

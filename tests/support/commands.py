@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from mrbt_mesh.core.agent.operator_desk import command_version
+from mrbt_mesh.core.agent.operator_messages import command_version
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.keys import Keys, make_command
 from tests.support import build

@@ -16,9 +16,14 @@ import msgpack
 from mrbt_mesh.core.agent import effects as fx
 from mrbt_mesh.core.agent import inputs
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.commands import OPERATE, command_body
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
+from mrbt_mesh.core.agent.operator_messages import (
+    OPERATE,
+    CommandStep,
+    command_body,
+    command_version,
+    operate_body,
+)
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import COMMANDS, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation

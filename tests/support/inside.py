@@ -9,12 +9,17 @@ from typing import Any
 from unittest import mock
 
 from mrbt_mesh.core.agent.agent import Agent
-from mrbt_mesh.core.agent.commands import OPERATE, Answer
+from mrbt_mesh.core.agent.commands import Answer
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
 from mrbt_mesh.core.agent.heartbeats import Heartbeats
-from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
+from mrbt_mesh.core.agent.operator_messages import (
+    OPERATE,
+    CommandStep,
+    command_version,
+    operate_body,
+)
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.membership.keys import make_command

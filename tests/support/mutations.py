@@ -21,7 +21,7 @@ from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
-from mrbt_mesh.core.agent.operator_desk import CommandStep, command_version, operate_body
+from mrbt_mesh.core.agent.operator_messages import CommandStep, command_version, operate_body
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.wall_clock import WallClock

@@ -9,7 +9,8 @@ from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.job_desk import job_rules
-from mrbt_mesh.core.agent.operator_desk import CommandStep, OperatorDesk, operate_body, team_rules
+from mrbt_mesh.core.agent.operator_desk import OperatorDesk, team_rules
+from mrbt_mesh.core.agent.operator_messages import CommandStep, operate_body
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.facts.store import Entry

@@ -26,7 +26,7 @@ import msgpack
 import zenoh
 
 from benchmarks.flooder import input_ended, open_peer, spoilt
-from mrbt_mesh.core.agent.commands import command_body
+from mrbt_mesh.core.agent.operator_messages import command_body
 from mrbt_mesh.core.facts.store import BatchProof, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.envelope import Envelope, Guard, parse_envelope
 from mrbt_mesh.core.membership.keys import Authorship, Keys

@@ -26,7 +26,7 @@ from mrbt_mesh.adapters.rmf.messages import (
     task_state,
 )
 from mrbt_mesh.adapters.rmf.own_errors import OwnErrors
-from mrbt_mesh.core.agent.operator_desk import UNKNOWN
+from mrbt_mesh.core.agent.operator_messages import UNKNOWN
 from mrbt_mesh.core.mission.job_arguments import named_arguments
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType, whole
 from mrbt_mesh.core.observer.job_rows import WAITING, JobRow

@@ -156,7 +156,7 @@ def attend(team: TeamOptions) -> None:
     """
     import anyio
 
-    from mrbt_mesh.core.agent.commands import ATTEND
+    from mrbt_mesh.core.agent.operator_messages import ATTEND
 
     async def act(watcher: Watcher) -> int:
         if not watcher.observer.mission.on_lost_contact:
@@ -211,7 +211,7 @@ def fault(
              mrbt fault A1 replace_hw --end
              mrbt fault A1 replace_hw --performance 0.5
     """
-    from mrbt_mesh.core.agent.commands import FAULT, PERFORM, RESTORE
+    from mrbt_mesh.core.agent.operator_messages import FAULT, PERFORM, RESTORE
 
     if performance is None:
         _command(team, as_json, robot, RESTORE if end else FAULT, capability)
@@ -406,7 +406,8 @@ def join(
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.runtime.journal import read_journals
     from mrbt_mesh.runtime.known_runs import find_run
-    from mrbt_mesh.runtime.team import Team, address_of
+    from mrbt_mesh.runtime.team import Team
+    from mrbt_mesh.runtime.team_address import address_of
     from mrbt_mesh.runtime.watcher import watching
 
     found = find_run(run_dir)

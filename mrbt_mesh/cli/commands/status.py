@@ -74,7 +74,7 @@ async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
     """The refused messages of each live robot that answers: "source: reason" -> how often."""
     import anyio
 
-    from mrbt_mesh.core.agent.commands import REFUSALS
+    from mrbt_mesh.core.agent.operator_messages import REFUSALS
 
     found: dict[str, dict[str, int]] = {}
 

@@ -12,31 +12,29 @@ from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.job_desk import job_rules
-from mrbt_mesh.core.agent.operator_desk import NOT_READY, OperatorDesk, decision_rules, team_rules
+from mrbt_mesh.core.agent.operator_desk import OperatorDesk, decision_rules, team_rules
+from mrbt_mesh.core.agent.operator_messages import (
+    ATTEND,
+    CHECK_REVISION,
+    FAULT,
+    LEAVE,
+    NOT_READY,
+    OPERATE,
+    PERFORM,
+    REFUSALS,
+    RESTORE,
+)
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import MAX_MISSION
 from mrbt_mesh.core.mission.mission import micro_performance
 
-# Words to one robot, which end with its process.
-FAULT, RESTORE, LEAVE, PERFORM = "fault", "restore", "leave", "perform"
-# A sign of life of an operator.
-ATTEND = "attend"
-CHECK_REVISION = "check_revision"
-REFUSALS = "refusals"
-# A command that is a fact of its operator.
-OPERATE = "operate"
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
 
 # Whether a word was obeyed, and a text for people; or the answer to a command.
 Answer: TypeAlias = tuple[bool, str | dict[str, Any]]
-
-
-def command_body(command: str, argument: Any = "") -> list[Any]:
-    """A command as plain data."""
-    return [command, argument]
 
 
 class Commands:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.operator_desk import (
+from mrbt_mesh.core.agent.operator_desk import FieldRule, RefusalError, Rules
+from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     ENDED,
     FULL,
     NOT_READY,
     OUT_OF_RANGE,
     UNKNOWN,
-    FieldRule,
-    RefusalError,
-    Rules,
 )
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.jobs import Jobs, KnownJob

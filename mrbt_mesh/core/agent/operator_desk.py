@@ -8,7 +8,6 @@ commanded once is reserved, so that of two commands with different values at mos
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -16,9 +15,17 @@ from typing import Any, TypeAlias
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Persist, Publish
+from mrbt_mesh.core.agent.operator_messages import (
+    CONFLICT,
+    CONTENDED,
+    INVALID,
+    UNKNOWN,
+    CommandStep,
+    command_version,
+)
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import OPERATORS, FirstCommand, OperatorCommand
-from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
+from mrbt_mesh.core.facts.store import Entry, Version, parse_entry
 from mrbt_mesh.core.facts.validation import no_place_reason
 from mrbt_mesh.core.facts.values import (
     MAX_STAMP,
@@ -34,24 +41,6 @@ from mrbt_mesh.core.membership.wire import MAX_NONCE, MessageKind
 MAX_AHEAD = 1 << 20
 RESERVED_US = 5 * SECOND_US
 MAX_RESERVED = 10_000
-
-# What is wrong with a command that is refused. UNKNOWN: there is no such subject. CONFLICT: the
-# field has another value for good. FULL: there are too many. ENDED: it is too late. OUT_OF_RANGE: a
-# time is too far away or has passed, so that it was, or will be, right at another moment.
-INVALID, UNKNOWN, CONFLICT, FULL, ENDED = "invalid", "unknown", "conflict", "full", "ended"
-OUT_OF_RANGE = "out_of_range"
-# Another robot may take it, or this one in a moment; another client has reserved the field.
-NOT_READY, CONTENDED = "not_ready", "contended"
-
-
-class CommandStep(enum.StrEnum):
-    """What a client asks of a robot: to CHECK whether it would take a command, and to reserve its
-    field if that is commanded once; to WRITE it; or to GIVE_UP what was reserved.
-    """
-
-    CHECK = "check"
-    WRITE = "write"
-    GIVE_UP = "give_up"
 
 
 class RefusalError(ValueError):
@@ -77,19 +66,6 @@ class FieldRule:
 
 
 Rules: TypeAlias = Mapping[str, FieldRule]
-
-
-def operate_body(step: CommandStep, entry: Entry, passes_on: bool = True) -> list[Any]:
-    """What a client asks of a robot, as plain data. `passes_on`: the robot is to pass the command
-    on to the others at once; one that does not is asked for it by those that lack it.
-    """
-    (stamp, command_id), _ = entry.version
-    return [str(step), entry.name, stamp, command_id, entry.value, passes_on]
-
-
-def command_version(stamp: int, command_id: str) -> Version:
-    """The version of a command's entry."""
-    return Version(Incarnation(stamp, command_id), 0)
 
 
 class OperatorDesk:

@@ -14,14 +14,8 @@ from typing import Any
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import CheckMission
 from mrbt_mesh.core.agent.inputs import MissionChecked
-from mrbt_mesh.core.agent.operator_desk import (
-    CONFLICT,
-    ENDED,
-    NOT_READY,
-    FieldRule,
-    RefusalError,
-    Rules,
-)
+from mrbt_mesh.core.agent.operator_desk import FieldRule, RefusalError, Rules
+from mrbt_mesh.core.agent.operator_messages import CONFLICT, ENDED, NOT_READY
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import (
     AdoptedMission,

@@ -11,11 +11,12 @@ from datetime import timedelta
 from functools import partial
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import OPERATE, command_body
 from mrbt_mesh.core.agent.inputs import QueryReceived
-from mrbt_mesh.core.agent.operator_desk import (
+from mrbt_mesh.core.agent.operator_messages import (
     NOT_READY,
+    OPERATE,
     CommandStep,
+    command_body,
     command_version,
     operate_body,
 )

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from mrbt_mesh.core.agent.commands import command_body
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
     Input,
@@ -17,6 +16,7 @@ from mrbt_mesh.core.agent.inputs import (
     QueryReceived,
     TokenChanged,
 )
+from mrbt_mesh.core.agent.operator_messages import command_body
 from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import PAUSED, TeamOrder
 from mrbt_mesh.core.membership.wire import MessageKind, encode

@@ -32,7 +32,8 @@ from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run
 from mrbt_mesh.runtime.run_dir import RunDir
-from mrbt_mesh.runtime.team import Team, address_of
+from mrbt_mesh.runtime.team import Team
+from mrbt_mesh.runtime.team_address import address_of
 from mrbt_mesh.runtime.watcher import watching
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.api import client_of_page

@@ -12,7 +12,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount, Route
 
-from mrbt_mesh.core.agent.operator_desk import (
+from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     CONTENDED,
     ENDED,

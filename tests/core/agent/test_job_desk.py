@@ -10,13 +10,8 @@ from mrbt_mesh.core.agent.commands_on_disk import MAX_WAITING, AwaitedAnswer
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Reply
 from mrbt_mesh.core.agent.job_clock import JobClock
-from mrbt_mesh.core.agent.operator_desk import (
-    MAX_AHEAD,
-    RESERVED_US,
-    CommandStep,
-    OperatorDesk,
-    operate_body,
-)
+from mrbt_mesh.core.agent.operator_desk import MAX_AHEAD, RESERVED_US, OperatorDesk
+from mrbt_mesh.core.agent.operator_messages import CommandStep, operate_body
 from mrbt_mesh.core.facts.jobs import hash_of
 from mrbt_mesh.core.facts.records import JOB_END, JobArchive, JobEnd, JobState
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry

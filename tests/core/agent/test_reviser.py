@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
-from mrbt_mesh.core.agent.operator_desk import (
+from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     NOT_READY,
     CommandStep,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mrbt_mesh.core.agent.operator_desk import command_version
+from mrbt_mesh.core.agent.operator_messages import command_version
 from mrbt_mesh.core.facts.records import OPERATORS, ConditionValue, RobotProblem
 from mrbt_mesh.core.facts.store import Entry, Fact, parse_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
