@@ -465,6 +465,11 @@ class ActionRunner:
         for call, of in self._calls.items():
             if of == ticket:
                 self._lingering.add(call)
+                if call.waits_for:
+                    reason = call.waits_for
+                    self._host.log("warning", "cancelled_waits", code=call.name, reason=reason)
+                    self._host.submit(ProblemFound(type_name(call.name), reason))
+                    continue
                 text = f"still runs {CANCEL_LIMIT_S:g} s after it was cancelled ({call.place()})"
                 self._tell_problem("cancelled", call, UserCodeError(text))
 

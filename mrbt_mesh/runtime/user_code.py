@@ -65,6 +65,7 @@ class UserCall:
     is the call whose code runs now, in the `steps`-th step of any; `tasks` carry out calls.
     `is_cancelled`: the runtime has cancelled it. `gate`: that of `Driven`, until then.
     `blocked`: where it kept the simulator waiting in real time, which has made it fail.
+    `waits_for`: why it goes on after its cancellation, as an adapter's function says; one line.
     """
 
     stepping: ClassVar[UserCall | None] = None
@@ -81,6 +82,7 @@ class UserCall:
         self.name = name
         self.function = function
         self.blocked = ""
+        self.waits_for = ""
         self.report = report
         self.is_cancelled = False
         # By which its cancellation differs from all others that reach the function.

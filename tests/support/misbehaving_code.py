@@ -18,6 +18,7 @@ import numpy as np
 
 from mrbt_mesh import TaskContext, TaskFailedError
 from mrbt_mesh.btcpp import NodeStatus
+from mrbt_mesh.runtime.user_code import running_call
 
 HERE = r"\((misbehaving_code|test_user_code_misbehaviour)\.py:\d+\)"
 
@@ -220,6 +221,16 @@ async def fails_when_cancelled(task: TaskContext) -> None:
 
 @way(f"still runs 5 s after it was cancelled {HERE}", "cancelled", "success")
 async def shields_itself_for_long(task: TaskContext) -> None:
+    with anyio.CancelScope(shield=True):
+        await anyio.sleep(8)
+
+
+@way("the arm has not stopped", "cancelled", "success")
+async def says_what_it_waits_for(task: TaskContext) -> None:
+    """As adapters do, which wait for other systems."""
+    call = running_call.get()
+    assert call is not None
+    call.waits_for = "the arm has not stopped"
     with anyio.CancelScope(shield=True):
         await anyio.sleep(8)
 

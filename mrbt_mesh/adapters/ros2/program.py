@@ -39,15 +39,15 @@ from mrbt_mesh.errors import TaskFailedError
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram
+from mrbt_mesh.runtime.user_code import running_call
 
 RESTART_S = 1.0
 # The pause grows while the bridge does not start.
 MAX_RESTART_S = 30.0
-# How long a cancelled task waits for its server to confirm that it has stopped.
-STOP_S = 5.0
 # Messages to the bridge within the time after which it would miss the robot.
 BEATS = 5
 
+_BRIDGE_ENDED = "the bridge to ROS had ended"
 _FAILURES = {
     "aborted": "the server aborted the goal",
     "cancelled": "the goal was cancelled by somebody else",
@@ -116,6 +116,9 @@ class _Run:
     goal_id: bytes
     body: Any
     is_sent: bool = False
+    is_cancelled: bool = False
+    # It was sent by a bridge that has ended: the next one has it cancelled.
+    is_orphaned: bool = False
     end: dict[str, Any] | None = None
     # The newest message since it began on the topic of its `until`.
     until: Mapping[str, Any] | None = None
@@ -162,10 +165,14 @@ class ConnectedRobot:
             with anyio.move_on_after(binding.within_s) as limit:
                 await self._finished(run)
             if limit.cancelled_caught:
-                raise TaskFailedError(f"not done within {binding.within_s:g} s")
+                self._cancel(run, wanted)
+                await self._stopped(run)
+                if run.end is None or run.end["how"] != "succeeded" or binding.until is not None:
+                    raise TaskFailedError(f"not done within {binding.within_s:g} s")
         except BaseException:
             with anyio.CancelScope(shield=True):
-                await self._stop(run, wanted)
+                self._cancel(run, wanted)
+                await self._stopped_or_lost(run)
             raise
         finally:
             del self._runs[run.number]
@@ -201,17 +208,39 @@ class ConnectedRobot:
         except MessageExpressionError as error:
             raise TaskFailedError(f"until: {error}") from None
 
-    async def _stop(self, run: _Run, wanted: FilledBinding) -> None:
-        """Stop a task that is no longer needed, if its server can be reached."""
+    def _cancel(self, run: _Run, wanted: FilledBinding) -> None:
+        """Have a task stopped that is no longer needed."""
+        if run.is_cancelled:
+            return
+        run.is_cancelled = True
         if wanted.on_cancel is not None:
             stop = self._start(run.task, run.name, run.binding, wanted.on_cancel)
             del self._runs[stop.number]
-        if run.end is not None or self._pipe is None:
-            return
-        self._pipe.say({"op": "cancel", "run": run.number})
-        with anyio.move_on_after(STOP_S):
-            while run.end is None and self._servers.is_there(run.name):
-                await run.news.wait()
+        if run.end is None and self._pipe is not None:
+            self._pipe.say({"op": "cancel", "run": run.number})
+        call = running_call.get()
+        if call is not None:
+            call.waits_for = f"{self._servers.called(run.name)} has not stopped its cancelled goal"
+
+    async def _stopped(self, run: _Run) -> None:
+        """Wait until a cancelled task has ended at its server, however long that takes.
+
+        A failure lets another robot begin, so it must not be reported while the server may go on.
+        """
+        while run.is_sent and run.end is None:
+            await run.news.wait()
+
+    async def _stopped_or_lost(self, run: _Run) -> None:
+        """Wait until a cancelled task has ended at its server, or the server cannot be used: the
+        team knows then that the robot has lost this capability.
+        """
+        while (
+            run.is_sent
+            and run.end is None
+            and self._pipe is not None
+            and self._servers.is_there(run.name)
+        ):
+            await run.news.wait()
 
     def _judge(self, run: _Run, wanted: FilledBinding) -> None:
         """Set the task's conditions. Raises TaskFailedError unless the server reports a success."""
@@ -307,17 +336,18 @@ class ConnectedRobot:
     def _ready(self, pipe: BridgePipe) -> None:
         self._log.info("bridge_ready")
         self._was_ready = True
-        for name, goal_id in self._at_servers.values():
-            pipe.say({"op": "forget", "task": name, "goal_ids": [goal_id]})
-        self._at_servers.clear()
+        for number, (name, goal_id) in self._at_servers.items():
+            pipe.say({"op": "forget", "task": name, "run": number, "goal_id": goal_id})
         self._pipe = pipe
         for name in self._file.local_tasks:
             self._servers.lost(name, "has not been found")
         for run in self._runs.values():
             if not run.is_sent:
                 self._send(run)
+            elif run.number in self._at_servers:
+                run.is_orphaned = True
             elif run.end is None:
-                run.end = {"how": "lost", "text": "the bridge to ROS had ended", "fields": {}}
+                run.end = {"how": "lost", "text": _BRIDGE_ENDED, "fields": {}}
                 run.news.tell()
 
     def _take(self, pipe: BridgePipe, message: dict[str, Any]) -> None:
@@ -359,6 +389,8 @@ class ConnectedRobot:
         if run is not None:
             # Its `until` has to hold after it began.
             run.end, run.until = message, None
+            if run.is_orphaned and message["how"] == "cancelled":
+                run.end = message | {"how": "lost", "text": _BRIDGE_ENDED}
             run.news.tell()
 
     def _waits(self, number: int, text: str) -> None:

@@ -47,6 +47,11 @@ class Servers:
         """Whether the server of a local task can be used."""
         return name not in self._missing
 
+    def called(self, name: str) -> str:
+        """The server of a local task, as reasons call it."""
+        binding = self._file.local_tasks[name]
+        return f"{_KINDS[binding.kind]} {self._values.text(binding.name)}"
+
     def found(self, name: str) -> None:
         """The server can be used from now on."""
         self._log.info("server_found", local_task=name)
@@ -56,8 +61,7 @@ class Servers:
 
     def lost(self, name: str, why: str) -> None:
         """The server cannot be used; `why` is a predicate, as `does not answer`."""
-        binding = self._file.local_tasks[name]
-        reason = f"{_KINDS[binding.kind]} {self._values.text(binding.name)} {why}"
+        reason = f"{self.called(name)} {why}"
         if self._is_starting and name not in self._found:
             self._log.info("server_awaited", local_task=name, reason=reason)
         else:

@@ -25,6 +25,7 @@ from mrbt_mesh.btcpp import BehaviorTree, NodeStatus
 from mrbt_mesh.errors import InputError, TaskFailedError
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.program import functions_of
+from mrbt_mesh.runtime.user_code import UserCall, running_call
 from tests.support import fake_port
 from tests.support.fake_port import Told
 from tests.support.paths import ROOT
@@ -203,6 +204,18 @@ async def test_a_cancelled_goal_is_cancelled_there_and_waited_for(robot: Robot) 
     assert work.outcome is None
 
 
+async def test_a_task_that_waits_for_its_server_to_stop_says_so(robot: Robot) -> None:
+    robot.up("plain")
+    call = UserCall("local task plain", print, print)
+    running_call.set(call)
+    async with robot.performing("plain") as work:
+        work.cancel()
+        with anyio.CancelScope(shield=True):
+            await anyio.wait_all_tasks_blocked()
+        assert call.waits_for == "action server /A1/plain has not stopped its cancelled goal"
+        robot.end("cancelled")
+
+
 async def test_a_server_that_is_lost_is_not_waited_for(robot: Robot) -> None:
     robot.up("plain")
     async with robot.performing("plain") as work:
@@ -219,11 +232,36 @@ async def test_a_server_that_is_lost_is_not_waited_for(robot: Robot) -> None:
     ]
 
 
-async def test_what_is_not_done_in_its_time_is_cancelled(robot: Robot) -> None:
+async def test_what_is_not_done_in_its_time_has_failed_when_it_has_stopped(robot: Robot) -> None:
+    """A failure has another robot begin, which must not be beside this one."""
+    robot.up("go")
     object.__setattr__(robot.file.local_tasks["go"], "within_s", 0.0)
     async with robot.performing("go", "gate") as work:
-        pass
+        await anyio.wait_all_tasks_blocked()
+        assert [each["op"] for each in robot.pipe.said] == ["start", "cancel"]
+        robot.hear("server", task="go", is_up=False, why="does not stop its cancelled goal")
+        await anyio.wait_all_tasks_blocked()
+        assert work.outcome is None
+        robot.end("cancelled")
     assert work.outcome == "not done within 0 s"
+
+
+async def test_what_succeeds_all_the_same_is_a_success(robot: Robot) -> None:
+    object.__setattr__(robot.file.local_tasks["go"], "within_s", 0.0)
+    async with robot.performing("go", "gate") as work:
+        await anyio.wait_all_tasks_blocked()
+        robot.end("succeeded", code=0, error="", way=250)
+    assert work.outcome == "success"
+
+
+async def test_what_is_not_done_in_its_time_may_still_be_cancelled(robot: Robot) -> None:
+    robot.up("go")
+    object.__setattr__(robot.file.local_tasks["go"], "within_s", 0.0)
+    async with robot.performing("go", "gate") as work:
+        await anyio.wait_all_tasks_blocked()
+        robot.hear("server", task="go", is_up=False, why="does not stop its cancelled goal")
+        work.cancel()
+    assert work.outcome is None
     assert [each["op"] for each in robot.pipe.said] == ["start", "cancel"]
 
 
@@ -308,11 +346,15 @@ async def test_the_goals_of_a_bridge_that_ended_are_cancelled_by_the_next(robot:
         robot.member._bridge_ended()
         ended = ("lose_capability", "plain", "the bridge to ROS has ended")
         assert ended in robot.told.said
-        robot.pipe = Pipe()
-        robot.ready()
-    assert robot.pipe.said == [
-        {"op": "forget", "task": "plain", "goal_ids": [start["goal_id"]]},
-    ]
+        forget = {"op": "forget", "task": "plain", "run": 1, "goal_id": start["goal_id"]}
+        for _ in range(2):
+            # The next one may end as well.
+            robot.pipe = Pipe()
+            robot.ready()
+            assert robot.pipe.said == [forget]
+        await anyio.wait_all_tasks_blocked()
+        assert work.outcome is None
+        robot.hear("ended", run=1, how="cancelled", text="", fields={})
     assert work.outcome == "nothing is known of it any more: the bridge to ROS had ended"
     # What has ended is not cancelled again.
     robot.pipe = Pipe()

@@ -84,9 +84,9 @@ class Bridge:
         elif op == "cancel" and message["run"] in self._runs:
             self._apply(self._runs[message["run"]], _cancelling(message["run"]))
         elif op == "forget":
-            goal_ids = message["goal_ids"]
-            name = self._server_of[message["task"]]
-            self._apply(name, lambda keeper, now_s: keeper.forget(goal_ids, now_s))
+            name, run = self._server_of[message["task"]], message["run"]
+            goal_id = message["goal_id"]
+            self._apply(name, lambda keeper, now_s: keeper.forget(run, goal_id, now_s))
         elif op == "beat":
             self._tell({"op": "beat"})
 

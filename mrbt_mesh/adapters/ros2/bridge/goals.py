@@ -59,12 +59,15 @@ class _Goal:
 
 @dataclass
 class _Stale:
-    """A goal that is no longer needed; `run` is None for one of an earlier bridge."""
+    """A goal that is no longer needed; `run` is None for one that had been given up as lost."""
 
     run: int | None
     is_accepted: bool
     since_s: float
+    # When its cancellation was sent last, and when its result was asked for last.
     asked_s: float | None = None
+    asked_result_s: float | None = None
+    pause_s: float = AGAIN_S
 
 
 class GoalKeeper(ServerKeeper):
@@ -102,10 +105,11 @@ class GoalKeeper(ServerKeeper):
         self._stale[goal.goal_id] = _Stale(run, goal.is_accepted, now_s)
         return self._advance(now_s)
 
-    def forget(self, goal_ids: list[bytes], now_s: float) -> list[ServerEffect]:
-        """Goals of an earlier bridge of this robot are no longer needed."""
-        for goal_id in goal_ids:
-            self._stale.setdefault(goal_id, _Stale(None, True, now_s))
+    def forget(self, run: int, goal_id: bytes, now_s: float) -> list[ServerEffect]:
+        """A run's goal, sent by an earlier bridge of this robot, is no longer needed; its end is
+        reported once the server has stopped.
+        """
+        self._stale[goal_id] = _Stale(run, True, now_s)
         return self._advance(now_s)
 
     # -- answers -------------------------------------------------------------------------------
@@ -170,17 +174,33 @@ class GoalKeeper(ServerKeeper):
             ended = RunEnded(goal.run, ENDS.get(status, "lost"), text, fields)
             effects += [ended, *self._advance(now_s)]
         elif stale is not None and (status != UNKNOWN or stale.is_accepted):
-            effects += self._dropped(goal_id, now_s)
+            # It may have succeeded before the cancellation reached it.
+            how = ENDS[SUCCEEDED if status == SUCCEEDED else CANCELED]
+            effects += self._dropped(goal_id, now_s, how, text, fields)
         return effects
 
     def cancel_answered(self, goal_id: bytes, code: int, now_s: float) -> list[ServerEffect]:
-        """The answer to a cancellation; the result shows that the goal has stopped."""
+        """The answer to a cancellation; only its result shows that the goal has stopped.
+
+        A goal that is being cancelled cannot be cancelled again, so TERMINATED is the answer for it
+        as well.
+        """
         effects = self.heard(now_s)
         stale = self._stale.get(goal_id)
-        if stale is None or code not in (UNKNOWN_GOAL, TERMINATED):
+        if stale is None:
             return effects
+        if code == TERMINATED:
+            stale.is_accepted = True
+            asked_s = stale.asked_result_s
+            if asked_s is None or now_s - asked_s >= stale.pause_s:
+                if asked_s is not None:
+                    stale.pause_s = min(2 * stale.pause_s, MAX_ASK_S)
+                stale.asked_result_s = now_s
+                effects.append(AskResult(goal_id))
         # The cancellation may have come before the goal, which is there after AGAIN_S.
-        if stale.is_accepted or now_s - stale.since_s >= 2 * AGAIN_S:
+        elif code == UNKNOWN_GOAL and (
+            stale.is_accepted or now_s - stale.since_s >= 2 * AGAIN_S
+        ):
             effects += self._dropped(goal_id, now_s)
         return effects
 
@@ -247,9 +267,17 @@ class GoalKeeper(ServerKeeper):
         goal.asked_s, goal.pause_s = now_s, min(2 * goal.pause_s, MAX_ASK_S)
         return [AskResult(goal.goal_id)]
 
-    def _dropped(self, goal_id: bytes, now_s: float) -> list[ServerEffect]:
+    def _dropped(
+        self,
+        goal_id: bytes,
+        now_s: float,
+        how: str = "cancelled",
+        text: str = "",
+        fields: dict[str, Any] | None = None,
+    ) -> list[ServerEffect]:
+        """A goal that is no longer needed has ended, or its server does not know it."""
         stale = self._stale.pop(goal_id)
         ended: list[ServerEffect] = []
         if stale.run is not None:
-            ended = [RunEnded(stale.run, "cancelled", "", {})]
+            ended = [RunEnded(stale.run, how, text, fields or {})]
         return ended + self._advance(now_s)

@@ -176,10 +176,12 @@ def test_a_server_that_does_not_stop_does_not_keep_the_bridge() -> None:
 
 def test_goals_of_an_earlier_bridge() -> None:
     robot = Robot()
-    robot.bridge.command({"op": "forget", "task": "go", "goal_ids": [GOAL]})
+    robot.bridge.command({"op": "forget", "task": "go", "run": 9, "goal_id": GOAL})
     robot.hear()
     assert robot.done == [("go", CancelGoal(GOAL))]
     assert robot.told == []
+    robot.end(CANCELED)
+    assert [(e["run"], e["how"]) for e in robot.news("ended")] == [(9, "cancelled")]
 
 
 def test_of_topics_what_has_changed_is_told_and_what_is_waited_for_always() -> None:

@@ -103,9 +103,32 @@ def test_a_cancellation_that_comes_before_its_goal() -> None:
     assert keeper.answered(ONE, True, 0.3) == [AskResult(ONE)]
     effects = keeper.heard(0.2 + AGAIN_S)
     assert effects == [CancelGoal(ONE)]
-    ended = keeper.cancel_answered(ONE, TERMINATED, 1.4)
-    assert ended == [RunEnded(7, "cancelled", "", {})]
+    assert keeper.cancel_answered(ONE, TERMINATED, 1.4) == [AskResult(ONE)]
+    assert keeper.result(ONE, CANCELED, "", {}, 1.5) == [RunEnded(7, "cancelled", "", {})]
     assert keeper.is_clear
+
+
+def test_a_goal_that_takes_its_time_to_stop_has_not_ended() -> None:
+    """A server answers that it cannot cancel once more what it is cancelling."""
+    keeper = accepted()
+    keeper.cancel(7, 0.2)
+    assert keeper.cancel_answered(ONE, 0, 0.3) == []
+    assert keeper.start(8, TWO, {}, 0.4) == []
+    asked = []
+    for now_s in map(float, range(2, 10)):
+        assert CancelGoal(ONE) in keeper.heard(now_s)
+        asked += [now_s] if keeper.cancel_answered(ONE, TERMINATED, now_s) else []
+    # The result may be lost, so it is asked for again.
+    assert asked == [2, 3, 5, 9]
+    ended = keeper.result(ONE, CANCELED, "", {}, 9.1)
+    assert ended == [RunEnded(7, "cancelled", "", {}), SendGoal(8, TWO, {})]
+
+
+def test_a_cancelled_goal_that_succeeds_all_the_same_says_so() -> None:
+    keeper = accepted()
+    keeper.cancel(7, 0.2)
+    ended = keeper.result(ONE, SUCCEEDED, "fine", {"n": 3}, 0.4)
+    assert ended == [RunEnded(7, "succeeded", "fine", {"n": 3})]
 
 
 def test_a_server_that_does_not_stop_is_no_use_until_it_has() -> None:
@@ -114,7 +137,7 @@ def test_a_server_that_does_not_stop_is_no_use_until_it_has() -> None:
     told = [e for e in keeper.heard(0.2 + OBEY_S) if isinstance(e, ServerTold)]
     assert told == [ServerTold(False, "does not stop its cancelled goal")]
     ended = keeper.result(ONE, SUCCEEDED, "", {}, 20.0)
-    assert ended[-2:] == [RunEnded(7, "cancelled", "", {}), ServerTold(True, "")]
+    assert ended[-2:] == [RunEnded(7, "succeeded", "", {}), ServerTold(True, "")]
 
 
 def test_a_silent_server_is_asked_then_lost_and_asked_for_the_goal_when_it_is_back() -> None:
@@ -203,11 +226,11 @@ def test_several_servers_under_one_name_are_no_use() -> None:
 
 def test_goals_of_an_earlier_bridge_are_cancelled_first() -> None:
     keeper = GoalKeeper(1.0, 0.0)
-    assert keeper.forget([ONE], 0.0) == []
+    assert keeper.forget(7, ONE, 0.0) == []
     assert keeper.heard(0.1) == [CancelGoal(ONE)]
     assert keeper.cancel_answered(ONE, 0, 0.2) == []
-    # Its end is told to nobody: nobody here had asked for it.
-    assert keeper.cancel_answered(ONE, UNKNOWN_GOAL, 1.3) == [CancelGoal(ONE), ServerTold(True, "")]
+    ended = keeper.cancel_answered(ONE, UNKNOWN_GOAL, 0.9)
+    assert ended == [RunEnded(7, "cancelled", "", {}), ServerTold(True, "")]
 
 
 def test_one_that_says_it_cannot_be_used() -> None:
@@ -231,6 +254,9 @@ class Servers(RuleBasedStateMachine):
         self.is_alive = True
         self.process = 1
         self.working: set[bytes] = set()
+        # Those of them that are being cancelled, and have not stopped.
+        self.stopping: set[bytes] = set()
+        self.is_slow = False
         self.ended_at_server: dict[bytes, int] = {}
         self.awaited: set[bytes] = set()
         self.goal_of: dict[int, bytes] = {}
@@ -282,9 +308,13 @@ class Servers(RuleBasedStateMachine):
                 self.take(keeper.answered(effect.goal_id, True, now_s))
         elif isinstance(effect, CancelGoal):
             goal_id = effect.goal_id
-            if goal_id in self.working:
+            if goal_id in self.stopping:
+                self.take(keeper.cancel_answered(goal_id, TERMINATED, now_s))
+            elif goal_id in self.working:
+                self.stopping.add(goal_id)
                 self.take(keeper.cancel_answered(goal_id, 0, now_s))
-                self.finish(goal_id, CANCELED)
+                if not self.is_slow:
+                    self.finish(goal_id, CANCELED)
             else:
                 known = goal_id in self.ended_at_server
                 code = TERMINATED if known else UNKNOWN_GOAL
@@ -303,6 +333,7 @@ class Servers(RuleBasedStateMachine):
 
     def finish(self, goal_id: bytes, status: int) -> None:
         self.working.discard(goal_id)
+        self.stopping.discard(goal_id)
         self.ended_at_server[goal_id] = status
         if goal_id in self.awaited:
             self.awaited.discard(goal_id)
@@ -316,6 +347,11 @@ class Servers(RuleBasedStateMachine):
     def lose_answers(self, is_deaf: bool) -> None:
         """Answers about goals are lost from now on, or no longer."""
         self.is_deaf = is_deaf
+
+    @rule(is_slow=st.booleans())
+    def stop_slowly(self, is_slow: bool) -> None:
+        """Cancelled goals go on from now on until their work is done, or no longer."""
+        self.is_slow = is_slow
 
     @rule()
     def start(self) -> None:
@@ -352,6 +388,7 @@ class Servers(RuleBasedStateMachine):
         self.is_alive = False
         self.process += 1
         self.working.clear()
+        self.stopping.clear()
         self.awaited.clear()
         self.ended_at_server.clear()
         self.mail.clear()
@@ -372,7 +409,9 @@ class Servers(RuleBasedStateMachine):
         """With a server that answers, all that is not wanted stops, and what is wanted ends."""
         if not hasattr(self, "keeper"):
             return
-        self.is_alive, self.is_deaf = True, False
+        self.is_alive, self.is_deaf, self.is_slow = True, False, False
+        for goal_id in list(self.stopping):
+            self.finish(goal_id, CANCELED)
         for _ in range(3):
             for _ in range(700):
                 self.pass_time(0.1)
