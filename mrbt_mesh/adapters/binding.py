@@ -203,7 +203,7 @@ ALL = "all"
 
 
 class LostCapabilities:
-    """Reports to the team what a robot cannot do; only changes are reported."""
+    """Reports to the team what a robot cannot do; only changes are reported, and each end."""
 
     def __init__(self) -> None:
         self._told: Mapping[str, tuple[str, bool]] = {}
@@ -220,6 +220,10 @@ class LostCapabilities:
         for name in sorted(restored):
             robot.restore_capability(name)
         for name, (why, is_pending) in lost.items():
-            if ALL in restored or before.get(name) != (why, is_pending):
-                (robot.defer_capability if is_pending else robot.lose_capability)(name, why)
+            if ALL not in restored and before.get(name) == (why, is_pending):
+                continue
+            if is_pending:
+                robot.defer_capability(name, why)
+            else:
+                robot.lose_capability(name, why, is_watched=True)
         return True

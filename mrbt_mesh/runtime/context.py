@@ -102,17 +102,20 @@ class RobotContext:
         """
         self._port.report_position(x, y, heading)
 
-    def lose_capability(self, local_task: str, reason: str = "") -> None:
+    def lose_capability(
+        self, local_task: str, reason: str = "", *, is_watched: bool = False
+    ) -> None:
         """Declare a minor fault: this robot can no longer do `local_task` (a type, ground, or
         `all`).
 
         The plan gives the work to other robots. If this robot is working on it, the task is
         cancelled without an outcome, neither success nor failure. `reason`: one line of at most 200
-        characters, which all observers see. Repeating it with the same reason changes nothing.
+        characters, which all observers see. `is_watched`: the program notices when it can do it
+        again, so no operator can end the fault. Repeating it with the same reason changes nothing.
         Raises ValueError for a local task that the mission does not give this robot.
         """
         self._check_own(local_task, ALL)
-        self._port.lose_capability(local_task, reason)
+        self._port.lose_capability(local_task, reason, *([True] if is_watched else []))
 
     def defer_capability(self, local_task: str, reason: str) -> None:
         """Declare that this robot cannot do `local_task` yet, e.g. since a driver is starting.

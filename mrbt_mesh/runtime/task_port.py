@@ -223,9 +223,9 @@ class AgentPort:
     def report_position(self, x: float, y: float, heading: float | None) -> None:
         self._submit(PositionReported(milli_position(x, y, heading)))
 
-    def lose_capability(self, local_task: str, reason: str) -> None:
+    def lose_capability(self, local_task: str, reason: str, is_watched: bool = False) -> None:
         why = _reason(reason) or "no reason given"
-        self._submit(CapabilityChanged(local_task, True, why))
+        self._submit(CapabilityChanged(local_task, True, why, is_watched=is_watched))
 
     def defer_capability(self, local_task: str, reason: str) -> None:
         why = _reason(reason)

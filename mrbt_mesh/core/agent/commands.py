@@ -29,6 +29,7 @@ from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.facts.description import OPERATOR
 from mrbt_mesh.core.facts.records import MAX_MISSION
 from mrbt_mesh.core.mission.mission import micro_performance
+from mrbt_mesh.core.mission.names import ALL, type_name
 
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
@@ -87,8 +88,13 @@ class Commands:
         problem = self._health.change_capability(change, now_us)
         if problem is not None:
             return False, problem
-        names = ", ".join(self._context.description.lost) or "nothing"
-        return True, f"{self._context.me} has lost {names}"
+        description, me = self._context.description, self._context.me
+        names = ", ".join(description.lost) or "nothing"
+        kept = [name for name in description.watched if local_task in (ALL, name, type_name(name))]
+        if kept and not lost:
+            why = f"{kept[0]}: {description.lost[kept[0]]}"
+            return False, f"{me} notices the end of this fault itself ({why})"
+        return True, f"{me} has lost {names}"
 
     def _leave(self, _: str, now_us: int) -> tuple[bool, str]:
         self._reports.leave(now_us)

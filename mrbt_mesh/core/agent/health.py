@@ -82,8 +82,8 @@ class Health:
         description, name, source = self._context.description, change.local_task, change.source
         if not change.lost:
             return self._change(lambda: description.restore(name, source), now_us)
-        reason, is_pending = change.reason, change.is_pending
-        return self._change(lambda: description.lose(name, reason, source, is_pending), now_us)
+        more = (change.reason, source, change.is_pending, change.is_watched)
+        return self._change(lambda: description.lose(name, *more), now_us)
 
     def change_performance(
         self, local_task: str, value: int, source: str, now_us: int

@@ -152,7 +152,7 @@ class CapabilityChanged:
     """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`.
 
     `reason`: one line of text. `source`: its origin (`Description`). `is_pending`: it is no fault,
-    it cannot be used yet.
+    it cannot be used yet. `is_watched`: the source notices its end, so no operator can declare it.
     """
 
     local_task: str
@@ -160,6 +160,7 @@ class CapabilityChanged:
     reason: str = ""
     source: str = PROGRAM
     is_pending: bool = False
+    is_watched: bool = False
 
 
 @dataclass(frozen=True, slots=True)

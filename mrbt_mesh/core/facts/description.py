@@ -13,7 +13,7 @@ from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance
 from mrbt_mesh.core.mission.names import ALL, type_name
 
 # The sources of losses. One does not take back a loss by another, except that the operator takes
-# back the program's too.
+# back the program's too, if the program does not notice the end itself.
 PROGRAM, OPERATOR = "program", "operator"
 
 
@@ -21,14 +21,15 @@ PROGRAM, OPERATOR = "program", "operator"
 class _Loss:
     reason: str
     is_pending: bool
+    is_watched: bool = False
 
 
 class Description:
     """A robot's own description.
 
     `lost`: types or ground local tasks, sorted -> why they are lost; `pending`: the same for those
-    that cannot be used yet. Its capabilities are at first those that it was started with, and
-    change in value only.
+    that cannot be used yet; `watched`: those in `lost` that no operator can take back. Its
+    capabilities are at first those that it was started with, and change in value only.
     `may_promise` is as in `Member`.
     """
 
@@ -87,6 +88,15 @@ class Description:
         found = self._reasons(is_pending=True)
         return {name: reason for name, reason in found.items() if name not in lost}
 
+    @property
+    def watched(self) -> tuple[str, ...]:
+        losses = self._losses.items()
+        names = {n for (n, source), loss in losses if self._is_watched(source, loss)}
+        return tuple(sorted(names & self.lost.keys()))
+
+    def _is_watched(self, source: str, loss: _Loss) -> bool:
+        return loss.is_watched or source not in (PROGRAM, OPERATOR)
+
     def _reasons(self, is_pending: bool) -> dict[str, str]:
         """Of what is lost, or pending, all reasons in one line."""
         found: dict[str, list[str]] = {}
@@ -96,10 +106,16 @@ class Description:
         return {name: one_line("; ".join(filter(None, all_))) for name, all_ in found.items()}
 
     def lose(
-        self, local_task: str, reason: str = "", source: str = OPERATOR, is_pending: bool = False
+        self,
+        local_task: str,
+        reason: str = "",
+        source: str = OPERATOR,
+        is_pending: bool = False,
+        is_watched: bool = False,
     ) -> str | None:
         """A minor fault, or what cannot be used yet; `all` loses everything.
 
+        `is_watched`: its end is noticed by the source, so no operator can take it back.
         Returns what is wrong with it, or None.
         """
         problem = self._problem(local_task)
@@ -108,23 +124,25 @@ class Description:
             known = {name for name, _ in self._losses}
             if len(known | names) > MAX_CAPABILITIES or len(local_task) > MAX_TEXT:
                 return f"{self._robot} cannot lose more than {MAX_CAPABILITIES} local tasks"
-            loss = _Loss(one_line(reason), is_pending)
+            loss = _Loss(one_line(reason), is_pending, is_watched)
             self._losses |= {(name, source): loss for name in sorted(names)}
         return problem
 
     def restore(self, local_task: str, source: str = OPERATOR) -> str | None:
         """The end of what `source` has said; of the operator, of what the program has said too.
 
-        A type restores its ground local tasks too.
+        A type restores its ground local tasks too. Returns what is wrong with it, or None.
         """
         problem = self._problem(local_task)
         if problem is None:
-            self._losses = {
-                (name, said_by): loss
+            ended = {
+                (name, said_by)
                 for (name, said_by), loss in self._losses.items()
-                if said_by not in (source, PROGRAM if source == OPERATOR else source)
-                or (local_task not in (ALL, name) and type_name(name) != local_task)
+                if said_by == source
+                or (source == OPERATOR and said_by == PROGRAM and not loss.is_watched)
+                if local_task in (ALL, name, type_name(name))
             }
+            self._losses = {key: loss for key, loss in self._losses.items() if key not in ended}
         return problem
 
     def perform(self, local_task: str, value: int, source: str = OPERATOR) -> str | None:
@@ -189,4 +207,5 @@ class Description:
             self._pid,
             self.may_promise,
             self.pending,
+            self.watched,
         )

@@ -216,7 +216,8 @@ class Member(Record):
 
     `capabilities` are in micro-units. `lost`: capability -> why the robot has lost it (a minor
     fault). `pending`: capability -> what it waits for; the robot cannot use it yet, which is no
-    fault. `may_promise`: its journal can be written, as exclusive tasks need it.
+    fault. `may_promise`: its journal can be written, as exclusive tasks need it. `watched`: those
+    in `lost` whose end the robot itself notices, and no operator can declare; sorted.
     """
 
     type: str
@@ -228,6 +229,19 @@ class Member(Record):
     pid: int
     may_promise: bool = True
     pending: _Reasons = field(default_factory=dict)
+    watched: _Texts = ()
+
+    def to_value(self) -> Any:
+        """The record as plain data; without `watched` where there is nothing, as mostly."""
+        values = Record.to_value(self)
+        return values if self.watched else values[:-1]
+
+    @classmethod
+    def parse(cls, value: Any) -> Self:
+        """The other way round; raises ValueError for anything else."""
+        is_short = isinstance(value, list) and len(value) == len(cls.fields) - 1
+        values = [*value, []] if is_short else value
+        return super(Member, cls).parse(values)
 
 
 class Phase(enum.IntEnum):

@@ -207,6 +207,8 @@ def _remedies(observer: Observer, shortage: Shortage) -> list[str]:
         lost = [x for x in (type_name(task), task) if known is not None and x in known[0].lost]
         if observer.robot_state(name) in _STARTABLE:
             found.append(_start(name))
+        elif known is not None and lost and lost[0] in known[0].watched:
+            found.append(f"mend {name} ({known[0].lost[lost[0]]})")
         elif lost:
             found.append(f"mend {name} (`mrbt fault {name} {shlex.quote(lost[0])} --end`)")
     if not found:

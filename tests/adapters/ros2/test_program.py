@@ -228,7 +228,7 @@ async def test_a_server_that_is_lost_is_not_waited_for(robot: Robot) -> None:
     why = "action server /A1/plain does not answer"
     assert robot.told.said[-2:] == [
         ("restore_capability", "plain"),
-        ("lose_capability", "plain", why),
+        ("lose_capability", "plain", why, True),
     ]
 
 
@@ -344,7 +344,7 @@ async def test_the_goals_of_a_bridge_that_ended_are_cancelled_by_the_next(robot:
     async with robot.performing("plain") as work:
         [start] = robot.pipe.said
         robot.member._bridge_ended()
-        ended = ("lose_capability", "plain", "the bridge to ROS has ended")
+        ended = ("lose_capability", "plain", "the bridge to ROS has ended", True)
         assert ended in robot.told.said
         forget = {"op": "forget", "task": "plain", "run": 1, "goal_id": start["goal_id"]}
         for _ in range(2):
@@ -422,7 +422,7 @@ async def test_a_bridge_that_stands_still_is_replaced(
             await binds.wait()
             group.cancel_scope.cancel()
     told = [each for each in robot.told.said if each[1] == "plain"][-2:]
-    ended = ("lose_capability", "plain", "the bridge to ROS has ended")
+    ended = ("lose_capability", "plain", "the bridge to ROS has ended", True)
     assert told == [("restore_capability", "plain"), ended]
 
 
@@ -456,7 +456,7 @@ def test_a_healthy_start_is_no_fault_and_says_what_is_awaited(tmp_path: Path) ->
     ]
     # Once it was there, it is a fault.
     robot.hear("server", task="go", is_up=False, why="does not answer")
-    assert robot.told.said[-1] == ("lose_capability", "go", f"{what} does not answer")
+    assert robot.told.said[-1] == ("lose_capability", "go", f"{what} does not answer", True)
 
 
 def test_a_program_of_a_file_is_checked_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,7 +81,7 @@ class Robot:
                 continue
             self.agv.take(each.topic, each.body)
 
-    def capabilities(self) -> list[tuple[str, ...]]:
+    def capabilities(self) -> list[tuple[Any, ...]]:
         found = [each for each in self.told.said if "capability" in each[0]]
         self.told.said.clear()
         return found
@@ -106,14 +106,14 @@ async def test_faults_take_capabilities_and_give_them_back() -> None:
     assert last == ("defer_capability", "all", "the vehicle has not sent its state")
     robot.hear()
     assert robot.capabilities() == [("restore_capability", "all")]
-    manual = ("lose_capability", "all", "the vehicle's operating mode is MANUAL")
+    manual = ("lose_capability", "all", "the vehicle's operating mode is MANUAL", True)
     robot.hear(operatingMode="MANUAL")
     assert robot.capabilities() == [manual]
     robot.hear()
     assert robot.capabilities() == [("restore_capability", "all")]
     # An error that the layout file names prevents one local task.
     broken = [{"errorType": "forkError", "errorLevel": "WARNING"}]
-    deliver = ("lose_capability", "deliver", "the vehicle has an error: forkError")
+    deliver = ("lose_capability", "deliver", "the vehicle has an error: forkError", True)
     robot.hear(errors=broken)
     assert robot.capabilities() == [deliver]
     robot.hear(errors=broken, operatingMode="MANUAL")
@@ -135,7 +135,7 @@ async def test_a_vehicle_that_is_not_there_yet_is_no_fault_until_the_start_is_ov
     robot.member._broker_error = " localhost:1883: refused"
     robot.member._tell_faults()
     said = "no connection to the broker localhost:1883: refused"
-    assert robot.capabilities() == [("lose_capability", "all", said)]
+    assert robot.capabilities() == [("lose_capability", "all", said, True)]
 
 
 async def test_a_bid_waits_for_the_first_state() -> None:
@@ -489,6 +489,5 @@ async def test_a_broker_that_ends_with_all_last_wills_stops_and_loses_nothing() 
         group.cancel_scope.cancel()  # as the end of the connection does
     assert (broker.published, robot.capabilities()) == ([], [])
     await robot.member._take_link(broken)  # the broker lives on
-    assert robot.capabilities() == [
-        ("lose_capability", "all", f"the vehicle is not online (connection topic: {Link.BROKEN})")
-    ]
+    said = f"the vehicle is not online (connection topic: {Link.BROKEN})"
+    assert robot.capabilities() == [("lose_capability", "all", said, True)]

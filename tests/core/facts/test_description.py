@@ -137,6 +137,18 @@ def test_what_cannot_be_used_yet_is_not_lost() -> None:
     assert (robot.lost, robot.pending) == ({}, {"weld": "no gas yet"})
 
 
+def test_a_loss_whose_end_the_program_notices_is_not_ended_by_an_operator() -> None:
+    robot = described(weld=10, look=10)
+    robot.lose("weld", "the server does not answer", PROGRAM, is_watched=True)
+    robot.lose("weld", "operator", OPERATOR)
+    robot.lose("look", "dark", PROGRAM)
+    assert member(robot).watched == ("weld",)
+    robot.restore("all", OPERATOR)
+    assert member(robot).lost == {"weld": "the server does not answer"}
+    robot.restore("weld", PROGRAM)
+    assert (member(robot).lost, member(robot).watched) == ({}, ())
+
+
 NAMES = ("weld", "weld(1)", "weld(2)", "cut", "cut(1)", "look")
 
 

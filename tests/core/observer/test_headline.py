@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.facts.records import AdoptedMission, HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
@@ -94,6 +95,17 @@ def test_nobody_else_can_do_it() -> None:
         "bad BLOCKED: weld: weld needs 1, 0 alive: mend A (`mrbt fault A weld --end`)"
     )
     assert said(observer)[1:] == ["warn A lost weld: operator", "good all 2 agree"]
+
+
+def test_a_fault_whose_end_the_robot_notices_is_not_to_be_ended_by_a_command() -> None:
+    script, observer = watched(ALONE)
+    lost = CapabilityChanged("weld", True, "the server does not answer", is_watched=True)
+    script.team.give(script.team.processes["A"], lost)
+    for words in ("pass 300", "tell A restore weld"):
+        script.block([words, "pass 300"])
+        assert said(observer)[0] == (
+            "bad BLOCKED: weld: weld needs 1, 0 alive: mend A (the server does not answer)"
+        )
 
 
 @pytest.mark.parametrize(
