@@ -11,12 +11,21 @@ from typing import Any, Protocol
 
 from .calls import CallKeeper
 from .goals import GoalKeeper
-from .server import RunEnded, RunWaits, ServerEffect, ServerKeeper, ServerTold
+from .lifecycle import StateKeeper
+from .server import NOT_FOUND, RunEnded, RunWaits, ServerEffect, ServerKeeper, ServerTold
 from .values import UnfitError
 from .watch import LifeWatch
 
 # The time in which the goals of a robot that has ended have to stop.
 STOP_S = 3.0
+
+LIFECYCLE = "lifecycle"
+_KEEPERS: dict[str, type[ServerKeeper]] = {
+    "action": GoalKeeper,
+    "srv": CallKeeper,
+    "msg": CallKeeper,
+    LIFECYCLE: StateKeeper,
+}
 
 Tell = Callable[[dict[str, Any]], None]
 Step = Callable[[Any, float], "list[ServerEffect]"]
@@ -49,6 +58,11 @@ class Bridge:
         self._robot.heard(clock())
         # By the server: the tasks of one action share it. And the server of each task.
         self._keepers: dict[str, ServerKeeper] = {}
+        # What the keepers have said last, and what the robot has been told of each task.
+        self._states: dict[str, ServerTold] = {}
+        self._task_states: dict[str, ServerTold] = {}
+        # Of tasks that need an active lifecycle node, its name.
+        self._nodes: dict[str, str] = {}
         self._ends: dict[str, RosEnd] = {}
         self._tasks: dict[str, list[str]] = {}
         self._server_of: dict[str, str] = {}
@@ -60,11 +74,12 @@ class Bridge:
 
     def connect(self, ros: Ros) -> None:
         """Make the clients. Raises UnfitError for a name that ROS refuses."""
+        self._nodes = {t["id"]: t["lifecycle"] for t in self._bind["tasks"] if t["lifecycle"]}
         for name, task in _servers(self._bind["tasks"]).items():
             self._tasks[name] = task["ids"]
-            self._server_of |= dict.fromkeys(task["ids"], name)
-            kind = GoalKeeper if task["kind"] == "action" else CallKeeper
-            self._keepers[name] = kind(self._bind["detection_s"], self._clock())
+            if task["kind"] != LIFECYCLE:
+                self._server_of |= dict.fromkeys(task["ids"], name)
+            self._keepers[name] = _KEEPERS[task["kind"]](self._bind["detection_s"], self._clock())
             self._ends[name] = ros.serve(task, self._applier(name), self._feedback(name))
         for topic in self._bind["topics"]:
             ros.listen(topic, self._listener(topic["id"], topic["always"]))
@@ -151,9 +166,9 @@ class Bridge:
             if isinstance(effect, RunEnded):
                 self._end(effect)
             elif isinstance(effect, ServerTold):
+                self._states[name] = effect
                 for task in self._tasks[name]:
-                    told = {"task": task, "is_up": effect.is_up, "why": effect.why}
-                    self._tell({"op": "server", **told})
+                    self._tell_state(task)
             elif isinstance(effect, RunWaits):
                 self._tell({"op": "waits", "run": effect.run, "text": effect.text})
             else:
@@ -161,6 +176,19 @@ class Bridge:
                     self._ends[name].carry_out(effect)
                 except UnfitError as problem:
                     self._apply(name, _refusing(getattr(effect, "run", -1), str(problem)))
+
+    def _tell_state(self, task: str) -> None:
+        """Tell whether a task can be carried out: its server can, and its node is active."""
+        state, node = self._states.get(self._server_of[task]), self._nodes.get(task)
+        if state is None:
+            return
+        if state.is_up and node is not None:
+            active = self._states.get(_node_key(node), ServerTold(False, NOT_FOUND))
+            if not active.is_up:
+                state = ServerTold(False, f"waits for {node}, which {active.why}")
+        if self._task_states.get(task) != state:
+            self._task_states[task] = state
+            self._tell({"op": "server", "task": task, "is_up": state.is_up, "why": state.why})
 
     def _end(self, effect: RunEnded) -> None:
         self._runs.pop(effect.run, None)
@@ -175,7 +203,9 @@ class Bridge:
 
 
 def _servers(tasks: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The tasks by their servers: those of one action as one, which reads all their fields."""
+    """The tasks by their servers: those of one action as one, which reads all their fields. The
+    lifecycle nodes are servers as well.
+    """
     found: dict[str, dict[str, Any]] = {}
     for task in tasks:
         is_action = task["kind"] == "action"
@@ -184,8 +214,14 @@ def _servers(tasks: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
         one["ids"].append(task["id"])
         one["feedback"] += task["feedback"]
         one["result"] += task["result"]
-        one["lifecycle"] = one["lifecycle"] or task["lifecycle"]
+        if node := task["lifecycle"]:
+            server = {"id": _node_key(node), "kind": LIFECYCLE, "name": node, "ids": []}
+            found.setdefault(_node_key(node), server)["ids"].append(task["id"])
     return found
+
+
+def _node_key(node: str) -> str:
+    return f"{LIFECYCLE} {node}"
 
 
 def _cancelling(run: int) -> Step:

@@ -58,8 +58,11 @@ class CallKeeper(ServerKeeper):
         return self._end(self._run, "lost", "", {}) if self._is_sent else []
 
     def _advance(self, now_s: float) -> list[ServerEffect]:
-        effects = self._told(self._watch.is_there)
-        if self._watch.is_there and self._run is not None and not self._is_sent:
+        is_one = (count := self._count(now_s)) <= 1
+        if self._watch.is_there and not is_one:
+            self._why_not = f"is {count} servers that would all be called: give them namespaces"
+        effects = self._told(self._watch.is_there and is_one)
+        if self._watch.is_there and is_one and self._run is not None and not self._is_sent:
             self._is_sent, self._sent_s = True, now_s
             effects.append(SendCall(self._run, self._body))
         is_late = self._sent_s is not None and now_s - self._sent_s >= WAITS_S

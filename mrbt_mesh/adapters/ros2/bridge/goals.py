@@ -20,7 +20,6 @@ from .server import (
     ServerEffect,
     ServerKeeper,
 )
-from .watch import LISTED_S
 
 # action_msgs/msg/GoalStatus
 UNKNOWN, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6
@@ -78,10 +77,6 @@ class GoalKeeper(ServerKeeper):
         self._goal: _Goal | None = None
         self._waiting: deque[_Goal] = deque()
         self._stale: dict[bytes, _Stale] = {}
-        # The middleware's ids of the servers of this name: another id is another process.
-        self._servers: frozenset[bytes] = frozenset()
-        # Since when there have been several of them, which would all take a goal.
-        self._several_s: float | None = None
 
     # -- commands ------------------------------------------------------------------------------
 
@@ -127,19 +122,14 @@ class GoalKeeper(ServerKeeper):
         return self.heard(now_s)
 
     def servers(self, found: frozenset[bytes], now_s: float) -> list[ServerEffect]:
-        """The servers of this name that the middleware knows."""
-        known, self._servers = self._servers, found
-        if len(found) < 2:
-            self._several_s = None
-        elif self._several_s is None:
-            # A killed server is listed for a while beside its successor. If there are two from the
-            # first, no goal is sent until one is left.
-            self._several_s = now_s if known else now_s - LISTED_S
-        goal = self._goal
-        if known and found - known and goal is not None and goal.is_sent:
+        """The servers of this name that the middleware lists."""
+        known = self._servers.keys()
+        is_another = bool(known and found - known)
+        effects, goal = super().servers(found, now_s), self._goal
+        if is_another and goal is not None and goal.is_sent:
             goal.is_under_way = False
-            return [AskResult(goal.goal_id)]
-        return []
+            effects.append(AskResult(goal.goal_id))
+        return effects
 
     def answered(self, goal_id: bytes, accepted: bool, now_s: float) -> list[ServerEffect]:
         """Whether the server takes a goal."""
@@ -198,9 +188,7 @@ class GoalKeeper(ServerKeeper):
                 stale.asked_result_s = now_s
                 effects.append(AskResult(goal_id))
         # The cancellation may have come before the goal, which is there after AGAIN_S.
-        elif code == UNKNOWN_GOAL and (
-            stale.is_accepted or now_s - stale.since_s >= 2 * AGAIN_S
-        ):
+        elif code == UNKNOWN_GOAL and (stale.is_accepted or now_s - stale.since_s >= 2 * AGAIN_S):
             effects += self._dropped(goal_id, now_s)
         return effects
 
@@ -239,7 +227,7 @@ class GoalKeeper(ServerKeeper):
         if self._goal is None and self._waiting:
             self._goal = self._waiting.popleft()
         is_there, goal = self._watch.is_there, self._goal
-        is_one = self._several_s is None or now_s - self._several_s < LISTED_S
+        is_one = (count := self._count(now_s)) <= 1
         if is_there:
             for goal_id, stale in self._stale.items():
                 if stale.asked_s is None or now_s - stale.asked_s >= AGAIN_S:
@@ -254,7 +242,6 @@ class GoalKeeper(ServerKeeper):
         if is_there and not obeys:
             self._why_not = "does not stop its cancelled goal"
         elif is_there and not is_one:
-            count = len(self._servers)
             self._why_not = f"is {count} servers that would all take a goal: give them namespaces"
         # A server that comes back can be used when nothing is left at it.
         is_free = self._last.is_up or not self._stale

@@ -18,7 +18,13 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from unique_identifier_msgs.msg import UUID
@@ -28,6 +34,8 @@ from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEf
 from .values import fill, find_type, read_field, reason_of, stamp_now
 from .watch import LifeAnswers
 
+# By then simulated time should have come.
+CLOCK_S = 5.0
 # Hands a step of a keeper to the bridge, which carries out what follows.
 Apply = Callable[[Callable[[Any, float], "list[ServerEffect]"]], None]
 Told = Callable[[Any, "dict[str, Any]"], None]
@@ -51,6 +59,15 @@ class RosNode:
         # The node's own clock stands still while a simulation is paused.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.node.create_timer(tick_s, on_tick, clock=steady)
+        self._clock_timer = self.node.create_timer(CLOCK_S, self._look_at_clock, clock=steady)
+
+    def _look_at_clock(self) -> None:
+        """Say once if simulated time does not come."""
+        self._clock_timer.cancel()
+        clock = self.node.get_clock()
+        if clock.ros_time_is_active and clock.now().nanoseconds == 0:
+            text = "use_sim_time is set, but nothing publishes /clock: `stamp: now` is 0"
+            self.node.get_logger().warning(text)
 
     def wake(self) -> None:
         """Have `on_tick` called now; from any thread."""
@@ -63,17 +80,19 @@ class RosNode:
 
     def serve(
         self, task: dict[str, Any], apply: Apply, feedback: Told
-    ) -> ActionEnd | ServiceEnd | PublisherEnd:
+    ) -> ActionEnd | ServiceEnd | PublisherEnd | LifecycleEnd:
         """The client's end of a task's server. Raises rclpy's error for a bad name."""
         if task["kind"] == "action":
             return ActionEnd(self.node, task, apply, feedback)
         if task["kind"] == "srv":
             return ServiceEnd(self.node, task, apply)
+        if task["kind"] == "lifecycle":
+            return LifecycleEnd(self.node, task, apply)
         return PublisherEnd(self.node, task, apply)
 
     def listen(self, topic: dict[str, Any], told: Callable[[dict[str, Any]], None]) -> None:
         """Read a topic's fields."""
-        paths = [path for path, _ in topic["fields"]]
+        paths = [path for path, *_ in topic["fields"]]
         # A best-effort subscription also receives from reliable publishers.
         latched = topic["latched"]
         qos = QoSProfile(
@@ -95,9 +114,8 @@ class RosNode:
 class _LifeQuestions:
     """Questions that a server's node answers without doing anything: one is open at a time."""
 
-    def __init__(self, node: Any, lifecycle: str | None, apply: Apply) -> None:
+    def __init__(self, node: Any, apply: Apply) -> None:
         self._node = node
-        self._lifecycle = lifecycle
         self._apply = apply
         self._clients: dict[str, Any] = {}
         self._open: list[tuple[Any, Any]] = []
@@ -124,24 +142,6 @@ class _LifeQuestions:
             client.remove_pending_request(future)
         self._open.clear()
 
-    def ask_lifecycle(self) -> bool:
-        """Ask for the state of the node that has to be active; False if none has to be."""
-        if self._lifecycle is None:
-            return False
-        name = self._lifecycle
-
-        def answered(response: Any) -> None:
-            state = response.current_state
-            if state.id == State.PRIMARY_STATE_ACTIVE:
-                self._apply(lambda keeper, now_s: keeper.heard(now_s))
-            else:
-                self._apply(
-                    lambda keeper, _: keeper.unusable(f"waits for {name}, which is {state.label}")
-                )
-
-        self.ask(self.client(f"{name}/get_state", GetState), GetState.Request(), answered)
-        return True
-
     def ask_nodes(self, names: Iterable[str]) -> None:
         """Ask the nodes that DDS lists for no parameters."""
 
@@ -167,7 +167,7 @@ class ActionEnd:
         self._type = find_type(task["type"], "action")
         self._client = ActionClient(node, self._type, task["name"])
         self._name = node.resolve_service_name(task["name"])
-        self._questions = _LifeQuestions(node, task["lifecycle"], apply)
+        self._questions = _LifeQuestions(node, apply)
         self._results: dict[bytes, Any] = {}
 
     def carry_out(self, effect: ServerEffect) -> None:
@@ -185,7 +185,7 @@ class ActionEnd:
         goal = self._type.Goal()
         fill(goal, effect.body)
         stamp_now(goal, effect.body, self._node.get_clock().now().to_msg())
-        paths = [path for path, _ in self._task["feedback"]]
+        paths = [path for path, *_ in self._task["feedback"]]
         goal_id = effect.goal_id
 
         def feedback(message: Any) -> None:
@@ -223,7 +223,7 @@ class ActionEnd:
             client.remove_pending_request(earlier)
         request = service.Request()
         request.goal_id = UUID(uuid=list(goal_id))
-        paths = [path for path, _ in self._task["result"]]
+        paths = [path for path, *_ in self._task["result"]]
 
         def answered(done: Any) -> None:
             self._results.pop(goal_id, None)
@@ -244,20 +244,11 @@ class ActionEnd:
         servers = frozenset(bytes(info.endpoint_gid) for info in found)
         self._apply(lambda keeper, now_s: keeper.servers(servers, now_s))
         if not self._client.server_is_ready():
-            self._say_other_type()
-            return
-        if self._questions.ask_lifecycle():
+            found = get_action_names_and_types(self._node)
+            _say_other_type(self._apply, self._task["type"], dict(found).get(self._name, []))
             return
         # An unknown goal: a server answers that, and writes nothing into its log.
         self._call_cancel(uuid.uuid4().bytes, lambda keeper, _, now_s: keeper.heard(now_s))
-
-    def _say_other_type(self) -> None:
-        wanted = self._task["type"]
-        found = dict(get_action_names_and_types(self._node)).get(self._name, [])
-        others = [each for each in found if each != wanted]
-        if others:  # the wanted type is at least that of this client
-            text = f"is there with the type {' and '.join(others)}, not {wanted}"
-            self._apply(lambda keeper, _: keeper.unusable(text))
 
 
 class ServiceEnd:
@@ -267,7 +258,7 @@ class ServiceEnd:
         self._node, self._task, self._apply = node, task, apply
         self._type = find_type(task["type"], "srv")
         self._client = node.create_client(self._type, task["name"])
-        self._questions = _LifeQuestions(node, task["lifecycle"], apply)
+        self._questions = _LifeQuestions(node, apply)
         self._call: Any = None
 
     def carry_out(self, effect: ServerEffect) -> None:
@@ -276,14 +267,22 @@ class ServiceEnd:
             self._send(effect)
         elif isinstance(effect, AskLife):
             self._questions.renew()
-            if self._client.service_is_ready() and not self._questions.ask_lifecycle():
-                self._questions.ask_nodes(self._servers())
+            names, is_ready = self._servers(), self._client.service_is_ready()
+            servers = frozenset(f"{name} {i}".encode() for i, name in enumerate(names))
+            if servers or not is_ready:  # of some nodes DDS does not know the name
+                self._apply(lambda keeper, now_s: keeper.servers(servers, now_s))
+            if is_ready:
+                self._questions.ask_nodes(names)
+            else:
+                name, wanted = self._client.srv_name, self._task["type"]
+                found = self._node.get_service_names_and_types()
+                _say_other_type(self._apply, wanted, dict(found).get(name, []))
 
     def _send(self, effect: SendCall) -> None:
         request = self._type.Request()
         fill(request, effect.body)
         stamp_now(request, effect.body, self._node.get_clock().now().to_msg())
-        paths = [path for path, _ in self._task["result"]]
+        paths = [path for path, *_ in self._task["result"]]
         run = effect.run
 
         def answered(done: Any) -> None:
@@ -300,6 +299,7 @@ class ServiceEnd:
         self._call.add_done_callback(answered)
 
     def _servers(self) -> list[str]:
+        """The nodes that have the service, sorted; some may have the same name."""
         found = []
         for name, namespace in self._node.get_node_names_and_namespaces():
             try:
@@ -309,7 +309,7 @@ class ServiceEnd:
                 continue
             if self._client.srv_name in dict(services):
                 found.append(_full_name(name, namespace))
-        return found
+        return sorted(found)
 
 
 class PublisherEnd:
@@ -317,12 +317,13 @@ class PublisherEnd:
 
     def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
         self._node, self._apply = node, apply
-        self._type = find_type(task["type"], "msg")
+        self._wanted = task["type"]
+        self._type = find_type(self._wanted, "msg")
         overrides = QoSOverridingOptions.with_default_policies()
         self._publisher = node.create_publisher(
             self._type, task["name"], 10, qos_overriding_options=overrides
         )
-        self._questions = _LifeQuestions(node, task["lifecycle"], apply)
+        self._questions = _LifeQuestions(node, apply)
 
     def carry_out(self, effect: ServerEffect) -> None:
         """Raises UnfitError for a message that does not fit the type."""
@@ -336,8 +337,53 @@ class PublisherEnd:
             self._questions.renew()
             found = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
             names = {_full_name(info.node_name, info.node_namespace) for info in found}
-            if self._publisher.get_subscription_count() and not self._questions.ask_lifecycle():
+            if self._publisher.get_subscription_count():
                 self._questions.ask_nodes(sorted(names))
+            elif found:
+                self._say_why_none_fits(found)
+
+    def _say_why_none_fits(self, found: list[Any]) -> None:
+        """Those that listen have another type or another quality of service."""
+        if all(info.topic_type != self._wanted for info in found):
+            _say_other_type(self._apply, self._wanted, [info.topic_type for info in found])
+            return
+        own = self._publisher.qos_profile
+        same = [info.qos_profile for info in found if info.topic_type == self._wanted]
+        checks = [qos_check_compatible(own, each) for each in same]
+        reasons = [why for fits, why in checks if fits == QoSCompatibility.ERROR]
+        if reasons:
+            text = f"has another quality of service: {reasons[0].strip().rstrip(';')}"
+            self._apply(lambda keeper, _: keeper.unusable(text))
+
+
+class LifecycleEnd:
+    """The client's end of a lifecycle node."""
+
+    def __init__(self, node: Any, task: dict[str, Any], apply: Apply) -> None:
+        self._apply = apply
+        self._questions = _LifeQuestions(node, apply)
+        self._client = self._questions.client(f"{task['name']}/get_state", GetState)
+
+    def carry_out(self, effect: ServerEffect) -> None:
+        """Ask for its state; nothing else is asked of it."""
+        if isinstance(effect, AskLife):
+            self._questions.renew()
+            self._questions.ask(self._client, GetState.Request(), self._answered)
+
+    def _answered(self, response: Any) -> None:
+        state = response.current_state
+        if state.id == State.PRIMARY_STATE_ACTIVE:
+            self._apply(lambda keeper, now_s: keeper.heard(now_s))
+        else:
+            self._apply(lambda keeper, _: keeper.unusable(f"is {state.label}"))
+
+
+def _say_other_type(apply: Apply, wanted: str, found: Iterable[str]) -> None:
+    """Say that there are only servers of other types, if there are any."""
+    others = sorted({each for each in found if each != wanted})
+    if others:  # the wanted type is at least that of this client
+        text = f"is there with the type {' and '.join(others)}, not {wanted}"
+        apply(lambda keeper, _: keeper.unusable(text))
 
 
 def _full_name(name: str, namespace: str) -> str:

@@ -6,7 +6,11 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
-from .watch import LifeWatch
+from .watch import LISTED_S, LifeWatch
+
+NOT_FOUND = "has not been found"
+# Servers that are found within this time of the first one were there before it was found.
+FIRST_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,11 @@ class ServerKeeper(ABC):
 
     def __init__(self, detection_s: float, now_s: float) -> None:
         self._watch = LifeWatch(detection_s, now_s)
-        self._why_not = "has not been found"
+        # The middleware's ids of the servers of this name: another id is another process. With each
+        # one, since when it is known.
+        self._servers: dict[bytes, float] = {}
+        self._found_s = now_s
+        self._why_not = NOT_FOUND
         self._last = ServerTold(False, self._why_not)
 
     @abstractmethod
@@ -107,6 +115,27 @@ class ServerKeeper(ABC):
         self._watch.heard(now_s)
         effects = [] if was_there else self._came_back(now_s)
         return effects + self._advance(now_s)
+
+    def servers(self, found: frozenset[bytes], now_s: float) -> list[ServerEffect]:
+        """The servers of this name that the middleware lists."""
+        if not self._servers:
+            self._found_s = now_s
+        elif not found:
+            self._servers.clear()
+            return self.unusable("has ended")
+        is_first = now_s - self._found_s < FIRST_S
+        since_s = now_s - LISTED_S if is_first else now_s
+        self._servers = {each: self._servers.get(each, since_s) for each in sorted(found)}
+        return []
+
+    def _count(self, now_s: float) -> int:
+        """How many of the listed servers are alive.
+
+        A killed one is listed for a while beside its successor. So one that is not the newest
+        counts if it is still listed when the one after it has been there for `LISTED_S`.
+        """
+        since_s = sorted(self._servers.values())
+        return min(1, len(since_s)) + sum(now_s - each >= LISTED_S for each in since_s[1:])
 
     def unusable(self, why: str) -> list[ServerEffect]:
         """The server is there and reports that it cannot be used now."""

@@ -213,12 +213,9 @@ def test_servers_that_are_silent_are_asked_and_told(name: str) -> None:
 
 def test_two_tasks_on_one_action_server_have_one_keeper() -> None:
     go, look = BIND["tasks"]
-    more = {"id": "fetch", "feedback": [["left", []]], "lifecycle": "/nav"}
+    more = {"id": "fetch", "feedback": [["left", []]]}
     robot = Robot(BIND | {"tasks": [go, look, go | more]})
-    assert [(each["ids"], each["lifecycle"]) for each in robot.served] == [
-        (["go", "fetch"], "/nav"),
-        (["look"], None),
-    ]
+    assert [each["ids"] for each in robot.served] == [["go", "fetch"], ["look"]]
     assert robot.served[0]["feedback"] == [["left", []]]
     robot.hear()
     assert [each["task"] for each in robot.news("server")] == ["go", "fetch"]
@@ -243,3 +240,19 @@ def test_a_call_without_an_answer_is_told_once() -> None:
         robot.hear("look")
     (told,) = robot.news("waits")
     assert told["text"] == "no answer for 10 s, and it cannot be asked again"
+
+
+def test_a_lifecycle_node_counts_for_the_tasks_that_need_it() -> None:
+    go, look = BIND["tasks"]
+    robot = Robot(BIND | {"tasks": [go, go | {"id": "fetch", "lifecycle": "/nav"}, look]})
+    robot.hear()
+    said = {each["task"]: (each["is_up"], each["why"]) for each in robot.news("server")}
+    waits = "waits for /nav, which has not been found"
+    assert said == {"go": (True, ""), "fetch": (False, waits)}
+    robot.told.clear()
+    robot.hear("lifecycle /nav")
+    robot.apply["lifecycle /nav"](lambda keeper, _: keeper.unusable("is inactive"))
+    assert [(each["task"], each["why"]) for each in robot.news("server")] == [
+        ("fetch", ""),
+        ("fetch", "waits for /nav, which is inactive"),
+    ]

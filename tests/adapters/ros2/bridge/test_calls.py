@@ -66,3 +66,14 @@ def test_to_publish_is_no_sign_of_life_of_those_who_listen() -> None:
     assert keeper.published(3) == [RunEnded(3, "succeeded", "", {})]
     told = [effect for now_s in ticks for effect in keeper.tick(now_s)]
     assert ServerTold(False, "does not answer") in told
+
+
+def test_of_several_services_under_one_name_none_is_called() -> None:
+    two, one = frozenset({b"a", b"b"}), frozenset({b"a"})
+    keeper = CallKeeper(1.0, 0.0)
+    keeper.servers(two, 0.0)
+    told = ServerTold(False, "is 2 servers that would all be called: give them namespaces")
+    assert keeper.heard(0.1) == [told]
+    assert keeper.start(3, b"", {}, 0.2) == []
+    keeper.servers(one, 0.3)
+    assert keeper.heard(0.4) == [ServerTold(True, ""), SendCall(3, {})]

@@ -219,9 +219,27 @@ def test_several_servers_under_one_name_are_no_use() -> None:
     keeper.servers(one, 0.3)
     assert keeper.heard(0.4) == [SendGoal(7, ONE, {}), ServerTold(True, "")]
     # One that was killed is listed for a while beside its successor.
-    keeper.servers(two, 1.0)
-    assert told not in keeper.heard(LISTED_S)
-    assert told in keeper.heard(1.0 + LISTED_S)
+    keeper.servers(two, 3.0)
+    assert told not in keeper.heard(2.9 + LISTED_S)
+    assert told in keeper.heard(3.0 + LISTED_S)
+
+
+def test_servers_that_have_crashed_are_not_counted() -> None:
+    """Each one is listed for a while after its end."""
+    keeper, names = GoalKeeper(1.0, 0.0), [bytes([i]) for i in range(20)]
+    for number in range(20):
+        keeper.servers(frozenset(names[max(0, number - 2) : number + 1]), 10.0 * number)
+        told = [e for e in keeper.heard(10.0 * number) if isinstance(e, ServerTold)]
+        assert told == ([ServerTold(True, "")] if number == 0 else [])
+
+
+def test_a_server_that_is_not_listed_any_more_has_ended() -> None:
+    keeper = accepted(0.0)
+    keeper.servers(frozenset({b"a"}), 0.0)
+    effects = [e for tick in range(1, 21) for e in keeper.tick(tick * 0.05)]
+    assert effects[-1] == SILENT
+    assert keeper.servers(frozenset(), 20.0) == [ServerTold(False, "has ended")]
+    assert keeper.tick(20.1) == [AskLife()]
 
 
 def test_goals_of_an_earlier_bridge_are_cancelled_first() -> None:
