@@ -5,6 +5,7 @@ Texts in such a file may contain `$name`: a parameter of the local task, or a va
 
 from __future__ import annotations
 
+import difflib
 import re
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -77,22 +78,31 @@ class KnownValues:
                 known = value if isinstance(value, Mapping) else ()
                 raise FillError(f"{text}: {argument} has no {key!r}{nearest(key, known)}")
             value = value[key]
-        return value
+        return KnownValues(self.values).data(value)
 
 
-def unknown_names(data: Any, names: Collection[str], place: SourcePath) -> Problems:
-    """Each `$name` in plain data that is not among the names."""
+def unknown_names(
+    data: Any, names: Collection[str], place: SourcePath, tables: Collection[str] = ()
+) -> Problems:
+    """Each `$name` in plain data that is not among the names, each `$` that is no such name, and
+    each `$name.part` of a name that has no table.
+    """
     if isinstance(data, Mapping):
         for key, value in data.items():
-            yield from unknown_names(key, names, (*place, key))
-            yield from unknown_names(value, names, (*place, key))
+            yield from unknown_names(key, names, (*place, key), tables)
+            yield from unknown_names(value, names, (*place, key), tables)
     elif isinstance(data, list | tuple):
         for index, value in enumerate(data):
-            yield from unknown_names(value, names, (*place, index))
+            yield from unknown_names(value, names, (*place, index), tables)
     elif isinstance(data, str):
         for name in Template(data).get_identifiers():
             if name not in names:
                 yield place, f"unknown ${name}{nearest(name, names)}"
+        whole = _WHOLE.fullmatch(data)
+        if whole and whole[2] and whole[1] in names and whole[1] not in tables:
+            yield place, f"{data}: values has no table for {whole[1]}"
+        if not Template(data).is_valid():
+            yield place, f"{data!r}: after $ a name is expected; $$ is a dollar sign"
 
 
 # -- files ------------------------------------------------------------------------------------
@@ -160,10 +170,33 @@ class BoundFile(FileModel):
             if name not in mission.truths:
                 hint = nearest(name, mission.truths)
                 report.add(place, f"mission {mission.name} has no condition {name!r}{hint}")
+            elif _count(condition) != len(parameters := mission.truths[name].parameters):
+                wanted = f"{name}({', '.join(parameters)})" if parameters else name
+                report.add(place, f"mission {mission.name} declares {wanted}, not {condition}")
+        self._check_names(mission, report)
+        for place, text in self.mission_problems(mission, robots):
+            report.add(place, text)
         known = getattr(self, self.ROBOTS)
         for robot in sorted(set(robots) - set(known)) if known else ():
             report.add((self.ROBOTS,), f"the mission's robot {robot} is missing here")
         report.raise_if_any()
+
+    def _check_names(self, mission: Mission, report: Report) -> None:
+        """Of a local task that the mission lacks, whether another one of the mission was meant."""
+        unbound = sorted(mission.local_tasks.keys() - self.local_tasks.keys())
+        for name in self.local_tasks.keys() - mission.local_tasks.keys():
+            if difflib.get_close_matches(name, unbound, n=1, cutoff=0.8):
+                text = f"mission {mission.name} has no local task {name!r}{nearest(name, unbound)}"
+                report.add(("local_tasks", name), text)
+
+    def mission_problems(self, mission: Mission, robots: Iterable[str]) -> Problems:
+        """What else does not fit a mission."""
+        return iter(())
+
+
+def _count(call: str) -> int:
+    """How many arguments a name has, as in `seen($place)`."""
+    return call.count(",") + 1 if "(" in call else 0
 
 
 _File = TypeVar("_File", bound=BoundFile)

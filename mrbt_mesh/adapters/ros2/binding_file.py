@@ -6,7 +6,8 @@ docs/how-to/ros2.md explains the keys; `mrbt new --ros2` writes one.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
@@ -25,10 +26,12 @@ from mrbt_mesh.adapters.binding import (
     unknown_names,
 )
 from mrbt_mesh.adapters.ros2.expression import MessageExpression, MessageExpressionError
+from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import split_call, type_name
 from mrbt_mesh.errors import FileError, nearest, whole_file_error
-from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName
+from mrbt_mesh.formats.file_model import FileModel, Name, RobotName
 from mrbt_mesh.formats.problems import SourcePath
-from mrbt_mesh.formats.tree_model import CallText
+from mrbt_mesh.formats.tree_model import TREE_EXPLAINED, CallText
 
 # Replaces the file's Python, so that one file serves robots and tests.
 PYTHON_VARIABLE = "MRBT_ROS2_PYTHON"
@@ -37,9 +40,11 @@ DEFAULT_PYTHON = "/usr/bin/python3"
 ROBOT = "robot"
 
 _ROS_NAME = r"^[~/]?[A-Za-z_$][A-Za-z0-9_$/{}]*$"
+_TOKEN = r"(?:[A-Za-z_]|\{[a-z]+\})(?:[A-Za-z0-9_]|\{[a-z]+\})*"
+_FILLED_NAME = re.compile(rf"/|(~?/)?{_TOKEN}(/{_TOKEN})*|~")
 _ROS_TYPE = r"^[a-z][a-z0-9_]*/(action|srv|msg)/[A-Z][A-Za-z0-9]*$"
 _MESSAGE_TYPE = _ROS_TYPE.replace("(action|srv|msg)", "msg")
-_EXPLAINED = EXPLAINED | {
+_EXPLAINED = TREE_EXPLAINED | {
     _ROS_NAME: "a name of ROS is expected, e.g. /$robot/navigate_to_pose",
     _ROS_TYPE: "a type of ROS is expected, e.g. nav2_msgs/action/NavigateToPose",
     _MESSAGE_TYPE: "a type of messages is expected, e.g. std_msgs/msg/Bool",
@@ -223,7 +228,7 @@ class TaskBinding(BoundTask):
             yield (*place, "sets", texts[0]), "a topic answers nothing: true or false is expected"
         yield from unknown_names({key: self.name, "lifecycle": self.lifecycle}, robot_names, place)
         parts = {body_key: self.body, "on_cancel": self.on_cancel, "sets": self.sets}
-        yield from unknown_names(parts, robot_names | set(self.parameters), place)
+        yield from unknown_names(parts, robot_names | set(self.parameters), place, tables)
         for where, body in self.bodies(place, tables):
             if isinstance(body, FillError):
                 yield where, str(body)
@@ -327,10 +332,61 @@ class BindingFile(BoundFile):
         for _, topic, place in self.topics():
             yield from unknown_names(topic.topic, names, (*place, "topic"))
         parameters = {p for task in self.local_tasks.values() for p in task.parameters}
-        for name in self.values:
+        for name, table in self.values.items():
             if name not in parameters:
                 text = f"no local task has a parameter {name!r}{nearest(name, parameters)}"
                 yield ("values", name), text
+            for argument, value in table.items():
+                yield from unknown_names(value, names | {name}, ("values", name, argument))
+
+    def ros_names(self) -> Iterator[tuple[SourcePath, str]]:
+        """All names of ROS, with `$name`, each with its place."""
+        for name, task in self.local_tasks.items():
+            yield ("local_tasks", name, task.servers[0][0]), task.name
+            if task.lifecycle is not None:
+                yield ("local_tasks", name, "lifecycle"), task.lifecycle
+        for _, topic, place in self.topics():
+            yield (*place, "topic"), topic.topic
+        if self.bridge.namespace is not None:
+            yield ("bridge", "namespace"), self.bridge.namespace
+        for name, other in self.bridge.remap.items():
+            yield from ((("bridge", "remap", name), each) for each in (name, other))
+
+    def mission_problems(self, mission: Mission, robots: Iterable[str]) -> Problems:
+        """What does not fit a mission: names that robots make of names of ROS, arguments without
+        values, and limits of calls that cannot be stopped.
+        """
+        known = [robot for robot in sorted(robots) if not self.robots or robot in self.robots]
+        for place, text in self.ros_names():
+            for robot in known:
+                name = KnownValues(self.robot_values(robot)).text(text)
+                if not _FILLED_NAME.fullmatch(name):
+                    yield place, f"{name!r}, for robot {robot}, is no name of ROS"
+                    break
+        values = self.robot_values(known[0]) if known else {}
+        said = set()
+        for ground in mission.local_task_types:
+            task = self.local_tasks.get(type_name(ground))
+            arguments = split_call(ground)[1]
+            is_open = "$" in ground or task is None or len(task.parameters) != len(arguments)
+            if task is None or is_open:
+                continue
+            try:
+                task.filled(values, arguments, self.values)
+            except FillError as error:
+                if str(error) not in said:
+                    said.add(str(error))
+                    yield ("local_tasks", type_name(ground)), f"{ground}: {error}"
+        exclusive = {
+            type_name(need.local_task)
+            for task in mission.all_tasks()
+            if task.exclusive
+            for need in task.needs
+        }
+        for name in sorted(exclusive & self.local_tasks.keys()):
+            if self.local_tasks[name].kind != "action" and self.local_tasks[name].within_s:
+                text = "an exclusive task needs it, and it goes on after this: leave it out"
+                yield ("local_tasks", name, "within_s"), text
 
     def unfit(self, problems: list[dict[str, Any]]) -> FileError:
         """The problems that the bridge has found in the file, with their lines."""
@@ -404,8 +460,12 @@ def bind_message(file: BindingFile, robot: str | None, node: str = "mrbt") -> di
 def _fields(place: SourcePath, found: Mapping[str, MessageExpression | None]) -> list[Any]:
     """Each field that the expressions read, with the place of its expression."""
     return [
-        [path, [*place, *key.split("/", 1)]]
+        [path, [*place, *key.split("/", 1)], *_compared(expression, path)]
         for key, expression in found.items()
         if expression is not None
         for path in expression.fields
     ]
+
+
+def _compared(expression: MessageExpression, path: str) -> list[str]:
+    return [expression.compared[path]] if path in expression.compared else []

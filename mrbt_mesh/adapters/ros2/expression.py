@@ -33,7 +33,9 @@ class MessageExpressionError(Exception):
 
 
 class MessageExpression:
-    """A compiled expression; `fields` are those of the message that it reads, e.g. `pose.x`."""
+    """A compiled expression; `fields` are those of the message that it reads, e.g. `pose.x`, and
+    `compared` has those that are compared with `a text` or `a number`.
+    """
 
     def __init__(self, text: str) -> None:
         """Raises MessageExpressionError for anything but the allowed part of Python."""
@@ -50,6 +52,7 @@ class MessageExpression:
         if not allowed.fields:
             raise MessageExpressionError(f"{text!r} reads nothing of the message, e.g. m.data")
         self.fields = tuple(allowed.fields)
+        self.compared = allowed.compared
         self._code = code
 
     def value(self, fields: Mapping[str, Any]) -> Any:
@@ -111,6 +114,7 @@ class _Allowed(ast.NodeTransformer):
 
     def __init__(self) -> None:
         self.fields: dict[str, None] = {}
+        self.compared: dict[str, str] = {}
 
     def visit(self, node: Any) -> Any:
         """The node as it is evaluated. Raises MessageExpressionError."""
@@ -136,9 +140,22 @@ class _Allowed(ast.NodeTransformer):
                 return ast.BinOp(left, node.op, right)
             case ast.List(elts=items) | ast.Tuple(elts=items):
                 return ast.List(list(map(self.visit, items)), ast.Load())
-            case ast.BoolOp() | ast.UnaryOp() | ast.Compare() if has_operators:
+            case ast.Compare() if has_operators:
+                self._note_compared(node)
+                return self.generic_visit(node)
+            case ast.BoolOp() | ast.UnaryOp() if has_operators:
                 return self.generic_visit(node)
         raise MessageExpressionError(_refusal(node))
+
+    def _note_compared(self, node: ast.Compare) -> None:
+        sides = [node.left, *node.comparators]
+        for left, operator, right in zip(sides, node.ops, sides[1:], strict=False):
+            if isinstance(operator, ast.In | ast.NotIn):
+                continue
+            for one, other in ((left, right), (right, left)):
+                path, kind = _path(one), _constant_kind(other)
+                if path is not None and kind:
+                    self.compared[path] = kind
 
     def _field(self, path: str) -> ast.expr:
         self.fields[path] = None
@@ -147,6 +164,14 @@ class _Allowed(ast.NodeTransformer):
 
 def _call(name: str, *arguments: ast.expr) -> ast.expr:
     return ast.Call(ast.Name(name, ast.Load()), list(arguments), [])
+
+
+def _constant_kind(node: ast.expr) -> str:
+    if isinstance(node, ast.UnaryOp):
+        node = node.operand
+    if not isinstance(node, ast.Constant) or isinstance(node.value, bool):
+        return ""
+    return "a text" if isinstance(node.value, str) else "a number"
 
 
 def _refusal(node: ast.expr) -> str:

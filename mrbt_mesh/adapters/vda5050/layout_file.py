@@ -17,14 +17,15 @@ from mrbt_mesh.adapters.vda5050.dialects import DIALECTS, VehicleAddress
 from mrbt_mesh.adapters.vda5050.layout import Layout, LayoutNode, TaskTemplate
 from mrbt_mesh.adapters.vda5050.vehicle import NO_PROGRESS_S, Battery
 from mrbt_mesh.errors import InputError, nearest
-from mrbt_mesh.formats.file_model import EXPLAINED, FileModel, Name, RobotName
+from mrbt_mesh.formats.file_model import FileModel, Name, RobotName
 from mrbt_mesh.formats.problems import SourcePath
+from mrbt_mesh.formats.tree_model import TREE_EXPLAINED
 
 # `host:port` that replaces the file's broker, so that one file serves a plant and a test.
 BROKER_VARIABLE = "MRBT_VDA5050_BROKER"
 
 _LEVEL = r"^[^/+#\s][^/+#]{0,63}$"
-_EXPLAINED = EXPLAINED | {
+_EXPLAINED = TREE_EXPLAINED | {
     _LEVEL: "a part of an MQTT topic is expected: 1 to 64 characters without /, + and #"
 }
 

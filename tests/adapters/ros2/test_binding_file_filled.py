@@ -33,6 +33,13 @@ def test_values_tables_and_texts() -> None:
     assert found.on_cancel is None
 
 
+def test_texts_of_tables_are_filled_in_as_well() -> None:
+    binding = BINDING.model_copy(update={"parameters": ["place"], "goal": {"to": "$place"}})
+    tables = {"place": {"gate": {"frame": "$robot/map", "sign": "$place, $$5"}}}
+    found = binding.filled({"robot": "A1"}, ("gate",), tables)
+    assert found.body == {"to": {"frame": "A1/map", "sign": "gate, $5"}}
+
+
 def test_a_whole_value_of_a_table() -> None:
     binding = BINDING.model_copy(
         update={"parameters": ["place"], "goal": {"n": "$place", "all": ["$place"]}}

@@ -122,3 +122,8 @@ def test_messages_for_which_there_is_no_value(text: str, value: Any, said: str) 
 def test_what_is_no_number(value: Any) -> None:
     with pytest.raises(MessageExpressionError, match="is no finite number"):
         MessageExpression("m.a").number({"a": value})
+
+
+def test_what_fields_are_compared_with() -> None:
+    found = MessageExpression("m.a == 'x' and -3 < m.b or m.c in ['y'] and m.d == m.a != True")
+    assert found.compared == {"a": "a text", "b": "a number"}

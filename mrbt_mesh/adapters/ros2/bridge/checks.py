@@ -34,7 +34,7 @@ def _check_task(task: dict[str, Any], found: list[dict[str, Any]]) -> None:
     texts = set()
     for each in task["bodies"]:
         try:
-            fill(getattr(kind, body)() if body else kind(), each["body"])
+            fill(getattr(kind, body)() if body else kind(), each["body"], has_open=True)
         except UnfitError as problem:
             # An error in the text is one with every value that is filled in.
             if str(problem) in texts:
@@ -52,9 +52,9 @@ def _check_task(task: dict[str, Any], found: list[dict[str, Any]]) -> None:
 
 
 def _check_fields(kind: Any, fields: list[Any], found: list[dict[str, Any]]) -> None:
-    for path, place in fields:
+    for path, place, *compared in fields:
         try:
-            check_field(kind, path)
+            check_field(kind, path, *compared)
         except UnfitError as problem:
             found.append({"place": place, "text": str(problem)})
 

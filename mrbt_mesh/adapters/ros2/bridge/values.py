@@ -58,10 +58,11 @@ def find_type(name: str, kind: str) -> Any:
     return found
 
 
-def fill(message: Any, data: Any, place: str = "") -> None:
-    """Set the fields of a message that `data` names; texts with $ stand for anything.
+def fill(message: Any, data: Any, place: str = "", has_open: bool = False) -> None:
+    """Set the fields of a message that `data` names. Raises UnfitError.
 
-    Raises UnfitError.
+    `has_open`: texts with $ stand for values that only the arguments of a task give, so for
+    anything.
     """
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
@@ -71,13 +72,17 @@ def fill(message: Any, data: Any, place: str = "") -> None:
         here = f"{place}.{key}" if place else str(key)
         if key not in types:
             if key == "yaw" and set(types) == {"x", "y", "z", "w"}:
-                half = _number(value, here) / 2
+                if others := sorted(set(data) & set(types)):
+                    raise UnfitError(
+                        f"yaw stands for all of it: {', '.join(others)} is given", here
+                    )
+                half = _number(value, here, has_open) / 2
                 message.z, message.w = math.sin(half), math.cos(half)
                 continue
             raise UnfitError(f"there is no field {key!r}{_nearest(key, types)}", here)
-        if is_open(value):
+        if has_open and is_open(value):
             continue
-        made = _made(types[key], value, here, getattr(message, key))
+        made = _made(types[key], value, here, getattr(message, key), has_open)
         try:
             setattr(message, key, made)
         except (AssertionError, TypeError, ValueError) as error:
@@ -90,7 +95,7 @@ def is_open(value: Any) -> bool:
     return isinstance(value, str) and "$" in value
 
 
-def _made(kind: str, value: Any, place: str, default: Any) -> Any:
+def _made(kind: str, value: Any, place: str, default: Any, has_open: bool) -> Any:
     """A value of this type."""
     items = _ITEMS.fullmatch(kind)
     if items is not None:
@@ -100,16 +105,16 @@ def _made(kind: str, value: Any, place: str, default: Any) -> Any:
             raise UnfitError(f"{items[3]} values are expected, not {len(value)}", place)
         inner = items[1] or items[2]
         made = [
-            _made(inner, item, f"{place}[{i}]", None)
+            _made(inner, item, f"{place}[{i}]", None, has_open)
             for i, item in enumerate(value)
-            if not is_open(item)
+            if not (has_open and is_open(item))
         ]
         return made if len(made) == len(value) else default
     if "/" in kind:
         if kind == TIME and value == "now":
             return default
         nested = default if default is not None else _nested_class(kind)()
-        fill(nested, value, place)
+        fill(nested, value, place, has_open)
         return nested
     return _scalar(kind, value, place)
 
@@ -140,9 +145,9 @@ def _scalar(kind: str, value: Any, place: str) -> Any:
     raise UnfitError(f"values of type {kind} cannot be given", place)
 
 
-def _number(value: Any, place: str) -> float:
+def _number(value: Any, place: str, has_open: bool = False) -> float:
     """A number; arguments of tasks are texts, so also one as a text."""
-    if is_open(value):
+    if has_open and is_open(value):
         return 0
     if not isinstance(value, bool) and isinstance(value, (int, float)):
         return value
@@ -165,8 +170,11 @@ def stamp_now(message: Any, data: Any, now: Any) -> None:
             stamp_now(getattr(message, key), value, now)
 
 
-def check_field(kind: type, path: str) -> None:
-    """Whether a message of this class has such a field with plain data. Raises UnfitError."""
+def check_field(kind: type, path: str, compared: str = "") -> None:
+    """Whether a message of this class has such a field with plain data. Raises UnfitError.
+
+    `compared`: that with which the field is compared, `a text` or `a number`; empty: with neither.
+    """
     current: Any = kind()
     type_name, done = kind.__name__, ""
     for name, index in _steps(path):
@@ -190,6 +198,9 @@ def check_field(kind: type, path: str) -> None:
         raise UnfitError(f"m.{path}: is a message; name one of its fields ({names})")
     if items is not None and "/" in (items[1] or items[2]):
         raise UnfitError(f"m.{path}: is a list of messages; name a field of one, e.g. [0]")
+    found = "a list" if items else "a text" if _STRING.fullmatch(type_name) else "a number"
+    if compared and found != compared:
+        raise UnfitError(f"m.{path}: is {found} ({type_name}), and is compared with {compared}")
 
 
 def read_field(message: Any, path: str) -> Any:

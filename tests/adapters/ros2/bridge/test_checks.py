@@ -91,3 +91,12 @@ def test_nothing_is_said_of_what_belongs_to_an_unknown_type() -> None:
     found = problems_of({"tasks": [bad], "topics": [topic]})
     assert [each["place"] for each in found] == [bad["type_place"], TOPIC["type_place"]]
     assert "test_robots has no action Fly" in found[0]["text"]
+
+
+def test_a_text_is_not_compared_with_a_number() -> None:
+    fields = [["error_msg", ["success"], "a number"], ["error_code", ["reason"], "a text"]]
+    bad = task(bodies=[], result=[*fields, ["error_msg", [], "a text"]])
+    assert [each["text"] for each in problems_of({"tasks": [bad], "topics": []})] == [
+        "m.error_msg: is a text (string), and is compared with a number",
+        "m.error_code: is a number (uint16), and is compared with a text",
+    ]

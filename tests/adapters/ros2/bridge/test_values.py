@@ -35,9 +35,9 @@ def pose(data: Any) -> Any:
 
 @given(FINITE, FINITE, st.text(max_size=8), st.lists(FINITE, max_size=5))
 def test_what_is_filled_in_is_read_back(x: float, y: float, frame: str, far: list[float]) -> None:
-    made = pose({"position": {"x": x, "y": y}, "header": {"frame_id": frame.replace("$", "")}})
+    made = pose({"position": {"x": x, "y": y}, "header": {"frame_id": frame}})
     assert read_field(made, "position.x") == x
-    assert read_field(made, "header.frame_id") == frame.replace("$", "")
+    assert read_field(made, "header.frame_id") == frame
     scan = BY_NAME["test_robots/Scan"]()
     fill(scan, {"ranges": far, "way": [{"x": x}, {"y": y}]})
     assert read_field(scan, "ranges") == far
@@ -63,9 +63,17 @@ def test_arguments_of_tasks_are_texts() -> None:
 
 
 def test_what_is_known_later_is_let_through() -> None:
-    made = pose({"position": {"x": "$x"}, "header": "$header"})
+    made = BY_NAME["test_robots/Pose"]()
+    fill(made, {"position": {"x": "$x"}, "header": "$header"}, has_open=True)
     assert made.position.x == 0.0
-    fill(BY_NAME["test_robots/Scan"](), {"ranges": ["$near", 2.0], "count": "$n"})
+    scan = BY_NAME["test_robots/Scan"]()
+    fill(scan, {"ranges": ["$near", 2.0], "count": "$n"}, has_open=True)
+
+
+def test_when_all_is_known_a_dollar_sign_is_one() -> None:
+    assert pose({"header": {"frame_id": "cost $5"}}).header.frame_id == "cost $5"
+    with pytest.raises(UnfitError, match=r"position.x: a number is expected, not '\$x'"):
+        pose({"position": {"x": "$x"}})
 
 
 def test_now_is_the_time_of_the_message() -> None:
@@ -85,6 +93,7 @@ def test_now_is_the_time_of_the_message() -> None:
         ({"position": 3}, "position: fields are expected (x, y), not 3", ["position"]),
         ({"position": {"x": "far"}}, "position.x: a number is expected, not 'far'", None),
         ({"position": {"x": True}}, "position.x: a number is expected, not True", None),
+        ({"orientation": {"yaw": 1, "z": 1}}, "orientation.yaw: yaw stands for all of it", None),
         ({"header": {"frame_id": True}}, "text is expected, not True", ["header", "frame_id"]),
     ],
 )
