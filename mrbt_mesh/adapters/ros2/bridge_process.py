@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import AsyncIterator
+import sys
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ CHECK_S = 60.0
 # A bridge cancels the goals that are left before it ends.
 STOP_S = 5.0
 MAX_SAID = 2_000
+# PyPI's packages of ROS set it when they have set LD_LIBRARY_PATH and started Python again.
+WHEELS_VARIABLE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 
 
 def bridge_command(file: BindingFile) -> list[str]:
@@ -38,7 +42,20 @@ def bridge_command(file: BindingFile) -> list[str]:
 def bridge_environment(file: BindingFile) -> dict[str, str]:
     """The bridge's environment."""
     domain = {} if file.bridge.domain is None else {"ROS_DOMAIN_ID": str(file.bridge.domain)}
-    return {**os.environ, **domain}
+    return {**_without_wheels(os.environ), **domain}
+
+
+def _without_wheels(environment: Mapping[str, str]) -> dict[str, str]:
+    """Without what PyPI's packages of ROS have set for this Python: another one has to set its own,
+    and would take it for done.
+    """
+    found = dict(environment)
+    if found.pop(WHEELS_VARIABLE, None) is None:
+        return found
+    places = found.pop("LD_LIBRARY_PATH", "").split(os.pathsep)
+    own = str(Path(sys.prefix, "lib"))
+    left = [p for p in places if p and p != own and not fnmatch(Path(p).name, "ros_*.libs")]
+    return found | ({"LD_LIBRARY_PATH": os.pathsep.join(left)} if left else {})
 
 
 def check_bindings(file: BindingFile, command: list[str] | None = None) -> None:

@@ -42,6 +42,8 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.user_code import running_call
 
 RESTART_S = 1.0
+# After its end, so long for the rest of what it says.
+LAST_WORDS_S = 1.0
 # The pause grows while the bridge does not start.
 MAX_RESTART_S = 30.0
 # Messages to the bridge within the time after which it would miss the robot.
@@ -144,6 +146,9 @@ class ConnectedRobot:
         self._was_ready = False
         self._servers = Servers(file, robot, self._values)
         self._bridge_failure = ""
+        # Of the present bridge: its last line on standard error, and whether that has ended.
+        self._last_words = ""
+        self._all_is_said = anyio.Event()
         # Goals that have not ended: if the bridge dies, the next one has them cancelled.
         self._at_servers: dict[int, tuple[str, bytes]] = {}
         self._conditions: dict[str, bool] = {}
@@ -298,6 +303,7 @@ class ConnectedRobot:
 
     async def _serve_bridge(self, pipe: BridgePipe, bind: dict[str, Any]) -> None:
         """Until the bridge has ended, or is silent for the detection time."""
+        self._last_words, self._all_is_said = "", anyio.Event()
         pipe.say(bind)
         watch = LifeWatch(self._file.detection_s, time.monotonic())
         async with anyio.create_task_group() as group:
@@ -308,6 +314,9 @@ class ConnectedRobot:
                 self._take(pipe, message)
                 if self._was_ready:
                     watch.heard(time.monotonic())
+            with anyio.move_on_after(LAST_WORDS_S):
+                await self._all_is_said.wait()
+            self._bridge_failure = self._bridge_failure or self._last_words
             group.cancel_scope.cancel()
 
     async def _beat(self, pipe: BridgePipe, watch: LifeWatch, scope: anyio.CancelScope) -> None:
@@ -324,6 +333,8 @@ class ConnectedRobot:
     async def _log_complaints(self, pipe: BridgePipe) -> None:
         async for line in pipe.complaints():
             self._log.warning("bridge_said", text=line)
+            self._last_words = line.strip() or self._last_words
+        self._all_is_said.set()
 
     def _bridge_ended(self) -> None:
         """No task can be carried out, and those at servers are out of reach."""

@@ -49,8 +49,11 @@ class Servers:
 
     def called(self, name: str) -> str:
         """The server of a local task, as reasons call it."""
-        binding = self._file.local_tasks[name]
-        return f"{_KINDS[binding.kind]} {self._values.text(binding.name)}"
+        binding, namespace = self._file.local_tasks[name], self._file.bridge.namespace or ""
+        text = binding.name
+        if not text.startswith(("/", "~")):
+            text = f"/{namespace.strip('/')}/{text}" if namespace.strip("/") else f"/{text}"
+        return f"{_KINDS[binding.kind]} {self._values.text(text)}"
 
     def found(self, name: str) -> None:
         """The server can be used from now on."""

@@ -96,7 +96,7 @@ def test_what_the_bridge_is_told(tmp_path: Path) -> None:
     go, look, wave = bind["tasks"]
     assert (go["kind"], go["name"], go["lifecycle"]) == ("action", "/tb3_1/go", "/tb3_1/navigator")
     assert go["feedback"] == [["left", ["local_tasks", "go", "progress"]]]
-    assert [path for path, _ in go["result"]] == ["error_code", "error_msg", "way"]
+    assert [path for path, *_ in go["result"]] == ["error_code", "error_msg", "way"]
     assert go["result"][2][1] == ["local_tasks", "go", "sets", "tired($robot)"]
     assert (look["kind"], look["name"], look["bodies"]) == ("srv", "/A2/look", [])
     assert (wave["kind"], wave["name"]) == ("msg", "/A2/wave")
@@ -107,7 +107,7 @@ def test_what_the_bridge_is_told(tmp_path: Path) -> None:
     charge = topics["entry/charge"]
     assert (charge["name"], charge["always"]) == ("/tb3_1/power", False)
     assert charge["fields"] == [["level", ["entries", "charge", "expression"]]]
-    assert [path for path, _ in topics["position"]["fields"]] == ["position.x", "position.y"]
+    assert [path for path, *_ in topics["position"]["fields"]] == ["position.x", "position.y"]
 
 
 def test_what_is_checked_against_the_types(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from mrbt_mesh.adapters.program_kinds import ROS2
 from mrbt_mesh.adapters.ros2.binding_file import PYTHON_VARIABLE, BindingFile, load_bindings
 from mrbt_mesh.adapters.ros2.bridge_process import (
+    WHEELS_VARIABLE,
     BridgePipe,
     bridge_command,
     bridge_environment,
@@ -173,3 +174,19 @@ def test_what_launch_files_set_is_given_to_the_node(
     path.write_text(path.read_text().replace("/$robot/tf", "/$robbot/tf"))
     with pytest.raises(InputError, match=r"unknown \$robbot"):
         load_bindings(path)
+
+
+def test_what_other_packages_of_ros_have_set_is_not_passed_on(
+    file: BindingFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = f"{sys.prefix}/lib"
+    places = [own, "/opt/ros/kilted/lib", "/venv/site-packages/ros_kilted.libs"]
+    monkeypatch.setenv("LD_LIBRARY_PATH", os.pathsep.join(places))
+    monkeypatch.delenv(WHEELS_VARIABLE, raising=False)
+    assert bridge_environment(file) == dict(os.environ)
+    monkeypatch.setenv(WHEELS_VARIABLE, "1")
+    found = bridge_environment(file)
+    assert WHEELS_VARIABLE not in found
+    assert found["LD_LIBRARY_PATH"] == "/opt/ros/kilted/lib"
+    monkeypatch.setenv("LD_LIBRARY_PATH", own)
+    assert "LD_LIBRARY_PATH" not in bridge_environment(file)

@@ -392,6 +392,36 @@ async def test_a_bridge_that_ends_is_started_again(
     assert [each["node"] for each in heard] == ["mrbt_A1", "mrbt_A1"]
 
 
+async def test_the_last_words_of_a_bridge_are_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = Robot(tmp_path)
+    text = "import sys; sys.stdin.buffer.read(1); sys.exit('Could not load type support')"
+    robot.member._command = [sys.executable, "-c", text]
+    whys, is_told = [], anyio.Event()
+
+    def all_lost(why: str) -> None:
+        whys.append(why)
+        is_told.set()
+
+    monkeypatch.setattr(robot.member._servers, "all_lost", all_lost)
+    with anyio.fail_after(60):
+        async with anyio.create_task_group() as group:
+            group.start_soon(robot.member.run, context(robot.told))
+            await is_told.wait()
+            group.cancel_scope.cancel()
+    assert whys == ["the bridge to ROS has ended: Could not load type support"]
+
+
+def test_reasons_name_a_server_with_its_namespace(tmp_path: Path) -> None:
+    robot = Robot(tmp_path)
+    servers = robot.member._servers
+    assert servers.called("look") == "service /A1/look"
+    object.__setattr__(robot.file.bridge, "namespace", "/$robot")
+    object.__setattr__(robot.file.local_tasks["look"], "service", "look")
+    assert servers.called("look") == "service /A1/look"
+
+
 async def test_a_bridge_that_stands_still_is_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,8 +1,10 @@
 """Servers of rclpy that do one thing each, for tests of the bridge: `python servers.py /A1`.
 
-`work` (test_msgs/action/Fibonacci) counts to its order, fails for 13, refuses 0; `ask`
+`work` (test_msgs/action/Fibonacci) counts to its order, fails for 13 and beside another goal,
+refuses 0, and takes 3 s to stop at 777; `ask`
 (std_srvs/srv/SetBool) says yes or no; `command` (std_msgs/msg/String) is answered on `done`; `door`
-is a latched topic; `odom` says a place; `manager` is a lifecycle node, which the commands
+is a latched topic; `odom` says a place; `wave`
+(std_msgs/msg/Bool) is heard; `manager` is a lifecycle node, which the commands
 `activate` and `deactivate` change.
 """
 
@@ -33,10 +35,23 @@ def main(namespace: str) -> None:
     place.pose.pose.position.x = 3.5
     node.create_timer(0.2, lambda: odometry.publish(place))
 
+    working = []
+
     def work(goal):
+        working.append(goal)
+        try:
+            return count(goal)
+        finally:
+            working.remove(goal)
+
+    def count(goal):
         result = Fibonacci.Result(sequence=[0, 1])
         for _ in range(goal.request.order):
+            if len(working) > 1:
+                goal.abort()
+                return result
             if goal.is_cancel_requested:
+                time.sleep(3 if goal.request.order == 777 else 0)
                 goal.canceled()
                 return result
             result.sequence.append(result.sequence[-1] + 1)
@@ -76,6 +91,7 @@ def main(namespace: str) -> None:
 
     node.create_service(SetBool, "ask", ask)
     node.create_subscription(String, "command", command, 10)
+    node.create_subscription(Bool, "wave", lambda _: None, 10)
     executor = MultiThreadedExecutor(4)
     executor.add_node(node)
     executor.add_node(manager)

@@ -72,6 +72,7 @@ position:
 
 
 CAPABILITIES = ("work", "ask", "command", "managed")
+ALL = (*CAPABILITIES, "wave")
 
 
 class Told:
@@ -89,6 +90,15 @@ class Told:
 
         return say
 
+    async def until_lost(self, name: str, why: str) -> None:
+        """Until a capability is lost for a reason that begins so."""
+        with anyio.fail_after(WAIT_S):
+            while not any(
+                each[:2] == ("lose_capability", name) and each[2].startswith(why)
+                for each in self.said
+            ):
+                await self.news.wait()
+
     async def until(self, *said: Any, after: int = 0) -> None:
         """Until this has been said, with whatever else, such as a reason."""
         with anyio.fail_after(WAIT_S):
@@ -97,7 +107,7 @@ class Told:
 
 
 def context(port: Told) -> TaskContext:
-    return fake_port.context(port, "", robot="A1", robot_type="Rover", capabilities=CAPABILITIES)
+    return fake_port.context(port, "", robot="A1", robot_type="Rover", capabilities=ALL)
 
 
 class Servers:
@@ -184,13 +194,14 @@ async def test_actions_services_topics_and_conditions(servers: Servers, tmp_path
         await perform(robot, "command", "jump")
 
 
+@pytest.mark.parametrize("order", ["500", "777"])
 async def test_a_cancelled_goal_has_stopped_when_the_task_ends(
-    servers: Servers, tmp_path: Path
+    servers: Servers, tmp_path: Path, order: str
 ) -> None:
     async with connected(tmp_path) as (robot, _):
         told = Told()
         async with anyio.create_task_group() as group:
-            group.start_soon(robot.perform, context(told), "work", ("500",))
+            group.start_soon(robot.perform, context(told), "work", (order,))
             with anyio.fail_after(WAIT_S):
                 await told.news.wait()
             group.cancel_scope.cancel()
@@ -276,6 +287,33 @@ async def test_a_server_of_another_type_is_called_that(servers: Servers, tmp_pat
         await told.until("lose_capability", "work", f"action server /A1/work {other}")
 
 
+async def test_what_does_not_fit_is_named(servers: Servers, tmp_path: Path) -> None:
+    """Its type, its quality of service, a lifecycle node that is not there."""
+    text = BINDINGS.replace("/$robot/manager", "/$robot/nobody").replace(
+        "std_srvs/srv/SetBool\n    request: {data: $answer}", "std_srvs/srv/Empty"
+    )
+    start = text.index("  command:")
+    text = text[:start] + text[start:].replace("std_msgs/msg/String", "std_msgs/msg/Bool", 1)
+    override = (
+        "/**:\n  ros__parameters:\n    qos_overrides./A1/wave.publisher.reliability: best_effort"
+    )
+    parameters = tmp_path / "bridge.yaml"
+    parameters.write_text(override + "\n")
+    text = text.replace(
+        f"domain: {free_domain()}", f"domain: {free_domain()}, parameters: {parameters}"
+    )
+    wave = "  wave: {topic: /$robot/wave, type: std_msgs/msg/Bool, message: {data: true}}\n"
+    text = "start_up_s: 0\n" + text.replace("conditions:\n", f"{wave}conditions:\n")
+    async with bridged(tmp_path, text) as (_, told):
+        for name, why in (
+            ("managed", "service /A1/ask waits for /A1/nobody, which has not been found"),
+            ("ask", "service /A1/ask is there with the type std_srvs/srv/SetBool, not std_srvs/"),
+            ("command", "topic /A1/command is there with the type std_msgs/msg/String, not std_"),
+            ("wave", "topic /A1/wave has another quality of service: ERROR: Best effort publis"),
+        ):
+            await told.until_lost(name, why)
+
+
 async def test_two_servers_under_one_name_are_no_use(servers: Servers, tmp_path: Path) -> None:
     second = Servers()
     second.start()
@@ -283,6 +321,8 @@ async def test_two_servers_under_one_name_are_no_use(servers: Servers, tmp_path:
         why = "is 2 servers that would all take a goal: give them namespaces"
         async with bridged(tmp_path, "start_up_s: 0\n" + BINDINGS) as (_, told):
             await told.until("lose_capability", "work", f"action server /A1/work {why}")
+            why = "is 2 servers that would all be called: give them namespaces"
+            await told.until("lose_capability", "ask", f"service /A1/ask {why}")
     finally:
         second.kill()
 
