@@ -13,10 +13,12 @@ from typing import Any, NoReturn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.engine import FASTEST, Engine
+from mrbt_mesh.core.facts.records import MISSION_KINDS
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.recording import channels
@@ -39,11 +41,12 @@ class Player:
     def __init__(
         self,
         recording: Recording,
-        make_observer: Callable[[], Observer] | None = None,
+        make_observer: Callable[[Mission], Observer] | None = None,
         engine: Engine = FASTEST,
         known_until_us: int | None = None,
     ) -> None:
-        """`make_observer` makes the observer that gets the recording; by default a new one.
+        """`make_observer` makes the observer that gets the recording, which begins with this
+        mission; by default a new one.
 
         `known_until_us`: it has got another recording of the run until then, and gets the rest of
         this one. None: it knows nothing yet.
@@ -65,17 +68,18 @@ class Player:
     def _refuse(self, text: str) -> NoReturn:
         raise RecordingError(f"{self.recording.path}: {text}: see `mrbt recording verify`")
 
-    def _new_observer(self) -> Observer:
+    def _new_observer(self, mission: Mission) -> Observer:
         metadata = self.recording.metadata
         timing = metadata.timing
-        observer = Observer(self.mission, metadata.run, timing, default_solver, self._engine)
+        observer = Observer(mission, metadata.run, timing, default_solver, self._engine)
         observer.speed = metadata.speed
         return observer
 
     def _rewind(self) -> None:
-        self.observer = self._make_observer()
+        self.observer = self._make_observer(self.mission)
         # What the owner of a second recording knew was not the same at each moment.
-        known = self.observer if self._known_until_us is None else self._new_observer()
+        is_second = self._known_until_us is not None
+        known = self._new_observer(self.mission) if is_second else self.observer
         self.state = RecordedState(known.facts, self.recording.metadata.part)
         self._is_known = self._known_until_us is not None
         self._plan = self._engine.plan_making(default_solver)
@@ -170,7 +174,7 @@ class Player:
         at_us, data, seen = record.at_us, record.data, self.observer.record
         if entry is not None:
             if self._is_new(entry):
-                seen.fact(entry, at_us)
+                self.observer.facts_changed([entry], at_us)
         elif record.topic == channels.ROBOTS:
             self._robot(data["robot"], data, at_us)
         elif record.topic == channels.ROBOT_TREES:
@@ -198,9 +202,11 @@ class Player:
     def _take_over(self, at_us: int) -> None:
         """Give the observer what the owner knows at the end of what was known before."""
         self._is_known = False
-        for entry in list(self.state.facts.map):
+        # Others may have a place only in a revision of the mission.
+        known = sorted(self.state.facts.map, key=lambda each: each.parts[0] not in MISSION_KINDS)
+        for entry in known:
             if self._is_new(entry):
-                self.observer.record.fact(entry, at_us)
+                self.observer.facts_changed([entry], at_us)
         for robot, data in self.state.robots.items():
             self._robot(robot, data, at_us)
         self._myself(at_us)

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.player import Player
@@ -124,6 +125,13 @@ def _tell(observer: Observer, told: _Told, known_until_us: int | None) -> int:
     if known_until_us is not None and begin_us > known_until_us + BEGINS_WITHIN_US:
         observer.watch_from(begin_us, known_until_us)
         observer.record.is_catching_up = False
-    player = Player(told.recording, lambda: observer, chosen_engine(), known_until_us)
+
+    def begun(mission: Mission) -> Observer:
+        """The mission in force now may be a later revision."""
+        if not observer.facts.map:
+            observer.begin_with(mission)
+        return observer
+
+    player = Player(told.recording, begun, chosen_engine(), known_until_us)
     player.seek(player.end_us)
     return told.until_us

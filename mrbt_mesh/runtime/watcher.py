@@ -67,12 +67,10 @@ HEARD_WITHIN_US = 5 * SECOND_US
 class Watcher:
     """Use it as `async with watching(...) as watcher`; then read `watcher.observer`."""
 
-    def __init__(
-        self, address: TeamAddress, record: RecordTo | None = None, batch_s: float = 0.0
-    ) -> None:
+    def __init__(self, address: TeamAddress, batch_s: float = 0.0) -> None:
         """`batch_s`: for so long after messages were taken in, others wait to be taken in together.
 
-        Raises InputError for a recording that cannot be written, KeysError.
+        Raises KeysError.
         """
         self.address = address
         self.timing = address.timing
@@ -90,10 +88,6 @@ class Watcher:
         )
         self.observer.speed = address.speed
         self._recordings: list[GuardedRecorder[ObserverRecorder]] = []
-        if record is not None:
-            from mrbt_mesh.runtime.observer_recording import observer_recording
-
-            self._recordings.append(observer_recording(record, self.observer, address.run, keys))
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = self._next_processes_us = 0
@@ -141,6 +135,17 @@ class Watcher:
         self._transport.close(CLOSE_TIMEOUT_S)
         for recording in self._recordings:
             recording.close()
+
+    def begin_recording(self, to: RecordTo) -> None:
+        """Record all that is heard, what is known already first. The recording begins with the
+        mission that is in force now.
+
+        Raises InputError if it cannot be written.
+        """
+        from mrbt_mesh.runtime.observer_recording import observer_recording
+
+        keys = self._guard.keys if self._guard is not None else None
+        self._recordings.append(observer_recording(to, self.observer, self.address.run, keys))
 
     def record_to(self, open_sink: Callable[[RunMetadata], MessageSink]) -> None:
         """Give another sink all that is recorded, what is known already first.
@@ -425,10 +430,12 @@ async def watching(
     `tell_past` gives its observer what happened before it listens. `batch_s`: see `Watcher`.
     Raises TransportError if the session cannot be opened, InputError if nothing can be recorded.
     """
-    watcher = Watcher(address, record, batch_s)
+    watcher = Watcher(address, batch_s)
     if tell_past is not None:
         # In a thread: a long past takes seconds, in which views of other teams go on.
         await anyio.to_thread.run_sync(tell_past, watcher.observer)
+    if record is not None:
+        watcher.begin_recording(record)
     await watcher.open()
     try:
         yield watcher

@@ -148,6 +148,13 @@ class TeamFacts:
         self._has_reach_changed = False
         self._new_activations: dict[str, None] = {}
 
+    def begin_with(self, mission: Mission) -> None:
+        """Read facts by another mission of the same team from now on; there are none yet."""
+        assert not len(self.map)
+        self.is_revised = mission.revision is not None
+        self._begin(mission)
+        self.changes += 1
+
     def _take_up(self, mission: Mission) -> None:
         """A revision is in force: read all facts by it."""
         self.removed_robots = (self.removed_robots | self.declared.robot_ids) - mission.robot_ids

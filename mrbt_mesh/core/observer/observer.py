@@ -91,6 +91,13 @@ class Observer:
         """The mission in force, as its file has it."""
         return self.facts.declared
 
+    def begin_with(self, mission: Mission) -> None:
+        """What it is about to be told begins with another mission of the same team: the first one,
+        or another revision. Nothing is known yet.
+        """
+        self.facts.begin_with(mission)
+        self.record.use(mission)
+
     def watch_from(self, now_us: int, until_us: int) -> None:
         """The messages so far are of a time until `until_us`; from now on it hears the team.
 
@@ -111,7 +118,7 @@ class Observer:
                 beat = read(source, data, header, self.membership.is_new_relay)
                 self._beat(source, beat, now_us)
             else:
-                self._facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
+                self.facts_changed(self.replica.receive(source, data, now_us).changed, now_us)
         except WireError as error:
             self._refuse(source, error, now_us)
 
@@ -119,7 +126,7 @@ class Observer:
         """A robot's answer to `replica.pull()`."""
         try:
             received = self.replica.receive_state(source, data, now_us)
-            self._facts_changed(received.changed, now_us)
+            self.facts_changed(received.changed, now_us)
             if not received.has_more:
                 self.replica.anti_entropy.mark_answered(source, now_us)
         except WireError as error:
@@ -131,7 +138,7 @@ class Observer:
         changed = self.replica.restore(by_age)
         if changed and self.record.started_us is None:
             self.record.started_us = now_us
-        self._facts_changed(changed, now_us)
+        self.facts_changed(changed, now_us)
         self.update(now_us)
         self._result_of_plan(now_us)
 
@@ -164,7 +171,8 @@ class Observer:
                 if suspicion.is_dead:
                     self.record.declared_dead(suspicion.robot, suspicion.incarnation, now_us)
 
-    def _facts_changed(self, changed: list[Entry], now_us: int) -> None:
+    def facts_changed(self, changed: Iterable[Entry], now_us: int) -> None:
+        """Record these entries, which have changed in the fact map."""
         if self.mission is not self.record.mission:
             self.record.revised(self.mission, now_us)
         for entry in changed:
@@ -233,7 +241,7 @@ class Observer:
         alive = self.membership.members()
         derived = DerivedFacts(self.facts, plan.evaluation, alive)
         changed = self.replica.take_shown(derived.show, self.membership, now_us)
-        self._facts_changed(changed, now_us)
+        self.facts_changed(changed, now_us)
         return bool(changed)
 
     @property

@@ -111,6 +111,12 @@ class RunRecord:
 
     # -- when it is watched ---------------------------------------------------------------
 
+    def use(self, mission: Mission) -> None:
+        """Tell the run by this mission, the one with which it begins."""
+        self.mission = mission
+        self.task_log.revised(mission)
+        self.job_log.revised(mission)
+
     def revised(self, mission: Mission, now_us: int) -> None:
         """Another revision of the mission is in force. Robots that it removes leave; of those that
         were dead the fault is over.
@@ -121,9 +127,7 @@ class RunRecord:
             if fault.robot in removed and fault.until_us is None:
                 self._is_back(fault, now_us)
                 self.robots[fault.robot]["state"] = State.LEFT
-        self.mission = mission
-        self.task_log.revised(mission)
-        self.job_log.revised(mission)
+        self.use(mission)
         self.say(now_us, f"revision {mission.revision_number} of the mission is in force")
 
     def watched_from(self, now_us: int, until_us: int | None) -> None:
