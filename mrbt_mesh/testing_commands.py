@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.observer.job_rows import JobRows
+from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRows
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.formats.mission_file import load_mission
@@ -217,14 +217,15 @@ def beside(folder: Path, given: Iterable[Any]) -> Iterator[Any]:
 def job_results(observer: Observer, commands: Iterable[NamedCommand]) -> list[JobResult]:
     """The jobs that a team has taken of those submitted, in this order."""
     rows = {row.id: row for row in JobRows().of(observer)}
-    seen = observer.record.job_log.jobs
+    log = observer.record.job_log
     found = []
     ids = [each.fault.id for each in commands if isinstance(each.fault, Submit)]
     for name in dict.fromkeys(ids):
         if name not in rows:
             continue
-        row, history = rows[name], seen[name]
+        row, history = rows[name], log.jobs[name]
         submitted_us = history.submitted_us
+        is_open = row.state in (HELD, WAITING, RUNNING)
         found.append(
             JobResult(
                 id=name,
@@ -235,7 +236,7 @@ def job_results(observer: Observer, commands: Iterable[NamedCommand]) -> list[Jo
                 robots=row.robots,
                 submitted_s=(submitted_us or 0) / MICRO,
                 begun_s=_seconds(history.begun_us),
-                ended_s=_seconds(history.ended_us if history.has_ended else None),
+                ended_s=_seconds(None if is_open else log.ended_us(history)),
                 attempts=history.attempts,
                 results=dict(history.results),
             )

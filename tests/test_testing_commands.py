@@ -327,6 +327,27 @@ def test_an_abort_cancels_open_jobs() -> None:
         ("cancelled", "the mission was aborted"),
     ]
     assert found.cancelled("take(1)")
+    cancelled = found.jobs[1]
+    assert (cancelled.ended_s, len(cancelled.robots)) == (5, 1)
+    told = found.whole.summary["jobs"]["deliver"]
+    assert told["robots"] == {cancelled.robots[0]: 1}
+    assert told["worked_s"]["mean"] == pytest.approx(1, abs=0.2)
+
+
+def test_all_robots_that_worked_on_a_job_count() -> None:
+    """Also one that a cancellation stops, and those of steps before."""
+    found = given(
+        (2, Submit("deliver", [1, "dock_1"])),
+        (4.5, CancelJob("job-1")),
+        (5, Submit("deliver", [2, "dock_1"])),
+        (6, CancelJob("job-2")),
+    )
+    first, second = found.jobs
+    assert [job.state for job in found.jobs] == ["cancelled", "cancelled"]
+    assert first.robots == (*found.succeeded("take(1)"), "S1")
+    assert len(second.robots) == 1
+    robots = found.whole.summary["jobs"]["deliver"]["robots"]
+    assert (sum(robots.values()), robots["S1"]) == (3, 1)
 
 
 def test_names_of_local_tasks_in_jobs() -> None:

@@ -98,16 +98,27 @@ class JobRows:
             )
 
         rows = self.update(observer.facts, observer.plan, observer.membership.members(), seen)
-        why = why_over(observer)
-        return [self._given_up(row, why) for row in rows] if why else rows
+        why, over_us = why_over(observer), observer.record.job_log.over_us
+        if not why:
+            return rows
+        ended_us = None if over_us is None or ahead_us is None else over_us + ahead_us
 
-    def _given_up(self, row: JobRow, why: str) -> JobRow:
+        def given_up(row: JobRow) -> JobRow:
+            history = jobs.get(row.id)
+            worked = history.worked if history is not None else ()
+            robots = tuple(sorted({*worked, *row.robots}))
+            state = str(JobState.CANCELLED)
+            return replace(row, state=state, why=why, robots=robots, ended_us=ended_us)
+
+        return [self._given_up(row, given_up) for row in rows]
+
+    def _given_up(self, row: JobRow, given_up: Callable[[JobRow], JobRow]) -> JobRow:
         """A row of a mission that is over: nobody does an open job any more."""
         if row.state not in (HELD, WAITING, RUNNING):
             return row
         before, shown = self._over.get(row.id, (None, row))
         if before != row:
-            shown = replace(row, state=str(JobState.CANCELLED), why=why)
+            shown = given_up(row)
             self._over[row.id] = row, shown
         return shown
 

@@ -332,6 +332,8 @@ class RunRecord:
             case RobotProblem(text):
                 self.problem(robot, entry.parts[1], text, now_us)
             case records.OperatorCommand() as command if entry.parts[0] in _SHOWN_COMMANDS:
+                if entry.parts[0] == records.ABORTED and not self.is_catching_up:
+                    self.job_log.over(now_us)
                 text = records.command_text(entry.parts, command)
                 self._say_heard(now_us, f"operator {command.operator}: {text}")
 
@@ -397,6 +399,7 @@ class RunRecord:
         if self.result is None:
             self.result = result
             self.ended_us = now_us
+            self.job_log.over(now_us)
             self.say(now_us, f"mission: {result.name.lower()}")
 
     # -- conclusions ----------------------------------------------------------------------
@@ -480,7 +483,8 @@ class RunRecord:
         claim, incarnation = self._claims.get(robot, (None, None))
         if claim is None or self.robots.get(robot, {}).get("incarnation") != incarnation:
             return
-        self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
+        span = self.work_log.claimed(robot, claim, now_us, self.is_catching_up)
+        self.job_log.at_work(span)
         if claim.phase is Phase.TRAVELLING and self.mission.travel is not None:
             place = place_at(self.mission, claim.local_task)
             self._say_heard(now_us, f"{robot}: on its way to {place} for {claim.local_task}")

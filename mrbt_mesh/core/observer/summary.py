@@ -22,7 +22,8 @@ def run_summary(observer: Observer, result: str, now_us: int) -> dict[str, Any]:
     `takeovers`: `detected_s` and `reassigned_s` count from the fault; null: never. `exact`: from
     the end of the robot's process, not from its last sign of life. `older`: how many more rounds,
     failures and bids there were than are listed, if any; the recording has them. `jobs`, where the
-    mission has any, by type: how many have come to which end, and the means and maxima of times.
+    mission has any, by type: how many have come to which end, the means and maxima of times
+    (`JobTotals`), and on how many each robot has worked.
     """
     record = observer.record
     lists: dict[str, Newest[Any]] = {

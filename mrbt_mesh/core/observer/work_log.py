@@ -23,7 +23,8 @@ class WorkEnd(enum.StrEnum):
 
 @dataclass(slots=True)
 class WorkSpan:
-    """One claim of a robot. `running_us`: when its action began; None: not (yet).
+    """One claim of a robot. `at_work_us`: when it set out for its place, or stood ready there;
+    `running_us`: when its action began. None: not (yet).
 
     `is_older`: it began before the run was watched; by its robot's word its action began at
     `begun_us`. `reason`: why it failed, if that is known. `is_way`: the robot had to go to its
@@ -35,6 +36,7 @@ class WorkSpan:
     global_task: str
     local_task: str
     claimed_us: int
+    at_work_us: int | None = None
     running_us: int | None = None
     ended_us: int | None = None
     end: WorkEnd | None = None
@@ -66,7 +68,7 @@ class WorkLog:
         """Whether it changes no more: it has ended, and its robot has gone on to other work."""
         return span.ended_us is not None and self._latest.get(span.robot) is not span
 
-    def claimed(self, robot: str, claim: Claim, now_us: int, is_older: bool = False) -> None:
+    def claimed(self, robot: str, claim: Claim, now_us: int, is_older: bool = False) -> WorkSpan:
         """A living robot holds this claim; `is_older`: it began before the run was watched."""
         span = self._latest.get(robot)
         if (
@@ -80,8 +82,11 @@ class WorkLog:
             self._latest[robot] = span
             self.spans.append(span)
         span.is_way = span.is_way or claim.phase is Phase.TRAVELLING
+        if claim.phase is not Phase.CLAIMED and span.at_work_us is None:
+            span.at_work_us = now_us
         if claim.phase is Phase.RUNNING and span.running_us is None:
             span.running_us = now_us
+        return span
 
     def goes_on(self, robot: str, work_ms: int, now_us: int) -> None:
         """The robot's action runs for so long by now, as it says."""

@@ -53,9 +53,9 @@ LATE_US = SECOND_US
 KNOWN_ACTIVATIONS = 100
 
 
-def since_us(row: JobRow, history: JobHistory | None) -> int | None:
+def since_us(row: JobRow, history: JobHistory | None, ended_us: int | None) -> int | None:
     """Since when a job that is seen for the first time has been in its state, on the observer's
-    clock; None: that is not known.
+    clock; None: that is not known. `ended_us`: when it ended, also by the end of the mission.
     """
     if history is None or row.state == HELD:
         return None
@@ -63,7 +63,7 @@ def since_us(row: JobRow, history: JobHistory | None) -> int | None:
         return history.begun_us
     if row.state == WAITING:
         return None if history.has_begun else history.submitted_us
-    return history.ended_us
+    return ended_us
 
 
 class TeamState:
@@ -161,7 +161,9 @@ class TeamState:
             if before is row:
                 continue
             if before is None:
-                since_s = record.seconds(since_us(row, record.job_log.jobs.get(row.id)))
+                history = record.job_log.jobs.get(row.id)
+                ended_us = record.job_log.ended_us(history) if history is not None else None
+                since_s = record.seconds(since_us(row, history, ended_us))
             elif before.state != row.state:
                 since_s = now_s
             shown[row.id] = row, since_s

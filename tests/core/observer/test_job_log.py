@@ -6,11 +6,13 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.facts.records import Claim, JobEnd, JobState, Phase
+from mrbt_mesh.core.facts.records import Claim, JobEnd, JobState, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry, parse_entry
+from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.observer import job_log
 from mrbt_mesh.core.observer.job_history import JobHistory
 from mrbt_mesh.core.observer.job_log import JobLog
+from mrbt_mesh.core.observer.run_record import RunRecord
 from tests.support.behaviour import mission_of
 from tests.support.commands import command, submission
 
@@ -31,12 +33,16 @@ tree: {Jobs: all}
 VERSION = Version(Incarnation(1, "n"), 1)
 
 
-def claim(kind: str, attempts: str, phase: Phase) -> Entry:
+def activation(kind: str, attempts: str) -> str:
     leaf = next(
         node for node in MISSION.tree.nodes if node.subject == "look" and kind in path(node.index)
     )
-    name = f"r:{leaf.number}@one:look:{attempts}:0"
-    return make_entry("A", "claim", VERSION, Claim(name, "look", "look", phase, 1))
+    return f"r:{leaf.number}@one:look:{attempts}:0"
+
+
+def claim(kind: str, attempts: str, phase: Phase, robot: str = "A") -> Entry:
+    held = Claim(activation(kind, attempts), "look", "look", phase, 1)
+    return make_entry(robot, "claim", VERSION, held)
 
 
 def path(index: int) -> set[str]:
@@ -135,11 +141,114 @@ def test_totals_count_what_is_forgotten_too(monkeypatch: pytest.MonkeyPatch) -> 
         log.fact(entry, now_us, False)
     whole = log.totals()["again"]
     assert whole.states == {"succeeded": 1, "cancelled": 1, "open": 1}
-    assert (whole.waits.count, whole.waits.all_us) == (1, 15), "from when it may begin"
-    assert (whole.works.all_us, whole.delays.count, whole.delays.most_us) == (20, 1, 5)
+    assert (whole.delays.count, whole.delays.most_us) == (1, 5)
     assert whole.robots == {"A": 1, "B": 2}
     monkeypatch.setattr(job_log, "MOST_ENDED", 2)
     log.fact(end("three", JobState.FAILED, "B"), 95, False)
     assert list(log.jobs) == ["two", "three"]
     assert log.totals()["again"].states == {"succeeded": 1, "cancelled": 1, "failed": 1}
     assert log.totals()["again"].robots == {"A": 1, "B": 3}
+
+
+def no_claim(robot: str) -> Entry:
+    return make_entry(robot, "claim", VERSION, NoClaim(""))
+
+
+def watched(*events: tuple[Entry, int], is_catching_up: bool = False) -> RunRecord:
+    """A record of robots A and B, of which A dies at 50."""
+    record = RunRecord(MISSION, clock_ahead_us=lambda: 1_000)
+    for robot in ("A", "B"):
+        record.robot_seen(robot, VERSION.incarnation, 0)
+    record.is_catching_up = is_catching_up
+    for entry, now_us in sorted(events, key=lambda event: event[1]):
+        if now_us >= 60:
+            record.state("A", State.DEAD, 50, 60)
+        record.fact(entry, now_us)
+    return record
+
+
+# A dies at work in the first attempt; B takes the second one over, which is held between two steps.
+TAKEN_OVER = (
+    (submission("one", "again"), 10),
+    (claim("again", "0", Phase.CLAIMED), 20),
+    (claim("again", "0", Phase.READY), 30),
+    (claim("again", "0", Phase.RUNNING), 35),
+    (claim("again", "1", Phase.RUNNING, "B"), 80),
+    (command("job_hold/one", "held"), 90),
+    (no_claim("B"), 100),
+    (command("job_hold/one", "now", 2), 110),
+    (command("job_hold/one", "released", 3), 120),
+    (claim("again", "1", Phase.RUNNING, "B"), 130),
+)
+
+
+def ended(state: JobState, *robots: str) -> Entry:
+    return make_entry("B", "job_end/one", VERSION, JobEnd(state, "again", (), "me", "", robots, 9))
+
+
+@pytest.mark.parametrize(
+    ("ending", "state"),
+    [
+        (ended(JobState.SUCCEEDED, "B"), "succeeded"),
+        (ended(JobState.EXPIRED), "expired"),
+        (command("job_cancelled/one", True), "cancelled"),
+        (command("aborted", True), "open"),
+    ],
+)
+def test_times_and_robots_are_those_of_all_work_whatever_came_of_it(
+    ending: Entry, state: str
+) -> None:
+    """Time that a job is held is not time that it waits, nor that it is worked on."""
+    record = watched(*TAKEN_OVER, (ending, 150))
+    totals = record.job_log.totals()["again"]
+    assert totals.states == {state: 1}
+    assert totals.robots == {"A": 1, "B": 1}
+    assert totals.works.all_us == (50 - 30) + (100 - 80) + (150 - 130)
+    assert totals.waits.all_us == (30 - 10) + (80 - 50) + (130 - 120)
+
+
+def test_a_job_that_is_open_has_robots_and_no_times_yet() -> None:
+    totals = watched(*TAKEN_OVER).job_log.totals()["again"]
+    assert totals.robots == {"A": 1, "B": 1}
+    assert (totals.works.count, totals.waits.count) == (0, 0)
+
+
+def test_robots_that_work_at_the_same_time_count_once() -> None:
+    record = watched(
+        (submission("one", "once"), 10),
+        (claim("once", "", Phase.RUNNING), 20),
+        (claim("once", "", Phase.RUNNING, "B"), 30),
+        (no_claim("A"), 40),
+        (no_claim("B"), 45),
+        (ended(JobState.SUCCEEDED, "A", "B"), 47),
+    )
+    (history,) = record.job_log.jobs.values()
+    assert (history.worked_us(47), history.waited_us(47)) == (25, 12)
+
+
+def test_a_job_waits_from_when_it_is_due_also_if_nobody_ever_works_on_it() -> None:
+    """The team's clocks are 1,000 us ahead."""
+    record = watched(
+        (submission("one", "once", not_before_us=1_015), 10),
+        (submission("two", "once", not_before_us=9_000), 10),
+        (command("job_cancelled/one", True), 40),
+        (command("job_cancelled/two", True), 40),
+    )
+    log = record.job_log
+    assert [log.jobs[name].waited_us(40) for name in ("one", "two")] == [25, 0]
+    assert log.totals()["once"].works.count == 0
+
+
+def test_times_that_nobody_watched_are_not_known() -> None:
+    """Neither those of a job that was there before, nor of one of which a part was missed."""
+    end = (ended(JobState.SUCCEEDED, "B"), 150)
+    totals = watched(*TAKEN_OVER, end, is_catching_up=True).job_log.totals()["again"]
+    assert (totals.works.count, totals.waits.count, totals.robots) == (0, 0, {"A": 1, "B": 1})
+    missed = watched(TAKEN_OVER[0])
+    missed.is_catching_up = True
+    outcome = f"outcome/{activation('again', '0')}/look"
+    missed.fact(make_entry("B", outcome, VERSION, Outcome(True)), 100)
+    missed.is_catching_up = False
+    missed.fact(*end)
+    (history,) = missed.job_log.jobs.values()
+    assert (history.ended_us, history.waited_us(150)) == (150, None)

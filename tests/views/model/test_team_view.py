@@ -173,4 +173,5 @@ def test_a_job_that_was_there_before_the_view_has_its_true_time_or_none(
     state: str, history: JobHistory | None, since: int | None
 ) -> None:
     row = JobRow("a", "inspect", {}, state, "", 0, (), "anna")
-    assert since_us(row, history) == since
+    ended_us = history.ended_us if history is not None else None
+    assert since_us(row, history, ended_us) == since
