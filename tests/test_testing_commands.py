@@ -314,6 +314,11 @@ def test_a_pause() -> None:
     assert found.job("job-1").ended_s > 30
 
 
+def test_a_job_says_that_it_waits_for_the_end_of_a_pause() -> None:
+    found = given((2, PauseTeam()), (3, Submit("inspect", ["dock_1"])), timeout_s=20)
+    assert (found.job("job-1").state, found.job("job-1").why) == ("waiting", "the team is paused")
+
+
 def test_an_abort_cancels_open_jobs() -> None:
     found = given(
         (2, Submit("inspect", ["dock_1"])),

@@ -18,6 +18,7 @@ from mrbt_mesh.core.planning.plan import Plan
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
 NOT_BEFORE, NO_PLACE = "not before", "the mission in force has no place for it"
+PAUSED = "the team is paused"
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +165,8 @@ class JobRows:
                     why = NO_PLACE
                 elif name not in in_tree:
                     why = behind
+                elif not why and facts.order() is TeamOrder.PAUSE:
+                    why = PAUSED
                 arguments = named_arguments(types, known.job.type, known.job.arguments)
                 row = _open(known, arguments, working.get(name, []), why)
                 place = (0, -known.priority, known.arrival)
