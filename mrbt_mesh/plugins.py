@@ -120,12 +120,14 @@ def check_listens(host: str, port: int, what: str) -> None:
 @dataclass(frozen=True)
 class OpenView:
     """A view that is open: the `address` that it is served at, if any; `update` is called after
-    every change, in the event loop; `closed` is set when the user closes it.
+    every change, in the event loop; `closed` is set when the user closes it. `stays`: `mrbt up`
+    keeps it open after the end of the run.
     """
 
     address: str
     update: Callable[[], None]
     closed: anyio.Event
+    stays: bool = False
 
 
 class Viewer(Protocol):

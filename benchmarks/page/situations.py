@@ -135,6 +135,8 @@ def _ended(team: Team) -> Scene:
     """A run that is over, with a death in it."""
     scene = _dead(team)
     team.release()
+    team.wait_for_line("stays until Ctrl-C")
+    team.interrupt()
     team.end()
     web = team.start("watch", "--web", "--run-dir", str(team.run_dir), "--port", "0")
     assert web.stdout is not None

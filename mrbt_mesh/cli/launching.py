@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -168,18 +169,33 @@ async def _run(
         note(f"metrics on {ports} of 127.0.0.1, robot by robot: {run_dir.metrics_targets_path}")
     if show is None:
         return await _detached(team)
-    with launched_from_here(run_dir):
+    with contextlib.ExitStack() as launched:
+        launched.enter_context(launched_from_here(run_dir))
+
+        async def end() -> None:
+            with anyio.CancelScope(shield=True):
+                await team.end()
+            launched.close()
+
         try:
             await team.start_all()
             path, beats = observer_file(run_dir.path), options.record_beats
             record = RecordTo(path, beats, options.speed, options.keep_bytes, has_summary=True)
             to = record if info.record else None
             address = address_of(run_dir)
-            session = Session(address, team, show, views, record=to, overload=too_many, guide=guide)
+            session = Session(
+                address,
+                team,
+                show,
+                views,
+                record=to,
+                overload=too_many,
+                guide=guide,
+                end_team=end if guide is None else None,
+            )
             return await session.run()
         finally:
-            with anyio.CancelScope(shield=True):
-                await team.end()
+            await end()
 
 
 def overload_text(found: Overload) -> str:

@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 # For views: how long messages wait for others, and the longest time between looks.
 BATCH_S, FRAME_S = 0.1, 0.25
 CATCH_UP_S = 1.0
-STOPPED = "stopped by the operator"
+STOPPED, TIME_IS_UP = "stopped by the operator", "time is up"
 LOOK_S = 0.2
 # Recordings of this size take seconds to read.
 LARGE_MB = 2.0
@@ -178,7 +178,8 @@ class Session:
     views and ports that cannot be opened.
 
     `team`: its processes, if they run on this machine. `overload`: by how much the team is too
-    large for it. `past` adds earlier events. `guide` shows a newcomer around.
+    large for it. `past` adds earlier events. `guide` shows a newcomer around. `end_team`: ends the
+    robots that were launched here; with it, views that stay are open after the end of the run.
     """
 
     address: TeamAddress
@@ -191,13 +192,15 @@ class Session:
     overload: Overload | None = None
     past: Callable[[Observer], None] | None = None
     guide: Guide | None = None
+    end_team: Callable[[], Awaitable[None]] | None = None
 
     async def run(self) -> int:
         """Watch until the mission is over, time is up, no robot is left, or Ctrl-C.
 
         Prints the summary, and writes summary.json if the team was launched here; returns the exit
-        status.
+        status. Views that stay are then shown on, until time is up or Ctrl-C.
         """
+        deadline = self._deadline()
         async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
             for line in _address_lines(opened, self.views.options):
                 click.echo(line, err=self.show.as_json)
@@ -206,10 +209,26 @@ class Session:
             if self.guide is not None and self.team is not None:
                 group.start_soon(self.guide.kill_one, watcher, self.team)
             async with self._display(watcher, opened) as refresh:
-                why = await self._until_over(watcher, opened, look_on, refresh)
+                why = await self._until_over(watcher, opened, look_on, refresh, deadline)
+            stay = {name: view for name, view in opened.items() if view.stays}
+            if why not in (STOPPED, TIME_IS_UP) and self.end_team is not None and stay:
+                status = self._report(watcher, why)
+                await self.end_team()
+                for line in _address_lines(stay, self.views.options):
+                    click.echo(f"{line} stays until Ctrl-C", err=self.show.as_json)
+                sys.stdout.flush()
+                how = (watcher, stay, look_on, lambda: None, deadline)
+                await self._until_over(*how, is_endless=True)
+                group.cancel_scope.cancel()
+                return status
             group.cancel_scope.cancel()
         # Only now has every view left the terminal.
         return self._report(watcher, why)
+
+    def _deadline(self) -> float:
+        """When time is up."""
+        timeout_s = self.show.timeout
+        return float("inf") if timeout_s is None else anyio.current_time() + timeout_s
 
     async def follow(self) -> int:
         """Show the views until one is closed, time is up, or Ctrl-C; returns the exit status."""
@@ -226,7 +245,8 @@ class Session:
                 for line in _address_lines(opened, self.views.options):
                     click.echo(line)
             sys.stdout.flush()
-            await self._until_over(watcher, opened, look_on, lambda: None, is_endless=True)
+            how = (watcher, opened, look_on, lambda: None, self._deadline())
+            await self._until_over(*how, is_endless=True)
             group.cancel_scope.cancel()
         return SUCCESS
 
@@ -291,11 +311,11 @@ class Session:
         opened: Mapping[str, OpenView],
         look_on: LookOn,
         refresh: Callable[[], None],
+        deadline: float,
         is_endless: bool = False,
     ) -> str | None:
         """Why watching ended before the mission did, or None if the mission is over."""
         checked = anyio.current_time()
-        deadline = checked + self.show.timeout if self.show.timeout is not None else float("inf")
         stop = anyio.Event()
 
         async def wait_for_signal() -> None:
@@ -318,7 +338,7 @@ class Session:
                 update()
                 now = anyio.current_time()
                 if now >= deadline:
-                    why = "time is up"
+                    why = TIME_IS_UP
                 elif stop.is_set() or any(view.closed.is_set() for view in opened.values()):
                     why = STOPPED
                 elif now > checked + 1:

@@ -88,7 +88,7 @@ def up(
     Exit status: 0 success, 1 failure, 2 bad input, 3 not finished in time, blocked, or ended before
     the team had gathered. A mission that never ends stops with --timeout, Ctrl-C or `mrbt abort`;
     its last complete round counts. If `up` ends in any way, its robots leave, unless it was
-    --detach.
+    --detach. After the end of the run --web serves the page until Ctrl-C.
 
     Example: mrbt up examples/vehicle_repair/mission.yaml --speed 2
     """

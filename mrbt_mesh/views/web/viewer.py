@@ -57,7 +57,7 @@ class WebViewer:
 
             async with served(options, feed.close, page_for) as page:
                 address = f"{page}#{token}" if control is not None else page
-                yield OpenView(address, feed.update, anyio.Event())
+                yield OpenView(address, feed.update, anyio.Event(), stays=True)
             group.cancel_scope.cancel()
 
     @asynccontextmanager
