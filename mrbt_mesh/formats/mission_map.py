@@ -6,7 +6,7 @@ A map of another form is ignored, since missions may use their parameters as the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
@@ -20,7 +20,9 @@ TOLD_BY = ("bad", "checked", "mended")
 
 
 def map_view(mission: Mission) -> dict[str, Any] | None:
-    """Lines (`points`, `kind`, `closed`) and places (`at`, `label`), or None without a map."""
+    """Lines (`points`, `kind`, `closed`), places (`at`, `label`), and `ways`: the pairs of these
+    places between which `travel` lists a way; None without a map.
+    """
     given = mission.parameters.get("map")
     if not isinstance(given, Mapping):
         return None
@@ -30,7 +32,15 @@ def map_view(mission: Mission) -> dict[str, Any] | None:
         name: {"at": at, "label": _text(given_places[name].get("label", name))}
         for name, at in places_on_map(mission.parameters).items()
     }
-    return {"lines": lines, "places": places} if lines or places else None
+    found = {"lines": lines, "places": places, "ways": _ways(mission, places)}
+    return found if lines or places else None
+
+
+def _ways(mission: Mission, places: Collection[str]) -> list[list[str]]:
+    """Each pair once, whichever of its two directions is listed."""
+    listed = mission.travel.ways_ms if mission.travel is not None else {}
+    pairs = {(min(way), max(way)) for way in listed if way[0] != way[1]}
+    return [[*pair] for pair in sorted(pairs) if pair[0] in places and pair[1] in places]
 
 
 def places_on_map(parameters: Mapping[str, Any]) -> dict[str, list[float]]:

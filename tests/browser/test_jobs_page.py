@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 pytestmark = MARKS
 
-ROW = '#jobs-list li:has-text("{}"):has(.job-state:has-text("{}"))'
+ROW = '#jobs-list tr:has-text("{}"):has(.job-state:has-text("{}"))'
 
 
 def change(page: Page, job: str, what: str) -> None:
     """Change a job, by its menu."""
-    page.click(f'#jobs-list li:has-text("{job}") button')
+    page.click(f'#jobs-list tr:has-text("{job}") button.more')
     page.click(f'#menu button:has-text("{what}")')
 
 
@@ -58,7 +58,7 @@ def test_jobs_are_submitted_changed_and_refused(
     page.wait_for_selector('#submit-form [role=alert]:has-text("submitted: ")')
     later = f"{datetime.now() + timedelta(hours=2):%Y-%m-%dT%H:%M}"
     submit(page, "inspect", **{"argument-where": "shelf_6", "not-before": later})
-    page.wait_for_selector('#jobs-list li:has-text("inspect(shelf_6)"):has-text("not before 2")')
+    page.wait_for_selector('#jobs-list tr:has-text("inspect(shelf_6)"):has-text("not before 2")')
     delivery = {"argument-shelf": "shelf_1", "argument-dock": "dock_2", "argument-boxes": "3"}
     submit(page, "deliver", **delivery)
     page.wait_for_selector(ROW.format("deliver(shelf_1, dock_2, 3)", "running"))
@@ -74,15 +74,15 @@ def test_jobs_are_submitted_changed_and_refused(
     for where in ("shelf_4", "shelf_5"):
         team.mrbt("submit", "inspect", where)
     page.wait_for_selector('#jobs-hint:has-text("3 running, 2 waiting")')
-    waiting = page.inner_text(ROW.format("inspect", "waiting") + ':not(:has-text("before")) b')
+    waiting = page.inner_text(ROW.format("inspect", "waiting") + ':not(:has-text("before")) .name')
     change(page, waiting, "Hold")
     page.wait_for_selector(ROW.format(waiting, "held"))
-    page.click(f'#jobs-list li:has-text("{waiting}") button')
+    page.click(f'#jobs-list tr:has-text("{waiting}") button.more')
     page.fill('#menu input[aria-label="New priority"]', "7")
     assert accessibility_violations(page) == []
     picture(page, f"jobs-menu-{'wide' if size == WIDE else 'phone'}")
     page.click('#menu button:has-text("Set priority")')
-    page.wait_for_selector(f'#jobs-list li:has-text("{waiting}"):has-text("priority 7")')
+    page.wait_for_selector(f'#jobs-list tr:has-text("{waiting}"):has(.job-priority:text-is("7"))')
     change(page, waiting, "Release")
     page.wait_for_selector('#jobs-hint:has-text("3 running, 2 waiting, 0 held")')
     change(page, "deliver(shelf_1, dock_2, 3)", "Cancel")
@@ -103,7 +103,7 @@ def test_a_page_without_control_shows_jobs_and_changes_none(team: Team, browser:
     team.mrbt("submit", "inspect", "shelf_2", "--id", "one")
     page.wait_for_selector(ROW.format("inspect(shelf_2)", "running"))
     assert page.is_hidden("#submit-open")
-    assert page.locator("#jobs-list button").count() == 0
+    assert page.locator("#jobs-list button.more").count() == 0
     refused = page.evaluate(
         """async () => (await fetch("v1/jobs/one/cancel", {method: "POST", body: "{}",
         headers: {"content-type": "application/json"}})).json()"""

@@ -94,13 +94,20 @@ def test_a_kill_by_its_button_its_detection_and_why(team: Team, browser: Browser
     page.wait_for_selector(f'.card[data-state="alive"]:has-text("{robot}")')
     team.release()
     page.wait_for_selector(ended())
-    page.wait_for_selector('#headline:has-text("the run is over")')
+    # Its server stays after the end of the run, until it is ended too.
+    team.wait_for_line("stays until Ctrl-C")
+    assert team.running() == []
+    again, _ = opened(browser, url)
+    again.wait_for_selector(ended())
+    again.close()
     page.wait_for_selector(f'#after:has-text("mrbt recording report {team.run_dir}")')
-    page.wait_for_selector('.card:has-text("■ ended")')
-    assert page.locator('.card:has-text("idle")').count() == 0
+    states = page.locator(".card .state").all_inner_texts()
+    assert states == ["■ ended"] * 6
+    assert problems == []
+    team.interrupt()
+    page.wait_for_selector('#headline:has-text("the run is over")')
     code, summary = team.end()
     assert (code, summary["result"]) == (0, "success")
-    assert problems == []
     # Of a run that is over the journals still tell the result.
     late, _ = opened(browser, serve(team, "0")[1], PHONE)
     late.wait_for_selector(ended())

@@ -9,6 +9,7 @@ import pytest
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.travel import Travel
 from mrbt_mesh.formats.mission_map import map_view, place_states, told_places
 from tests.support.build import action, condition, make_mission, sequence
 
@@ -23,7 +24,17 @@ def test_lines_and_places() -> None:
     assert told == {
         "lines": [{"kind": "street", "points": [[0.0, 0.0], [1.0, 2.0]], "closed": False}],
         "places": {"p": {"at": [3.0, 4.0], "label": "p"}},
+        "ways": [],
     }
+
+
+def test_ways_between_places_of_the_map_are_told_once() -> None:
+    ways_ms = {("p", "q"): 4_000, ("q", "p"): 5_000, ("p", "elsewhere"): 1_000, ("p", "p"): 1}
+    travel = Travel({"p": None, "q": None, "elsewhere": None}, {}, {}, ways_ms=ways_ms)
+    there = mission({"places": {"p": {"at": [3, 4]}, "q": {"at": [5, 5]}}})
+    told = map_view(replace(there, travel=travel))
+    assert told is not None
+    assert told["ways"] == [["p", "q"]]
 
 
 def test_without_a_map_there_is_none() -> None:

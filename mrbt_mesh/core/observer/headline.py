@@ -117,21 +117,28 @@ def headline(observer: Observer, differing: Collection[str], now_us: int) -> lis
 
 def _revision(observer: Observer) -> Iterator[Statement]:
     """Another mission that is on its way: until then nobody begins anything."""
-    facts, robots = observer.facts, observer.membership.members()
+    facts = observer.facts
     if not facts.is_revised:
         return
     in_force = facts.declared.revision_number
     if (pending := facts.revisions.pending(in_force)) is not None:
         number = pending[1].revision_number
-        awaited = shortened(facts.revisions.awaited(number, in_force, robots)) or "a majority"
+        awaited = _awaited(observer, number) or "a majority"
         by = facts.revisions.proposer(number)
         yield Statement(
             Level.WARN,
             f"revision {number} is proposed by {by}, no robot begins anything: "
             f"waiting for {awaited} (`mrbt revise --withdraw` ends it)",
         )
-    elif awaited := shortened(facts.revisions.awaited(in_force, in_force, robots)):
+    elif awaited := _awaited(observer, in_force):
         yield Statement(Level.WARN, f"revision {in_force} is in force, waiting for {awaited}")
+
+
+def _awaited(observer: Observer, number: int) -> str:
+    """The robots that a revision waits for, as they are named in a headline."""
+    facts, robots = observer.facts, observer.membership.members()
+    found = facts.revisions.awaited(number, facts.declared.revision_number, robots)
+    return shortened(sorted(found, key=name_order))
 
 
 # Jobs that were cancelled and done all the same; others are in the list of jobs.
@@ -185,7 +192,7 @@ def _blocked(observer: Observer) -> Iterator[Statement]:
     for each in waiting[:MOST_BLOCKED]:
         parts = [each.reason.removeprefix("blocked: ")]
         for shortage in each.shortages:
-            parts += _remedies(observer, shortage)
+            parts += remedies(observer, shortage)
         if each.obstacle.startswith(LACKS_GRANTS):
             parts += _who_could_grant(observer)
         job = parse_activation(each.activation).job
@@ -195,8 +202,8 @@ def _blocked(observer: Observer) -> Iterator[Statement]:
         yield Statement(Level.BAD, f"BLOCKED: {len(waiting) - MOST_BLOCKED} more tasks")
 
 
-def _remedies(observer: Observer, shortage: Shortage) -> list[str]:
-    """The robots of the mission that could be started, or have lost the capability."""
+def remedies(observer: Observer, shortage: Shortage) -> list[str]:
+    """What would end a shortage: the robots of the mission that could be started, or mended."""
     task, missing = shortage.local_task, shortage.needed - shortage.alive
     found = []
     for name, robot in observer.mission.robots.items():
@@ -230,10 +237,10 @@ def _start(robot: str) -> str:
     return f"start {robot} (`mrbt join {robot}`)"
 
 
-def _joined(remedies: Sequence[str], missing: int) -> str:
-    """The remedies, of which as many are needed as are missing."""
-    joined = " or " if missing < len(remedies) else " and "
-    return joined.join(remedies[:MOST_REMEDIES])
+def _joined(texts: Sequence[str], missing: int) -> str:
+    """Remedies, of which as many are needed as are missing."""
+    joined = " or " if missing < len(texts) else " and "
+    return joined.join(texts[:MOST_REMEDIES])
 
 
 def _dead(observer: Observer) -> Iterator[Statement]:
@@ -374,13 +381,14 @@ def _unrecorded(robots: Mapping[str, Sequence[str]], mission: Mission) -> Iterat
     for problem in sorted(robots, key=lambda each: (each == NOT_ASKED, each)):
         is_wanted = is_required or problem != NOT_ASKED
         level = Level.WARN if is_wanted else Level.INFO
-        yield Statement(level, f"{shortened(sorted(robots[problem]))}: {problem}{follows}")
+        names = shortened(sorted(robots[problem], key=name_order))
+        yield Statement(level, f"{names}: {problem}{follows}")
 
 
 def _agreement(observer: Observer, differing: Collection[str]) -> Iterator[Statement]:
     robots = len(reported_plans(observer))
     if differing:
-        names = shortened(sorted(differing))
+        names = shortened(sorted(differing, key=name_order))
         yield Statement(Level.WARN, f"{len(differing)} with another plan: {names}")
     elif robots:
         agreed = "agreeing" if robots_that_differ(observer) else f"all {robots} agree"

@@ -12,6 +12,7 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.job_arguments import Argument, named_arguments
 from mrbt_mesh.core.mission.jobs import utc_text
 from mrbt_mesh.core.mission.mission import JobType
+from mrbt_mesh.core.mission.names import name_order
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.demands import IN_DOUBT
 from mrbt_mesh.core.planning.plan import Plan
@@ -87,7 +88,7 @@ class JobRows:
                     deadline_us=history.deadline_us,
                 )
             if row.state != RUNNING:
-                robots = tuple(sorted(history.worked.union(robots)))
+                robots = tuple(sorted(history.worked.union(robots), key=name_order))
             return replace(
                 row,
                 robots=robots,
@@ -136,7 +137,7 @@ class JobRows:
         if facts.jobs is None:
             return []
         working: dict[str, list[str]] = {}
-        for robot in sorted(alive):
+        for robot in sorted(alive, key=name_order):
             claim = facts.valid_claim(robot)
             if claim is not None and claim.phase is not Phase.CLAIMED:
                 working.setdefault(parse_activation(claim.activation).job, []).append(robot)

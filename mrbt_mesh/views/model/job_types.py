@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +44,12 @@ def job_types(mission: Mission) -> list[JobTypeView]:
         deadline_s = kind.deadline_us / SECOND_US if kind.deadline_us else None
         found.append(JobTypeView(name, parameters, kind.priority, deadline_s))
     return found
+
+
+def submit_example(kind: JobTypeView) -> str:
+    """A command that submits a job of a type."""
+    words = [p.choices[0] if p.choices else str(p.min) for p in kind.parameters]
+    return shlex.join(["mrbt", "submit", kind.name, *words])
 
 
 def arguments_schema(kind: JobTypeView) -> dict[str, Any]:

@@ -9,12 +9,13 @@ from typing import Any
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission
 from mrbt_mesh.formats.mission_map import map_view
-from mrbt_mesh.views.model.job_types import job_types
+from mrbt_mesh.views.model.job_types import job_types, submit_example
 
 
 def mission_view(mission: Mission) -> dict[str, Any]:
     """The mission as plain data; performances in units."""
     leaves: dict[str, list[int]] = {}
+    types = job_types(mission)
     for node in mission.tree.actions():
         leaves.setdefault(node.subject, []).append(node.index)
     return {
@@ -32,7 +33,8 @@ def mission_view(mission: Mission) -> dict[str, Any]:
             name: _task(task) | {"nodes": leaves.get(name, [])}
             for name, task in mission.global_tasks.items()
         },
-        "job_types": [asdict(each) for each in job_types(mission)],
+        "job_types": [asdict(each) for each in types],
+        "submit": submit_example(types[0]) if types else None,
         "map": map_view(mission),
     }
 

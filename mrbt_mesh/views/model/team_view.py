@@ -11,6 +11,7 @@ from mrbt_mesh.core.facts.records import Phase, problem_text
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.names import name_order
 from mrbt_mesh.core.observer.forecast import forecast_of
 from mrbt_mesh.core.observer.headline import headline, robots_that_differ
 from mrbt_mesh.core.observer.job_history import JobHistory
@@ -21,6 +22,7 @@ from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.mission_view import in_units
+from mrbt_mesh.views.model.next_steps import run_seconds
 from mrbt_mesh.views.model.own_trees import running_tree
 from mrbt_mesh.views.model.timeline import TimelineView
 from mrbt_mesh.views.model.why import fault_sentence, takeover_told, why_takeover
@@ -69,12 +71,13 @@ def since_us(row: JobRow, history: JobHistory | None, ended_us: int | None) -> i
 class TeamState:
     """The team as it is now, as its observer knows it. Puts these items into `changes`:
 
-    `team`: command, rounds, revision, whether it has started, how it ended. `headline`: how it is,
-    the worst first, as objects of `level` (bad, warn, info, good) and `text`. `robot/ID`: a robot.
-    `task/NAME`: a global task. `job/ID`: a job, as `JobRow`, and `since_s`: since when it has been
-    in its state, None if nobody saw it become so. `node/N`: `[status, robots, note, activations]`
-    of a node of T_G that was ever ticked. `place/NAME`: a place of the map. `position/ID`: the
-    position that a robot reports.
+    `team`: command, rounds, revision, the one that is pending, whether it has started, how it
+    ended. `headline`: how it is, the worst first, as objects of `level` (bad, warn, info, good) and
+    `text`. `robot/ID`: a robot. `task/NAME`: a global task. `job/ID`: a job, as `JobRow`, and in
+    seconds from the start of the run `since_s`: since when it has been in its state, None if nobody
+    saw it become so, and `deadline_s`, None without one, or without the team's clock. `node/N`:
+    `[status, robots, note, activations]` of a node of T_G that was ever ticked. `place/NAME`: a
+    place of the map. `position/ID`: the position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -167,7 +170,9 @@ class TeamState:
             elif before.state != row.state:
                 since_s = now_s
             shown[row.id] = row, since_s
-            self.changes.put(f"job/{row.id}", asdict(row) | {"since_s": since_s})
+            deadline_s = run_seconds(observer, row.deadline_us)
+            times = {"since_s": since_s, "deadline_s": deadline_s}
+            self.changes.put(f"job/{row.id}", asdict(row) | times)
         if len(shown) > len(rows):
             for name in shown.keys() - {row.id for row in rows}:
                 del shown[name]
@@ -184,7 +189,19 @@ class TeamState:
             "started": record.started_us is not None,
             "rounds": record.rounds.all.total,
             "revision": self._mission.revision_number,
+            "pending": self._pending_revision(),
         }
+
+    def _pending_revision(self) -> dict[str, Any] | None:
+        """The revision that waits for robots, its proposer, and these robots."""
+        facts, in_force = self.observer.facts, self._mission.revision_number
+        pending = facts.revisions.pending(in_force) if facts.is_revised else None
+        if pending is None or self.observer.is_over:
+            return None
+        number = pending[1].revision_number
+        robots = facts.revisions.awaited(number, in_force, self.observer.membership.members())
+        by = facts.revisions.proposer(number)
+        return {"number": number, "by": by, "awaited": sorted(robots, key=name_order)}
 
     def _robot(self, robot: str, differ: dict[str, Any], now_us: int) -> dict[str, Any]:
         observer = self.observer
@@ -211,6 +228,7 @@ class TeamState:
             "local_task": claim.local_task if claim else None,
             "global_task": claim.global_task if claim else None,
             "phase": claim.phase.name.lower() if claim else None,
+            "place": observer.facts.place_of(robot),
             "under_way": observer.facts.under_way(robot),
             "begun_s": observer.record.seconds(at_work.since_us) if at_work else None,
             "expected_s": at_work.expected_s if at_work else None,
@@ -241,7 +259,7 @@ class TeamState:
     def _working(self) -> dict[str, list[str]]:
         """Activation -> robots that have claimed it."""
         working: dict[str, list[str]] = {}
-        for robot in self.observer.robots():
+        for robot in sorted(self.observer.robots(), key=name_order):
             claim = self.observer.claim(robot)
             if claim is not None:
                 working.setdefault(claim.activation, []).append(robot)
@@ -261,7 +279,7 @@ class TeamState:
             row = {
                 "state": str(task.state),
                 "robots": robots.get(name, []),
-                "took_part": sorted(task.robots),
+                "took_part": sorted(task.robots, key=name_order),
                 "reason": reasons.get(name, ""),
             }
             self.changes.put(f"task/{name}", row)
@@ -284,6 +302,7 @@ class TeamState:
             changed.update(index for index, (new, old) in enumerate(pairs) if new != old)
         for index in sorted(changed):
             robots, note = marks.get(index, ([], ""))
+            robots = sorted(robots, key=name_order)
             count, _ = self._activations.get(index, (0, {}))
             self.changes.put(f"node/{index}", [statuses[index], robots, note, count])
         self._statuses, self._marked = statuses, set(marks)

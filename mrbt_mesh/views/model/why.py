@@ -8,16 +8,18 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from mrbt_mesh.core.bt.activation import parse_activation
+from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.facts.records import Claim, Member
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
-from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.names import name_order, type_name
 from mrbt_mesh.core.observer.episodes import MajorFault, after_text
 from mrbt_mesh.core.observer.headline import wanted_activations
+from mrbt_mesh.core.observer.job_rows import RUNNING, WAITING, JobRows
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.task_log import TaskRecord, TaskState
-from mrbt_mesh.core.planning.plan import assignment_reason, plan_bids, shortened
+from mrbt_mesh.core.planning.plan import Plan, assignment_reason, plan_bids, shortened
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +43,10 @@ def candidates(observer: Observer, activation: str, local_task: str) -> list[Can
         if declared is not None:
             found.append(_candidate(observer, robot, declared, activation, local_task))
 
-    def order(each: Candidate) -> tuple[bool, float, str]:
+    def order(each: Candidate) -> tuple[Any, ...]:
         # Robots without a bid come last.
         number = float("-inf") if each.performance is None else each.performance
-        return not each.chosen, -number, each.robot
+        return not each.chosen, -number, name_order(each.robot)
 
     return sorted(found, key=order)
 
@@ -103,7 +105,8 @@ def _lost(member: Member, local_task: str) -> str:
 def _failures(observer: Observer, task: str) -> str:
     """Why robots failed at a global task: the last reason of each."""
     said = {e.robot: e for e in observer.record.failures if e.global_task == task and e.reason}
-    return "".join(f" {r} failed at {e.local_task}: {e.reason}." for r, e in sorted(said.items()))
+    robots = sorted(said, key=name_order)
+    return "".join(f" {r} failed at {said[r].local_task}: {said[r].reason}." for r in robots)
 
 
 def _failed(observer: Observer, robot: str, activation: str, local_task: str) -> str:
@@ -167,14 +170,20 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
 
 def why_task(observer: Observer, task: str) -> dict[str, Any]:
     """The state of a global task and why; raises KeyError for one that is not known."""
-    known = observer.facts.mission.global_tasks[task]
+    _ = observer.facts.mission.global_tasks[task]
     record = observer.record.task_log.tasks.get(task, TaskRecord())  # of a job, none
     plan = observer.plan
     requests = [r for r in plan.evaluation.requests if r.subject == task] if plan else []
     if plan is None or not requests:
         why = _failures(observer, task) if record.state is TaskState.FAILURE else ""
         return _answer(task, f"{task} {_ENDS[record.state]}.{_by(record.robots)}{why}", [])
-    activation = requests[0].activation
+    return _why_request(observer, plan, requests[0])
+
+
+def _why_request(observer: Observer, plan: Plan, request: Request) -> dict[str, Any]:
+    """Who serves a request, or why nobody does."""
+    task, activation = request.subject, request.activation
+    known = observer.facts.mission.global_tasks[task]
     waiting = next((w for w in plan.waiting if w.activation == activation), None)
     lines = [line for line in plan.assignments.values() if line.activation == activation]
     bounds = "; ".join(map(_needed, known.needs))
@@ -200,6 +209,26 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
     return {"subject": task, "sentence": sentence, "groups": groups}
 
 
+def why_job(observer: Observer, job: str) -> dict[str, Any]:
+    """The state of a job and why: that of its first task that waits, else of the first that is
+    carried out; raises KeyError for one that is not known.
+    """
+    row = next((row for row in JobRows().of(observer) if row.id == job), None)
+    if row is None:
+        raise KeyError(job)
+    subject, why = f"job {job}", f": {row.why}" if row.why else ""
+    plan = observer.plan
+    requests = plan.evaluation.requests if plan is not None else ()
+    own = [r for r in requests if parse_activation(r.activation).job == job]
+    if plan is None or not own or row.state not in (WAITING, RUNNING):
+        return _answer(subject, f"{job} is {row.state}{why}.{_by(set(row.robots))}", [])
+    waiting = {w.activation for w in plan.waiting}
+    first = min(own, key=lambda request: request.activation not in waiting)
+    # The reason is that of its task.
+    told = _why_request(observer, plan, first)
+    return told | {"subject": subject, "sentence": f"{job} is {row.state}: {told['sentence']}"}
+
+
 _ENDS = {
     TaskState.IDLE: "is not requested: the tree does not reach it now",
     TaskState.RUNNING: "is requested, and not planned yet",
@@ -210,7 +239,7 @@ _ENDS = {
 
 
 def _by(robots: set[str]) -> str:
-    return f" {', '.join(sorted(robots))} took part." if robots else ""
+    return f" {', '.join(sorted(robots, key=name_order))} took part." if robots else ""
 
 
 def _needed(need: Need) -> str:

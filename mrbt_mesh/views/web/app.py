@@ -24,8 +24,15 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.recording.folder import first_part, observer_files, robot_files
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.views.model.mission_view import mission_view
+from mrbt_mesh.views.model.next_steps import (
+    NextStep,
+    next_of_job,
+    next_of_robot,
+    next_of_task,
+    steps_to_json,
+)
 from mrbt_mesh.views.model.own_trees import own_trees
-from mrbt_mesh.views.model.why import why_robot, why_task
+from mrbt_mesh.views.model.why import why_job, why_robot, why_task
 from mrbt_mesh.views.report.exports import EXPORTS, exported, file_name
 from mrbt_mesh.views.web.access import page_access
 from mrbt_mesh.views.web.api import Api, events
@@ -36,6 +43,8 @@ from mrbt_mesh.views.web.protection import OwnNames, Protection, policy, why_no_
 STATIC = Path(__file__).with_name("static")
 MAX_COMMAND_BYTES = 4_096
 Endpoint: TypeAlias = Callable[[Request], Awaitable[Response]]
+Explanation: TypeAlias = Callable[[Observer, str], Mapping[str, Any]]
+Foresight: TypeAlias = Callable[[Observer, str, int], list[NextStep]]
 
 # Not every system knows them, and a browser runs no module of another type.
 mimetypes.add_type("text/javascript", ".mjs")
@@ -85,8 +94,9 @@ class Page:
             Route("/", self._index),
             Route("/mission", self._mission),
             Route("/events", self._events),
-            Route("/why/robot/{name}", self._about(why_robot)),
-            Route("/why/task/{name:path}", self._about(why_task)),
+            Route("/why/robot/{name}", self._about(self._why(why_robot, next_of_robot))),
+            Route("/why/task/{name:path}", self._about(self._why(why_task, next_of_task))),
+            Route("/why/job/{name}", self._about(self._why(why_job, next_of_job))),
             Route("/trees/{name}", self._about(own_trees)),
             Route("/drills", self._drills),
             Route("/commands", self._command, methods=["POST"]),
@@ -127,7 +137,7 @@ class Page:
     async def _events(self, request: Request) -> Response:
         return events(request, self._feed)
 
-    def _about(self, explain: Callable[[Observer, str], Mapping[str, Any]]) -> Endpoint:
+    def _about(self, explain: Explanation) -> Endpoint:
         """An endpoint that answers for the name in the path."""
 
         async def answer(request: Request) -> Response:
@@ -136,6 +146,15 @@ class Page:
                 return JSONResponse(explain(self._feed.observer, name))
             except KeyError:
                 raise HTTPException(404, f"nothing is known of {name[:80]}") from None
+
+        return answer
+
+    def _why(self, explain: Explanation, foresee: Foresight) -> Explanation:
+        """An explanation with what happens `next`."""
+
+        def answer(observer: Observer, name: str) -> dict[str, Any]:
+            found = foresee(observer, name, self._feed.now_us)
+            return {**explain(observer, name), "next": steps_to_json(found)}
 
         return answer
 

@@ -52,6 +52,11 @@ class Feed:
         return self.view.observer
 
     @property
+    def now_us(self) -> int:
+        """The time on the clock of the observer; in a recording, where that is."""
+        return self._clock_us()
+
+    @property
     def pages(self) -> int:
         """How many follow."""
         return len(self._pages)

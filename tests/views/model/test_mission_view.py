@@ -32,6 +32,12 @@ def test_robots_and_tasks_in_units() -> None:
     assert told["tree"][node]["subject"] == "remove_cover"
 
 
+def test_a_command_that_submits_a_job() -> None:
+    assert mission_view(example("vehicle_repair")[0])["submit"] is None
+    told = mission_view(example("deliveries")[0])
+    assert told["submit"] == "mrbt submit deliver shelf_1 dock_1 1"
+
+
 def test_all_examples_are_plain_data() -> None:
     for name in ("vehicle_repair", "couriers", "depot", "dispense", "explore", "assembly"):
         told = mission_view(example(name)[0])

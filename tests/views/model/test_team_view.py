@@ -7,6 +7,10 @@ from typing import Any
 
 import pytest
 
+from mrbt_mesh.core.facts.records import HeldMission
+from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
+from mrbt_mesh.core.mission.compiled import compile_mission
+from mrbt_mesh.core.mission.revisions import revise
 from mrbt_mesh.core.observer.job_log import JobHistory
 from mrbt_mesh.core.observer.job_rows import JobRow
 from mrbt_mesh.core.observer.summary import run_summary
@@ -15,9 +19,10 @@ from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.views.model.team_view import TeamView, since_us
+from tests.support.commands import command
 from tests.support.depot import depot, worker
 from tests.support.runs import run_example
-from tests.support.watched import COVER, watched
+from tests.support.watched import COVER, WELD, watched
 
 
 class Page:
@@ -32,8 +37,8 @@ class Page:
         self.do(*commands)
 
     def do(self, *commands: str) -> None:
-        for command in commands:
-            self.script.block([command])
+        for line in commands:
+            self.script.block([line])
             self.look()
 
     def look(self) -> None:
@@ -102,6 +107,24 @@ def test_a_blocked_task_says_so_and_why() -> None:
     assert page.items["headline"][0]["text"].startswith("BLOCKED: cover")
     page.do("start B", "pass 1500")
     assert all(each["level"] != "bad" for each in page.items["headline"])
+
+
+def test_a_pending_revision_is_told_with_the_robots_that_it_waits_for() -> None:
+    script, observer = watched(WELD)
+    view = TeamView(observer)
+
+    def team() -> Any:
+        view.update(script.team.now_us)
+        return view.changes.since(0)["team"]
+
+    assert (team()["revision"], team()["pending"]) == (0, None)
+    after = revise(observer.mission, observer.mission)
+    proposed = command("mission/1", [compile_mission(after), False, False], operator="anna")
+    observer.facts.map.merge([proposed])
+    held = HeldMission(1, after.digest, "", 0)
+    version = Version(Incarnation(9, "n"), 1)
+    observer.facts.map.merge([make_entry("B", "mission_held", version, held)])
+    assert team()["pending"] == {"number": 1, "by": "anna", "awaited": ["A"]}
 
 
 def test_a_page_that_comes_late_has_the_whole_past() -> None:

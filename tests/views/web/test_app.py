@@ -106,7 +106,8 @@ def test_mission_why_and_trees() -> None:
     assert page.get("/why/robot/A").json()["sentence"].startswith("A does weld")
     assert "weld" in page.get("/why/task/weld").json()["sentence"]
     assert page.get("/trees/A").json()["T_Li"]["statuses"][0] == 1
-    for path in ("/why/robot/Z", "/why/task/none", "/trees/Z"):
+    assert page.get("/why/robot/A").json()["next"] == []
+    for path in ("/why/robot/Z", "/why/task/none", "/why/job/none", "/trees/Z"):
         assert page.get(path).status_code == 404
 
 

@@ -8,7 +8,7 @@ import { PlaybackView } from "./playback.mjs";
 import { RobotsView } from "./robots.mjs";
 import { offerFiles } from "./save.mjs";
 import { Store } from "./store.mjs";
-import { LEVEL_SIGN, allSigns, byId, dialog, element, seconds, setText, withCommands } from "./text.mjs";
+import { LEVEL_SIGN, allSigns, byId, dialog, element, seconds, setData, setText, withCommands } from "./text.mjs";
 import { TimelineView } from "./timeline.mjs";
 import { TreeView } from "./tree.mjs";
 import { WhyView } from "./why.mjs";
@@ -16,8 +16,10 @@ import { WhyView } from "./why.mjs";
 const RETRY_MS = 1000, NEXT_MS = 3000;
 
 const TRY_IT = "No robot has died. Try it: kill one from its menu (⋯). Here you then see who takes over its work, and after how many milliseconds.";
-// Statements that are shown before the others are asked for.
-const FIRST = 3;
+// Beyond so many letters the headline has a line of its own.
+const LONG = 90;
+// Statements that are shown before the others are asked for: more where there is room.
+const FIRST = 5, FIRST_NARROW = 3, NARROW = "(max-width: 1180px)";
 
 async function mission() {
   for (;;) {
@@ -41,17 +43,27 @@ function headline(store, isRecording) {
 let isWhole = false, said = "";
 
 function say(statements) {
-  const key = JSON.stringify([isWhole, statements]);
+  const first = matchMedia(NARROW).matches ? FIRST_NARROW : FIRST, key = JSON.stringify([isWhole, first, statements]);
   if (said === key) return;
   said = key;
-  const shown = isWhole ? statements : statements.slice(0, FIRST);
+  const shown = isWhole ? statements : statements.slice(0, first);
   const rows = shown.map(({ level, text }) => element("p", { "data-level": level },
     element("span", { "aria-hidden": "true" }, LEVEL_SIGN[level]), element("span", {}, ...withCommands(text))));
-  if (statements.length > FIRST) {
-    const more = isWhole ? "less" : `${statements.length - FIRST} more`;
+  if (statements.length > first) {
+    const more = isWhole ? "less" : `${statements.length - first} more`;
     rows.push(element("button", { type: "button", onclick: () => { isWhole = !isWhole; say(statements); } }, more));
   }
   byId("headline").replaceChildren(...rows);
+  byId("headline").classList.toggle("is-long", shown.reduce((length, { text }) => length + text.length, 0) > LONG);
+}
+
+// The revision in force, and the one that waits for robots.
+function sayRevision(team) {
+  const { revision = 0, pending = null } = team ?? {}, shown = byId("revision");
+  shown.hidden = !revision && !pending;
+  setText(shown, [revision || !pending ? `revision ${revision}` : "", pending ? `revision ${pending.number} pending` : ""].filter(Boolean).join(", "));
+  shown.title = pending ? `proposed by ${pending.by}, waits for ${pending.awaited.join(", ") || "a majority"}` : "the revision of the mission that is in force";
+  setData(shown, "level", pending ? "warn" : "");
 }
 
 // What can be done with a run that is over -> the command for it.
@@ -102,7 +114,7 @@ async function begin() {
   const tree = new TreeView(store, told.tree, select);
   const timeline = new TimelineView(store, select, told.recording, (time) => playback?.go(time));
   const map = new MapView(store, told.map, select);
-  const jobs = told.job_types.length ? [new JobsView(store, told.job_types, control)] : [];
+  const jobs = told.job_types.length ? [new JobsView(store, told, select, control)] : [];
   for (const view of [robots, tree, timeline, why, map, ...jobs, ...(playback ? [playback] : []), ...(control ? [control] : [])]) store.onChange((keys) => view.update(keys, store));
   const alerts = new Alerts(told.name);
   offerCommands(told.commands);
@@ -110,6 +122,7 @@ async function begin() {
   const follow = () => {
     // Another mission is in force: the page is made anew, with its tree, tasks and places.
     if (!playback && (store.get("team")?.revision ?? told.revision) !== told.revision) location.reload();
+    sayRevision(store.get("team"));
     const isEnded = !!store.get("team")?.ended, statements = headline(store, playback !== null);
     if (result && !isEnded && store.state === "connected") statements.unshift({ level: "bad", text: `the run is over: ${result.replace("_", " ")}` });
     say(statements);
@@ -130,6 +143,8 @@ async function begin() {
     setText(byId("clock"), seconds(store.now()));
     timeline.tick();
     robots.tick();
+    why.tick();
+    jobs[0]?.tick();
     playback?.tick();
     requestAnimationFrame(tick);
   };

@@ -1,6 +1,6 @@
 // The robots: those in trouble first, then those at work, then the others.
 
-import { STATES, byId, byName, contains, element, hasDifferedLong, lostText, setData, setText, textsByReason, timeAtWork } from "./text.mjs";
+import { STATES, byId, byName, contains, element, groupOf, lostText, rankOf, setData, setText, stateOf, textsByReason, timeAtWork } from "./text.mjs";
 
 const GROUPS = { trouble: "in trouble", work: "at work", idle: "idle" };
 // With this many robots, each has a row instead of a card.
@@ -64,7 +64,7 @@ export class RobotsView {
   }
 
   _arrange() {
-    const cards = [...this._cards.values()], places = Object.keys(GROUPS);
+    const cards = [...this._cards.values()];
     for (const [group, button] of this._buttons) {
       const count = cards.filter((card) => card.group === group).length;
       setText(button, `${count} ${group === "idle" && this._isOver ? "ended" : GROUPS[group]}`);
@@ -72,9 +72,7 @@ export class RobotsView {
     }
     this._list.classList.toggle("is-over", !!this._isOver);
     this._list.classList.toggle("compact", cards.length >= ROWS_FROM);
-    // The dead come before those with a problem.
-    const place = (card) => 2 * places.indexOf(card.group) + (card.state.dataset.is === card.group ? 0 : 1);
-    const wanted = cards.sort((a, b) => place(a) - place(b) || byName(a.robot, b.robot));
+    const wanted = cards.sort((a, b) => a.rank - b.rank || byName(a.robot, b.robot));
     const trouble = wanted.filter((card) => card.group === "trouble").map((card) => card.robot).join();
     const isHeld = this._list.matches(":hover, :focus-within") && trouble === this._trouble;
     if (!isHeld && wanted.some((card, i) => this._list.children[i] !== card.root)) {
@@ -129,21 +127,22 @@ export class RobotsView {
   _draw(name) {
     const card = this._cards.get(name) ?? this._card(name);
     const robot = this._robot(name), hasTask = !!robot.local_task;
-    const state = this._state(robot, hasTask), [sign, group] = STATES[state] ?? ["●", "idle"];
-    const isWrong = !["dead", "left", "absent"].includes(robot.state) && (robot.problems?.length || Object.keys(robot.lost).length);
-    card.group = isWrong && !this._isOver ? "trouble" : group;
+    const now = this._store.now(), isOver = this._hasEnded();
+    const state = stateOf(robot, now, isOver), [sign, group] = STATES[state] ?? ["●", "idle"];
+    card.group = groupOf(robot, now, isOver);
+    card.rank = rankOf(robot, now, isOver);
     setData(card.root, "state", robot.state);
     setData(card.root, "group", card.group);
     setData(card.state, "is", group);
     setText(card.state.firstChild, sign);
     setText(card.state.lastChild, ` ${state}`);
     setText(card.type, robot.type ?? "");
-    const phase = robot.phase === "ready" ? "waits for its partners" : "about to begin";
-    const waits = robot.phase === "running" ? "" : ` (${robot.under_way ? `on its way to ${robot.under_way}` : phase})`;
+    const phase = robot.under_way ? "on its way" : robot.phase === "ready" ? "waits for its partners" : "about to begin";
+    const waits = robot.phase === "running" ? "" : `, ${phase}`;
     this._drawTask(card, robot, hasTask, waits);
-    this._drawTime(card, robot, this._store.now());
+    this._drawTime(card, robot, now);
     card.task.classList.toggle("none", !hasTask);
-    const isRunning = robot.phase === "running";
+    const isRunning = robot.phase === "running" && !isOver;
     if (card.bar.hidden === isRunning) card.bar.hidden = !isRunning;
     const progress = String(robot.progress ?? 0);
     if (card.bar.getAttribute("aria-valuenow") !== progress) {
@@ -158,24 +157,17 @@ export class RobotsView {
   _drawTask(card, robot, hasTask, waits) {
     const whole = robot.local_task === robot.global_task ? "" : ` for ${robot.global_task}`;
     const text = hasTask ? robot.local_task : robot.idle && !this._isOver ? `free: ${robot.idle}` : "";
-    const key = `${text}|${whole}|${waits}`;
+    const goal = waits && robot.under_way ? ` to ${robot.under_way}` : "", key = `${text}|${whole}|${waits}|${goal}`;
     if (card.taskShown === key) return;
     card.taskShown = key;
-    card.task.title = hasTask ? `${text}${whole}` : "";
-    card.task.replaceChildren(text, hasTask ? element("span", {}, whole) : "", hasTask ? waits : "", card.since);
+    card.task.title = hasTask ? `${text}${whole}${waits}${goal}` : "";
+    card.task.replaceChildren(...(hasTask ? [text, element("span", {}, whole), waits, element("span", {}, goal)] : [text]), card.since);
   }
 
   _drawTime(card, robot, now) {
     const { text, isLate } = this._isOver ? { text: "", isLate: false } : timeAtWork(robot, now);
     setText(card.since, text);
     card.since.classList.toggle("late", isLate);
-  }
-
-  _state(robot, hasTask) {
-    if (robot.state === "absent") return "not started";
-    if (this._hasEnded() && ["alive", "suspect"].includes(robot.state)) return "ended";
-    if (hasDifferedLong(robot.differs_since_s, this._store.now())) return "differs";
-    return robot.state !== "alive" ? robot.state : hasTask ? "at work" : "idle";
   }
 
   // Lost capabilities are struck out; below them is why.

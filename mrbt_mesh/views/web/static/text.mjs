@@ -27,6 +27,26 @@ export const STATES = {
   ended: ["■", "idle", "the run is over"],
 };
 
+// What is said of a robot: a key of `STATES`.
+export function stateOf(robot, now, isOver) {
+  if (robot.state === "absent") return "not started";
+  if (isOver && robot.state !== "dead") return "ended";
+  if (hasDifferedLong(robot.differs_since_s, now)) return "differs";
+  return robot.state !== "alive" ? robot.state : robot.local_task ? "at work" : "idle";
+}
+
+// Its group: one with a problem is in trouble whatever it does.
+export function groupOf(robot, now, isOver) {
+  const isWrong = !["dead", "left", "absent"].includes(robot.state) && (robot.problems?.length || Object.keys(robot.lost ?? {}).length);
+  return isWrong && !isOver ? "trouble" : STATES[stateOf(robot, now, isOver)]?.[1] ?? "idle";
+}
+
+// Its place in lists, the smallest first: the dead, those with a problem, those at work, the others.
+export function rankOf(robot, now, isOver) {
+  const group = groupOf(robot, now, isOver), own = STATES[stateOf(robot, now, isOver)]?.[1] ?? "idle";
+  return 2 * ["trouble", "work", "idle"].indexOf(group) + (own === group ? 0 : 1);
+}
+
 // How a span of the timeline ends: key -> words.
 export const ENDS = { running: "works", done: "done", failed: "failed", dropped: "not needed any more", died: "died at it" };
 const MARKS = [["✕", "died; the line goes to who took over"], ["▲", "lost capabilities"], ["◂", "began before it was watched"], ["━", "claimed, not begun yet"]];
@@ -72,6 +92,9 @@ export function duration(value) {
   return minutes % 60 ? `${hours} h ${minutes % 60} min` : `${hours} h`;
 }
 
+// When something is due, `left` seconds from now: "in 3 min", "4 min late".
+export const due = (left) => (left >= 0 ? `in ${duration(left)}` : `${duration(-left)} late`);
+
 // For how long a robot has been at its work, of how long it should take, where that is known.
 export function timeAtWork(robot, now) {
   if (robot.begun_s === null || robot.begun_s === undefined || robot.phase !== "running") return { text: "", isLate: false };
@@ -82,7 +105,6 @@ export function timeAtWork(robot, now) {
 
 // Plans differ for a moment after every event; that is no disagreement yet.
 export const hasDifferedLong = (since, now) => since !== null && since !== undefined && now - since > 0.5;
-
 
 export const lostText = (names, reason) => `lost ${names.join(", ")}${reason ? `: ${reason}` : ""}`;
 

@@ -4,7 +4,7 @@ import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
 import { Beside } from "./beside.mjs";
-import { ENDS, byId, byName, contains, element, knownAt, lostText, seconds, setText, timelineLegend } from "./text.mjs";
+import { ENDS, STATES, byId, byName, contains, element, knownAt, lostText, rankOf, seconds, setText, timelineLegend } from "./text.mjs";
 
 const HATCH = 9;
 // Few robots have high lanes.
@@ -12,7 +12,9 @@ const LANE = 24, LOW_LANE = 16, FEW = 9;
 // The names are before the lanes.
 const LEAST_GUTTER = 74, MOST_GUTTER = 150, RIGHT = 18, FOLLOWED_S = 40, MOST_ZOOM_S = 0.2, FRAME_S = 0.1;
 // As in the style sheet.
-const SEEN_SHARE = 0.34;
+const SEEN_SHARE = 0.3;
+// As `rankOf` has it: that of the first robots that are in no trouble.
+const CALM = 2;
 
 export class TimelineView {
   // `recording`: from when to when it goes, of one that is replayed; `seek` goes to a time of it.
@@ -22,7 +24,8 @@ export class TimelineView {
     this._recording = recording;
     this._seek = seek;
     this._robots = [];
-    this._lost = new Set();
+    // Robots in trouble, and their places among the others.
+    this._ranks = new Map();
     this._all = [];
     this._wanted = "";
     this._beside = recording?.beside ? new Beside(recording.beside, () => { this._whole(); this.draw(); }) : null;
@@ -68,21 +71,25 @@ export class TimelineView {
     return true;
   }
 
-  // As in the list of robots, those that are dead or silent come first. A recording's lanes keep their places.
+  // Those in trouble come first, as in the list of robots; the others keep their lanes, whatever they begin.
+  // A recording's lanes keep their places.
   _takeLane(robot) {
-    const isLost = !this._recording && ["dead", "suspect"].includes(this._store.get(`robot/${robot}`).state);
     const isNew = this._addLane(robot);
-    if (this._lost.has(robot) === isLost) return isNew;
-    if (isLost) this._lost.add(robot); else this._lost.delete(robot);
+    const rank = rankOf(this._store.get(`robot/${robot}`), this._store.now(), !!this._store.get("team")?.ended);
+    const own = this._recording || rank >= CALM ? CALM : rank;
+    if (this._rank(robot) === own) return isNew;
+    this._ranks.set(robot, own);
     this._chooseLanes();
     return true;
   }
+
+  _rank(robot) { return this._ranks.get(robot) ?? CALM; }
 
   // The robots whose names or tasks fit what is searched; if none does, all.
   _chooseLanes() {
     const works = this._items("work").map(([, work]) => work);
     const fits = (robot) => contains(robot, this._wanted) || works.some((work) => work.robot === robot && contains(workName(work), this._wanted));
-    this._all.sort((a, b) => this._lost.has(b) - this._lost.has(a) || byName(a, b));
+    this._all.sort((a, b) => this._rank(a) - this._rank(b) || byName(a, b));
     const all = [...this._all, ...this._beside?.robots ?? []], found = all.filter(fits);
     this._robots = found.length ? found : all;
   }
@@ -112,7 +119,7 @@ export class TimelineView {
   _items(kind) { return [...this._store.all(kind), ...(this._beside?.items(kind) ?? []).map((item) => [null, item])]; }
 
   // What is expected of a running team, if it travels.
-  get _forecast() { return this._store.state === "over" ? null : this._store.get("forecast"); }
+  get _forecast() { return this._store.state === "over" || this._store.get("team")?.ended ? null : this._store.get("forecast"); }
 
   // Until when there is something to see, and something expected.
   _last() {
@@ -183,7 +190,9 @@ export class TimelineView {
     }
     // The canvas is as high as what is seen of the lanes, and stays in place while they scroll.
     const whole = Math.max(1, this._robots.length) * this._lane + 4;
-    const seen = Math.min(whole, Math.floor(window.innerHeight * SEEN_SHARE)), height = this._top + seen;
+    // No lane is cut off at the lower edge.
+    const seen = Math.min(whole, Math.floor(window.innerHeight * SEEN_SHARE / this._lane) * this._lane + 4), height = this._top + seen;
+    if (byId("lanes").style.maxHeight !== `${seen}px`) byId("lanes").style.maxHeight = `${seen}px`;
     const inner = byId("lanes-inner");
     if (inner.style.height !== `${whole}px`) inner.style.height = `${whole}px`;
     const context = this._fit(this._canvas, seen);
@@ -206,8 +215,9 @@ export class TimelineView {
     context.font = this._nameFont;
     this._robots.forEach((robot, lane) => {
       const state = this._store.get(`robot/${robot}`)?.state;
-      context.fillStyle = state === "dead" ? this._colours.failure : this._colours.text;
-      context.fillText(state === "dead" ? `✕ ${robot}` : robot, 14, lane * this._lane + this._lane / 2 + 2, this._gutter - 20);
+      const isGone = ["dead", "suspect"].includes(state);
+      context.fillStyle = isGone ? this._colours.failure : this._colours.text;
+      context.fillText(isGone ? `${STATES[state][0]} ${robot}` : robot, 14, lane * this._lane + this._lane / 2 + 2, this._gutter - 20);
     });
   }
 
@@ -324,7 +334,7 @@ export class TimelineView {
     byId("forecast").hidden = !forecast;
     if (!forecast) return;
     const end = forecast.ends_s === null ? "" : `, ends at ${seconds(at + forecast.ends_s)}`;
-    const leftOut = forecast.left_out.map((each) => `; not in it: ${each.global_task}, ${each.reason}`).join("");
+    const leftOut = forecast.ends_s === null ? "" : forecast.left_out.map((each) => `; not in it: ${each.global_task}, ${each.reason}`).join("");
     setText(byId("forecast"), forecast.reason + end + leftOut);
     context.save();
     context.beginPath(); context.rect(Math.max(this._gutter, this._x(now)), 0, this._width, height); context.clip();
@@ -427,7 +437,7 @@ export class TimelineView {
 
   _listTakeovers() {
     const rows = [...this._store.all("fault")].sort((a, b) => b[1].at_s - a[1].at_s).map(([name, fault]) => element("li", {},
-      element("button", { type: "button", "data-fault": name, onclick: () => this._chooseFault(name, fault) },
+      element("button", { type: "button", "data-fault": name, title: faultNumbers(fault), onclick: () => this._chooseFault(name, fault) },
         element("b", {}, `${fault.robot} died ${fault.older ? "before" : "at"} ${seconds(fault.at_s)}`), ` · ${faultNumbers(fault)}`,
         fault.replacement ? ` by ${fault.replacement} (${fault.held})` : fault.held ? ` (${fault.held})` : "")));
     byId("takeovers").replaceChildren(...rows);

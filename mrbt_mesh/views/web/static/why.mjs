@@ -1,6 +1,6 @@
 // Why: what is selected, explained by the server from the plan.
 
-import { ENDS, SIGN, STATUS, byId, element, kindSign, lostText, seconds } from "./text.mjs";
+import { ENDS, SIGN, STATUS, byId, due, element, kindSign, lostText, seconds, setText, withCommands } from "./text.mjs";
 
 const AGAIN_MS = 300;
 // Entries of a robot's history that are shown.
@@ -16,6 +16,8 @@ export class WhyView {
     this._timer = 0;
     this._shown = "";
     this._worst = undefined;
+    // Times of what happens next, with what shows them.
+    this._times = [];
     byId("why-close").addEventListener("click", () => this._close());
     byId("why").addEventListener("keydown", (event) => { if (event.key === "Escape") this._close(); });
   }
@@ -48,18 +50,20 @@ export class WhyView {
     this._follow();
     const chosen = this._selection;
     if (!chosen || this._timer) return;
-    const wanted = { robot: `robot/${chosen.name}`, task: `task/${chosen.name}`, fault: `why/${chosen.name}` }[chosen.kind];
-    if (!keys.has(wanted) && !keys.has(`fault/${chosen.name}`)) return;
+    const wanted = chosen.kind === "fault" ? `why/${chosen.name}` : `${chosen.kind}/${chosen.name}`;
+    if (![wanted, `fault/${chosen.name}`, "forecast"].some((key) => keys.has(key))) return;
     this._timer = setTimeout(() => { this._timer = 0; if (this._selection) this._load(); }, AGAIN_MS);
   }
 
   // In a recording, the newest fault until where it is.
   _follow() {
-    const blocked = [...this._store.all("task")].find(([, task]) => task?.reason.startsWith("blocked"))?.[0];
+    const first = (kind, why) => { const found = [...this._store.all(kind)].find(([, each]) => why(each)?.startsWith("blocked")); return found && { kind, name: found[0] }; };
+    const isOver = !!this._store.get("team")?.ended;
+    const blocked = isOver ? undefined : first("task", (task) => task.reason) ?? first("job", (job) => job.why);
     const now = this._store.now();
     const past = [...this._store.all("fault")].filter(([, fault]) => fault.at_s === null || now === null || fault.at_s <= now);
     const newest = past.sort((a, b) => (a[1].at_s ?? 0) - (b[1].at_s ?? 0)).at(-1)?.[0];
-    const worst = blocked ? { kind: "task", name: blocked } : newest && { kind: "fault", name: newest };
+    const worst = blocked ?? (newest && { kind: "fault", name: newest });
     const key = worst && `${worst.kind}/${worst.name}`;
     if (key === this._worst) return;
     this._worst = key;
@@ -71,7 +75,10 @@ export class WhyView {
     const chosen = this._selection;
     let told = null, trees = null;
     if (chosen.kind === "fault") {
+      const fault = this._store.get(`fault/${chosen.name}`);
       told = this._store.get(`why/${chosen.name}`) ?? this._untaken(chosen.name);
+      const isDead = told && fault && fault.until_s === null && this._store.get(`robot/${fault.robot}`)?.state === "dead";
+      if (isDead) told = { ...told, next: (await fetched(`why/robot/${encodeURIComponent(fault.robot)}`))?.next };
     } else {
       [told, trees] = await Promise.all([
         fetched(`why/${chosen.kind}/${encodeURIComponent(chosen.name)}`),
@@ -94,7 +101,7 @@ export class WhyView {
 
   _draw(chosen, told, trees) {
     const body = byId("why-body");
-    const parts = [element("h3", {}, told.subject), element("p", { class: "sentence" }, told.sentence)];
+    const parts = [element("h3", {}, told.subject), element("p", { class: "sentence" }, told.sentence), ...this._next(told.next ?? [])];
     for (const group of told.groups) {
       if (!group.candidates.length) continue;
       if (told.groups.length > 1) parts.push(element("h3", {}, group.local_task));
@@ -129,6 +136,21 @@ export class WhyView {
       element("ol", { class: "events" }, ...rows.map(([at, text]) => element("li", {}, element("time", {}, seconds(at)), element("span", {}, text))))] : [];
   }
 
+  // What happens next, with the time until then.
+  _next(steps) {
+    this._times = steps.map(({ at_s: at }) => ({ at, shown: element("b") }));
+    if (!steps.length) return [];
+    const rows = steps.map(({ text }, i) => element("li", {}, ...withCommands(text), " ", this._times[i].shown));
+    this.tick();
+    return [element("h3", {}, "What happens next"), element("ul", { class: "steps" }, ...rows)];
+  }
+
+  // Between changes time passes.
+  tick() {
+    const now = this._store.now();
+    for (const { at, shown } of this._times) setText(shown, at === null || now === null ? "" : due(at - now));
+  }
+
   _candidate(each) {
     const name = element("button", { type: "button", class: "link", onclick: () => this._select({ kind: "robot", name: each.robot }) }, each.robot);
     const number = each.performance === null ? "no bid" : String(Math.round(each.performance * 1000) / 1000);
@@ -142,7 +164,9 @@ function ownTree(told, name) {
   return element("div", { class: "own", role: "list", "aria-label": name }, ...told.tree.map((node, index) => {
     depths[index] = node.parent < 0 ? 0 : depths[node.parent] + 1;
     const status = STATUS[told.statuses[index]];
-    const row = element("div", { role: "listitem" }, element("span", { class: `s-${status}`, title: status }, SIGN[status]),
+    // That a condition does not hold is no failure of anybody.
+    const look = node.kind === "Condition" && status === "failure" ? "idle" : status;
+    const row = element("div", { role: "listitem" }, element("span", { class: `s-${look}`, title: status }, SIGN[status]),
       element("span", { class: status === "idle" ? "hint" : undefined }, `${kindSign(node.kind)} ${node.label}`.trim()));
     row.style.setProperty("--depth", depths[index]);
     return row;
