@@ -247,8 +247,13 @@ class TeamState:
         return where.in_units() if where is not None else None
 
     def _state(self, robot: str, peer: Peer | None) -> str:
-        """As `State`, or `joining`, or `leaving`: announced, but still there."""
-        state = self.observer.robot_state(robot)
+        """As `State`, or `joining`, or `leaving`: announced, but still there. One that has ended
+        with the run has left.
+        """
+        state, record = self.observer.robot_state(robot), self.observer.record
+        if state is State.DEAD and record.result is not None:
+            has_died = any(f.robot == robot and f.until_us is None for f in record.major)
+            return str(State.DEAD if has_died else State.LEFT)
         if peer is not None and peer.state.is_healthy:
             if state is State.LEFT:
                 return "leaving"

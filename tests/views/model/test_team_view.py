@@ -109,6 +109,19 @@ def test_a_blocked_task_says_so_and_why() -> None:
     assert all(each["level"] != "bad" for each in page.items["headline"])
 
 
+def test_robots_that_end_with_the_run_have_not_died() -> None:
+    script, observer = watched(
+        COVER, "kill C", "pass 1500", "succeed A", "pass 300", "succeed A", "succeed B"
+    )
+    script.block(["pass 300", "kill A", "kill B", "pass 1500"])
+    view = TeamView(observer)
+    view.update(script.team.now_us)
+    items = view.changes.since(0)
+    assert items["team"]["ended"] == "success"
+    states = [items[f"robot/{robot}"]["state"] for robot in ("A", "B", "C")]
+    assert states == ["left", "left", "dead"]
+
+
 def test_a_pending_revision_is_told_with_the_robots_that_it_waits_for() -> None:
     script, observer = watched(WELD)
     view = TeamView(observer)
