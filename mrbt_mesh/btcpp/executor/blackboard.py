@@ -8,7 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, ValueTypeError, as_type, read_text
+from mrbt_mesh.btcpp.scripts.values import (
+    ANY_TYPE,
+    INTEGERS,
+    REALS,
+    ValueTypeError,
+    as_type,
+    read_text,
+    type_of_value,
+)
 
 # The library converts between numbers where nothing is lost, but for these: (type, new type).
 _NEVER_SAFE = {
@@ -123,7 +131,7 @@ class Blackboard:
         if entry.type in ("", ANY_TYPE) and not (is_new and isinstance(value, str)):
             entry.type = type_of_value(value)
         try:
-            if self.exact and (entry.type, type_of_value(value)) in _NEVER_SAFE:
+            if self.exact and not _is_safe(entry.type, value):
                 raise BlackboardError(f"the entry {name!r} is of type {entry.type}, not {value!r}")
             kept = converted(name, value, entry.type)
         except BlackboardError:
@@ -134,7 +142,9 @@ class Blackboard:
 
     def own(self, name: str, value: Any) -> None:
         """Set an entry of this very board, whatever it would be remapped to."""
-        self._entries.setdefault(name, BoardEntry()).set(value)
+        entry = self._entries.setdefault(name, BoardEntry())
+        entry.type = "" if isinstance(value, str) else type_of_value(value)
+        entry.set(value)
 
     # -- as scripts see it: `evaluator.Entries` -----------------------------------------------
 
@@ -207,13 +217,13 @@ class Blackboard:
         self.root._watchers.append(watcher)
 
 
-def type_of_value(value: Any) -> str:
-    """The C++ type of what a program writes; "" for what has none here."""
-    if isinstance(value, bool):
-        return "bool"
-    if isinstance(value, int):
-        return "int" if -(2**31) <= value < 2**31 else "int64_t"
-    return {float: "double", str: "std::string"}.get(type(value), "")
+def _is_safe(type_name: str, value: Any) -> bool:
+    """Whether the library may convert a value to an entry's type: numbers to numbers alone."""
+    given = type_of_value(value)
+    if given in ("", "std::string") or type_name in ("", "std::string", given):
+        return True
+    is_number = type_name in INTEGERS or type_name in REALS or type_name == "bool"
+    return is_number and (type_name, given) not in _NEVER_SAFE
 
 
 def converted(name: str, value: Any, type_name: str) -> Any:

@@ -23,7 +23,7 @@ from mrbt_mesh.btcpp.executor.node import (
     TreeWorld,
 )
 from mrbt_mesh.btcpp.executor.timed import TIMED
-from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, LOOP_ITEMS, NAV2_NODES
+from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, NAV2_NODES, entry_type
 from mrbt_mesh.btcpp.files.check_nodes import child_path
 from mrbt_mesh.btcpp.files.document import (
     SUBTREE,
@@ -52,7 +52,6 @@ NODE_TYPES: Mapping[str, type[TreeNode]] = {
 }
 # A function's int may be either, and so may a program's.
 _PYTHON_INT = {"int", "int64_t"}
-UPDATED = ("SkipUnlessUpdated", "WaitValueUpdate", "WasEntryUpdated")
 # An entry of these types may be any port's.
 _TEXT_OR_ANY = ("", "std::string", ANY_TYPE)
 
@@ -218,20 +217,13 @@ class _Builder:
 
     def _ports(self, node: TreeNode, leaf: Leaf | None, element: Element, where: _Where) -> None:
         """Declare the entries that ports point to; check the ports of a leaf."""
-        model, declared = BUILTIN.get(node.type), self.library.model(node.type)
         if leaf is not None:
             self._check_ports(node, leaf, element, where)
         for name, text in node.ports.items():
             key = pointer(text, name)
             if key is None:
                 continue
-            known = [each.ports for each in (leaf, model, declared) if each is not None]
-            type_name = next((given[name].type for given in known if name in given), "")
-            type_name = "" if type_name in ("script", "list") else type_name
-            if name == "entry" and node.type in UPDATED:
-                type_name = ANY_TYPE
-            elif name == "value" and node.type in LOOP_ITEMS:
-                type_name = LOOP_ITEMS[node.type]
+            type_name = self._entry_type(node, leaf, name)
             before = where.board.declare(key, type_name).type
             is_free = type_name in ("", ANY_TYPE, before) or before in _TEXT_OR_ANY
             is_free = is_free or {type_name, before} == _PYTHON_INT
@@ -240,6 +232,15 @@ class _Builder:
                     f"port {name!r} is of type {type_name}, and its entry {key!r} of type {before}"
                 )
                 self.problem(where, element.line, f"{node.type}: {message}")
+
+    def _entry_type(self, node: TreeNode, leaf: Leaf | None, port: str) -> str:
+        """The type that a port gives to its entry: that of the function, else of the model."""
+        if leaf is not None and port in leaf.ports:
+            return leaf.ports[port].type
+        model = self.library.model(node.type)
+        if model is None or port not in model.ports:
+            return ""
+        return entry_type(node.type, model.ports[port]) or ""
 
     def _check_ports(self, node: TreeNode, leaf: Leaf, element: Element, where: _Where) -> None:
         for name in node.ports:
@@ -252,9 +253,11 @@ class _Builder:
             if port.writes and port.is_optional and given == "":
                 # As editors write an output that is left out.
                 continue
+            is_lost = port.writes and given is not None and pointer(given, name) is None
             if given is None and not port.is_optional:
                 self.problem(where, element.line, f"{node.type}: port {name!r} is missing")
-            elif given is not None and port.writes and pointer(given, name) is None:
+            elif is_lost and (name in node.ports or not port.reads):
+                # A default that is a value is for reading.
                 message = f"{node.type}: port {name!r} is written, it needs an entry: {{{name}}}"
                 self.problem(where, element.line, message)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from mrbt_mesh.btcpp.executor.blackboard import BlackboardError, type_of_value
+from mrbt_mesh.btcpp.executor.blackboard import BlackboardError
 from mrbt_mesh.btcpp.executor.node import FAILURE, SUCCESS, NodeStatus, TickError, TreeNode
 from mrbt_mesh.btcpp.files.document import pointer
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import Script, ScriptError
-from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, ValueTypeError, read_text
+from mrbt_mesh.btcpp.scripts.values import ANY_TYPE, ValueTypeError, read_text, type_of_value
 
 
 class Always(TreeNode):
@@ -53,7 +53,9 @@ class SetBlackboard(TreeNode):
 
     def tick(self) -> NodeStatus:
         self.world.count_leaf(self.place)
-        name, text = self._target(), self.ports.get("value", "")
+        name, text = self._target(), self.ports.get("value")
+        if text is None:
+            raise TickError(f"{self.place}: port 'value' is missing")
         key = pointer(text, "value")
         value: Any = text
         type_name = ""

@@ -136,12 +136,19 @@ class RunOnce(Decorator):
 
     def tick(self) -> NodeStatus:
         if self.answer is not IDLE:
-            return SKIPPED if self.input("then_skip", "bool") else self.answer
+            return SKIPPED if self._then_skips() else self.answer
         self.status = RUNNING
         status = self.tick_child()
         if status is SUCCESS or status is FAILURE:
             self.answer = status
         return status
+
+    def _then_skips(self) -> bool:
+        """What cannot be read counts as true."""
+        try:
+            return bool(self.input("then_skip", "bool"))
+        except TickError:
+            return True
 
 
 class Precondition(Decorator):
@@ -231,7 +238,10 @@ class Loop(Decorator):
             items = self._queue()
             if not items:
                 return NodeStatus(self.input("if_empty", "BT::NodeStatus"))
-            self.output("value", items.popleft())
+            item = items.popleft()
+            # The library does not mind if there is no entry for it.
+            if pointer(self.ports.get("value", ""), "value") is not None:
+                self.output("value", item)
         self.status = RUNNING
         status = self.tick_child()
         self.running = status is RUNNING

@@ -62,6 +62,11 @@ class LeafNode(TreeNode):
         key = pointer(text, port)
         return key is not None and self.board.read(key) is None
 
+    def _has_entry(self, port: str) -> bool:
+        """Whether what is written has an entry; the default of a port may be a value."""
+        text = self.ports.get(port, self.defaults.get(port, ""))
+        return port in self.ports or pointer(text, port) is not None
+
     def call(self, inputs: Mapping[str, Any], write: Any) -> Any:
         """Call the function; `write(port, value)` is behind its output ports."""
         arguments = dict(inputs)
@@ -69,7 +74,8 @@ class LeafNode(TreeNode):
             if port.writes and (self.ports.get(name) or not port.is_optional):
 
                 def write_port(value: Any, name: str = name) -> None:
-                    write(name, value)
+                    if self._has_entry(name):
+                        write(name, value)
 
                 value = arguments.get(name)
                 arguments[name] = InOut(write_port, value) if port.reads else Out(write_port)

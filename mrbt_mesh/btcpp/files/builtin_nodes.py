@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from mrbt_mesh.btcpp.files.document import Category, Direction, NodeManifest, Port
+from mrbt_mesh.btcpp.scripts.cpp_types import canonical_type
+from mrbt_mesh.btcpp.scripts.values import ANY_TYPE
 
 INTEGER, BOOLEAN, TEXT, STATUS, SCRIPT, LIST, UNSIGNED, ANY = (
     "int",
@@ -70,7 +72,7 @@ def _table() -> dict[str, NodeManifest]:
     add(action, "Script", _port("code", SCRIPT))
     add(condition, "ScriptCondition", _port("code", SCRIPT))
     add(action, "SetBlackboard", _port("value"), _port("output_key", direction=Direction.INOUT))
-    add(action, "UnsetBlackboard", _port("key"))
+    add(action, "UnsetBlackboard", _port("key", TEXT))
     add(action, "Sleep", _port("msec", UNSIGNED))
     add(action, "WasEntryUpdated", _port("entry"))
     return models
@@ -141,6 +143,19 @@ NAV2_CONDITIONS = frozenset(
 # Types of a constant queue's items.
 LOOP_ITEMS = {"LoopInt": INTEGER, "LoopBool": BOOLEAN, "LoopDouble": REAL, "LoopString": TEXT}
 STATUS_NAMES = ("SUCCESS", "FAILURE", "RUNNING", "SKIPPED", "IDLE")
+
+
+def entry_type(node: str, port: Port) -> str | None:
+    """The type that a node's port gives to its entry: "" for any; None if its model has none."""
+    if node not in BUILTIN:
+        return canonical_type(port.type) if port.type else None
+    if port.name == "value" and node in LOOP_ITEMS:
+        return LOOP_ITEMS[node]
+    if port.name == "entry":
+        return ANY_TYPE
+    if port.type == SCRIPT:
+        return ANY if node == "ScriptCondition" else TEXT
+    return ANY if port.type == LIST else port.type
 
 
 def children_allowed(name: str, category: Category) -> tuple[int, int | None]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN
+from mrbt_mesh.btcpp.files.check_entries import check_entries
 from mrbt_mesh.btcpp.files.check_nodes import NodeChecker
 from mrbt_mesh.btcpp.files.check_values import hint, name_problem, port_name_problem
 from mrbt_mesh.btcpp.files.document import (
@@ -54,6 +55,7 @@ def check_library(library: Library, findings: Findings) -> None:
     _check_main_tree(library, findings)
     _check_duplicates(library, findings)
     _check_recursion(library, findings)
+    check_entries(library, findings)
 
 
 class _Checker:

@@ -5,21 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mrbt_mesh.btcpp.files.builtin_nodes import (
-    ANY,
     BUILTIN,
-    LIST,
     LOOP_ITEMS,
     NAV2_NODES,
-    SCRIPT,
     SWITCHES,
-    TEXT,
     category_of,
     children_allowed,
 )
 from mrbt_mesh.btcpp.files.check_values import (
+    conversion_problem,
     hint,
     is_constant,
     name_problem,
+    running_problem,
     script_problem,
     typing_problem,
     value_problem,
@@ -30,6 +28,7 @@ from mrbt_mesh.btcpp.files.document import (
     LEAVES,
     SUBTREE,
     Category,
+    Direction,
     Port,
     conditions,
     instance_name,
@@ -42,6 +41,7 @@ from mrbt_mesh.btcpp.files.elements import Element
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.files.upgrade import old_pointer
+from mrbt_mesh.btcpp.scripts.cpp_types import canonical_type
 from mrbt_mesh.btcpp.scripts.parser import dialect_problem
 from mrbt_mesh.btcpp.scripts.values import read_boolean
 from mrbt_mesh.errors import MAX_PATH_CHARACTERS
@@ -61,8 +61,7 @@ REQUIRED = {
     "SkipUnlessUpdated": ("entry",),
     "WaitValueUpdate": ("entry",),
     "WasEntryUpdated": ("entry",),
-    **dict.fromkeys(("LoopInt", "LoopBool", "LoopDouble", "LoopString"), ("queue", "value")),
-    **dict.fromkeys(SWITCHES, ("variable",)),
+    **dict.fromkeys(("LoopInt", "LoopBool", "LoopDouble", "LoopString"), ("queue",)),
     "PersistentSequence": ("current_child_idx",),
 }
 _THRESHOLDS = ("success_count", "failure_count", "max_failures")
@@ -87,7 +86,6 @@ class NodeChecker:
         self.file = file
         self.findings = findings
         self.subtree_names: dict[str, int] = {}
-        self.entry_types: dict[str, str] = {}
         # Bad names, which are reported at their first use.
         self.odd_names: set[str] = set()
         self.missing_trees: set[str] = set()
@@ -184,7 +182,7 @@ class NodeChecker:
         for name, script in conditions(place.element).items():
             if problem := script_problem(script):
                 self.error(place, f"{name}: {problem}")
-            elif problem := dialect_problem(script):
+            elif problem := dialect_problem(script) or running_problem(script):
                 self.rule(place, f"{name}: {problem}")
         for name, value in ports(place.element).items():
             if entry := old_pointer(value):
@@ -203,55 +201,72 @@ class NodeChecker:
         if model is None:
             return
         given = ports(place.element)
+        is_builtin = model in (BUILTIN.get(place.name), NAV2_NODES.get(place.name))
         for name, value in given.items():
             port = model.ports.get(name)
             if port is None:
                 self.rule(place, f"{place.name} has no port {name!r}{hint(name, model.ports)}")
-                continue
-            if model is BUILTIN.get(place.name) or model is NAV2_NODES.get(place.name):
+            elif is_builtin:
                 self.check_value(place, port, value)
+            else:
+                self.check_model_value(place, port, value)
         for name in REQUIRED.get(place.name, ()):
             if name not in given:
                 self.rule(place, f"{place.name} needs the port {name!r}")
             elif name == "entry" and not given[name]:
                 self.rule(place, f"{place.name} needs an entry")
+        if place.name in SWITCHES and "variable" not in given:
+            self.warn(place, f"{place.name} without 'variable' always chooses its last child")
+        if place.name in LOOP_ITEMS and is_constant(given.get("value", ""), "value"):
+            self.warn(place, f'{place.name} needs an entry for its items: value="{{name}}"')
+        if not is_builtin:
+            left_out = [port for port in model.ports.values() if port.name not in given]
+            self.check_defaults(place, left_out)
+
+    def check_defaults(self, place: _Place, left_out: list[Port]) -> None:
+        """Defaults in models are often C++: in the library only the program's own ones count."""
+        for port in left_out:
+            text = port.default or ""
+            if not text or pointer(text, port.name) is not None:
+                continue
+            if problem := conversion_problem(canonical_type(port.type), text):
+                self.warn(place, f"port {port.name!r}: the default {problem}")
 
     def check_value(self, place: _Place, port: Port, value: str) -> None:
         """The value of a built-in node's port; what a Loop writes has the type of its items."""
         kind = port.type
         if place.name in LOOP_ITEMS and port.name == "value":
             kind = LOOP_ITEMS[place.name]
-            if is_constant(value, port.name) and value_problem("", kind, value):
-                self.rule(place, f"port 'value': {value!r} is no entry; write {{{value}}}")
+            if is_constant(value, port.name) and (problem := value_problem("", kind, value)):
+                self.rule(place, f"port 'value': {problem}")
                 return
         if is_constant(value, port.name) and (problem := value_problem(place.name, kind, value)):
             self.error(place, f"port {port.name!r}: {problem}")
             return
-        self.check_entry_type(place, pointer(value, port.name), kind)
         if place.name == "LoopString":
+            if value.startswith("json:"):
+                self.warn(place, "port 'queue': BehaviorTree.CPP takes JSON for a single text")
             return
         problem, is_refused = typing_problem(kind, value)
         if problem:
             note = self.rule if is_refused else self.warn
             note(place, f"port {port.name!r}: {problem}")
 
-    def check_entry_type(self, place: _Place, key: str | None, kind: str) -> None:
-        """An entry has the type of the first port that names it; text may become anything."""
-        if key is None:
+    def check_model_value(self, place: _Place, port: Port, value: str) -> None:
+        """The value of a port that a model describes."""
+        if pointer(value, port.name) is None and port.direction is not Direction.INPUT:
+            self.warn(place, f"port {port.name!r} is written; it needs an entry: {{{port.name}}}")
+        if value[:1] == "{" and value[-1:] == "}" and len(value) > 2:
             return
-        kind = f"{place.name}'s queue" if kind == LIST else kind
-        before = self.entry_types.setdefault(key, kind)
-        untyped = {ANY, SCRIPT}
-        if before != kind and not untyped & {before, kind} and before != TEXT:
-            message = f"entry {key!r} is a port's value of type {kind} here, and {before} before"
-            self.rule(place, message)
+        if problem := conversion_problem(canonical_type(port.type), value):
+            self.rule(place, f"port {port.name!r}: {problem}")
 
     def check_thresholds(self, place: _Place) -> None:
         count = len(place.element.children)
         for name in _THRESHOLDS:
             value = place.element.get(name).strip()
             if value.lstrip("+").isdecimal() and len(value) < 19 and int(value) > count:
-                self.error(place, f"{name}={value} is above the number of children, {count}")
+                self.rule(place, f"{name}={value} is above the number of children, {count}")
 
     def check_subtree(self, place: _Place) -> None:
         element, name = place.element, place.name

@@ -21,7 +21,15 @@ from mrbt_mesh.btcpp.files.builtin_nodes import (
 from mrbt_mesh.btcpp.files.document import pointer
 from mrbt_mesh.btcpp.scripts.parser import dialect_problem, parse
 from mrbt_mesh.btcpp.scripts.script import Impossible, ScriptError
-from mrbt_mesh.btcpp.scripts.values import read_boolean, split_items
+from mrbt_mesh.btcpp.scripts.values import (
+    INTEGERS,
+    REALS,
+    is_in_range,
+    leading_real,
+    list_item,
+    read_boolean,
+    split_items,
+)
 from mrbt_mesh.errors import MAX_SHOWN_CHARACTERS, nearest
 
 FORBIDDEN = " \t\n<>&\"'/\\:*?|."
@@ -33,7 +41,7 @@ RESERVED_PORTS = ("name", "ID", "_autoremap")
 _INTEGER = re.compile(r"([+-]?[0-9]+).*", re.ASCII | re.DOTALL)
 _UNSIGNED = re.compile(r"(\+?[0-9]+).*", re.ASCII | re.DOTALL)
 _LIMITS = {INTEGER: (-(2**31), 2**31 - 1), UNSIGNED: (0, 2**32 - 1)}
-_REAL = re.compile(r"[+-]?([0-9]|\.[0-9]).*", re.ASCII | re.DOTALL)
+_REAL = re.compile(r"[+-]?([0-9]|\.[0-9]|inf|nan).*", re.ASCII | re.DOTALL | re.IGNORECASE)
 
 
 def shown(text: str) -> str:
@@ -77,8 +85,6 @@ def value_problem(node: str, kind: str, value: str) -> str:
         return f"{shown(value)} is not a number"
     if kind == BOOLEAN and read_boolean(trimmed) is None:
         return f"{shown(value)} is not a boolean; write true or false"
-    if kind == STATUS and trimmed not in STATUS_NAMES:
-        return f"{shown(value)} is not a status; write SUCCESS, FAILURE or SKIPPED"
     if kind == SCRIPT:
         return script_problem(value)
     if kind == LIST:
@@ -89,12 +95,18 @@ def value_problem(node: str, kind: str, value: str) -> str:
 def typing_problem(kind: str, value: str) -> tuple[str, bool]:
     """The oddity of a readable value of type `kind`, and whether BehaviorTree.CPP refuses it."""
     is_typed = kind in (INTEGER, UNSIGNED, BOOLEAN, REAL, LIST)
+    if kind == LIST and value.strip().startswith("json:"):
+        return f"{shown(value)}: BehaviorTree.CPP takes no JSON here; write items with ';'", True
     if not is_constant(value, "port"):
         is_odd = is_typed and (value == "=" or value != value.strip())
         return ("BehaviorTree.CPP takes only {name} or {=} here" if is_odd else ""), is_odd
     if kind == SCRIPT:
-        problem = dialect_problem(value)
+        problem = dialect_problem(value) or running_problem(value)
         return problem, bool(problem)
+    if kind == STATUS:
+        is_odd = value not in STATUS_NAMES
+        problem = f"{shown(value)} is not a status; write SUCCESS, FAILURE or SKIPPED"
+        return (problem if is_odd else ""), is_odd
     if kind in (INTEGER, UNSIGNED, BOOLEAN, REAL) and value[:1].isspace():
         return f"{shown(value)} begins with a space, which BehaviorTree.CPP does not take", True
     if kind == REAL and value.startswith("+"):
@@ -110,6 +122,50 @@ def typing_problem(kind: str, value: str) -> tuple[str, bool]:
     if value.startswith("+"):
         return f"{shown(value)} begins with '+', which BehaviorTree.CPP does not take", True
     return f"{shown(value)} is no whole number; BehaviorTree.CPP reads it as {found[1]}", False
+
+
+def conversion_problem(kind: str, text: str) -> str:
+    """Why BehaviorTree.CPP cannot make a value of a canonical type of a text; "" if it can.
+
+    Of types that are not known here nothing is found. A number may be followed by anything.
+    """
+    if (item := list_item(kind)) is not None:
+        if text.startswith("json:"):
+            return (
+                "" if _is_json_list(item, text[5:]) else f"{shown(text)} is no JSON list of {item}"
+            )
+        problems = (conversion_problem(item, each) for each in split_items(text))
+        return next(filter(None, problems), "")
+    if kind in INTEGERS:
+        sign = "" if kind == "uint64_t" else "-?"
+        number = re.match(f"{sign}[0-9]+", text, re.ASCII)
+        if number is None:
+            return f"{shown(text)} is not a whole number"
+        return "" if is_in_range(int(number[0]), kind) else f"{shown(text)} is not of type {kind}"
+    if kind in REALS and leading_real(text) is None:
+        return f"{shown(text)} is not a number"
+    if kind == BOOLEAN and read_boolean(text) is None:
+        return f"{shown(text)} is not a boolean; write true or false"
+    return ""
+
+
+_JSON_ITEMS: dict[str, tuple[type, ...]] = {BOOLEAN: (bool,), TEXT: (str,)}
+
+
+def _is_json_list(item: str, text: str) -> bool:
+    try:
+        items = json.loads(text)
+    except (ValueError, RecursionError):
+        return False
+    if not isinstance(items, list):
+        return False
+    if item in _JSON_ITEMS:
+        return all(isinstance(each, _JSON_ITEMS[item]) for each in items)
+    if item not in INTEGERS and item not in REALS:
+        return True
+    # To the library a boolean is an integer here, and no real number.
+    is_number = all(isinstance(each, int | float) for each in items)
+    return is_number and (item in INTEGERS or not any(isinstance(each, bool) for each in items))
 
 
 def _list_problem(item_kind: str, text: str) -> str:
@@ -129,12 +185,17 @@ def _list_problem(item_kind: str, text: str) -> str:
 
 
 def script_problem(text: str) -> str:
-    """The problem with a script; empty if there is none."""
+    """The problem with a script; empty if it can be read."""
     try:
-        script = parse(text)
+        parse(text)
     except ScriptError as error:
         return f"the script {shown(text)} cannot be read: {error}"
-    for expression in script.expressions():
+    return ""
+
+
+def running_problem(text: str) -> str:
+    """What makes a script that can be read fail whenever it is run; empty if nothing does."""
+    for expression in parse(text).expressions():
         if isinstance(expression, Impossible):
             return (
                 f"the script {shown(text)} cannot be run: only a blackboard entry can stand "

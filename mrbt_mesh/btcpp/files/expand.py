@@ -28,11 +28,11 @@ from mrbt_mesh.btcpp.files.xml_reader import MAX_LEVELS
 from mrbt_mesh.btcpp.scripts.evaluator import Value
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import ScriptError, renamed
+from mrbt_mesh.btcpp.scripts.values import read_real
 from mrbt_mesh.errors import FileError, Problem
 
 MAX_NODES = 20_000
-_INTEGER = re.compile(r"[+-]?[0-9]{1,20}", re.ASCII)
-_REAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+_INTEGER = re.compile(r"-?[0-9]{1,30}", re.ASCII)
 
 # Ports that hold scripts: their text names blackboard entries.
 SCRIPT_PORTS = {"Script": "code", "ScriptCondition": "code", "Precondition": "if"}
@@ -124,7 +124,8 @@ def constant_value(text: str) -> Value:
     """A SubTree's constant as BehaviorTree.CPP stores it: an integer, a real number or a text."""
     if _INTEGER.fullmatch(text) and -(2**63) <= int(text) < 2**63:
         return int(text)
-    return float(text) if _REAL.fullmatch(text) else text
+    number = read_real(text)
+    return text if number is None else number
 
 
 def expand(library: Library, tree: str) -> ExpandedTree:

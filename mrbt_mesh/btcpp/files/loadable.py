@@ -38,7 +38,7 @@ def loadable(document: Document) -> Document:
     """The document with nothing in a form that BehaviorTree.CPP refuses.
 
     Below a ReactiveSequence it knows no <Action ID=...>; it reads `<?...?>` only at the beginning,
-    `json:` lists only since 4.9, and texts of scripts in single quotes.
+    no `json:` lists in queues, and texts of scripts in single quotes.
     """
     result = document.copy()
     for element in result.root.walk():

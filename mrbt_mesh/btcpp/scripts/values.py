@@ -25,7 +25,9 @@ INT64 = range(-(2**63), 2**63)
 # The largest integer below which a double holds every one.
 EXACT = 2**53 - 1
 
-_LEADING_NUMBER = re.compile(r"-?(inf|nan|([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?)", re.ASCII)
+_LEADING_NUMBER = re.compile(
+    r"-?(inf|nan|([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?)", re.ASCII | re.IGNORECASE
+)
 _INTEGER = re.compile(r"[+-]?[0-9]+\s*", re.ASCII)
 # What C++ reads as a real number, where that is the whole text.
 _REAL = re.compile(
@@ -51,12 +53,21 @@ _RANGES = {
     "size_t": range(2**64),
 }
 INTEGERS = frozenset(_RANGES)
-_REALS = ("double", "float")
+REALS = ("double", "float")
 _LISTS = re.compile(r"std::(?:vector|deque)<(.+?)(?:,.*)?>|list<(.+)>", re.ASCII)
 
 
 class ValueTypeError(ValueError):
     """A value that cannot be taken for one of the type that is needed."""
+
+
+def type_of_value(value: Any) -> str:
+    """The C++ type of what a program writes; "" for what has none here."""
+    if isinstance(value, bool):
+        return "bool"
+    if isinstance(value, int):
+        return "int" if -(2**31) <= value < 2**31 else "int64_t"
+    return {float: "double", str: "std::string"}.get(type(value), "")
 
 
 def read_boolean(text: str) -> bool | None:
@@ -77,6 +88,12 @@ def read_real(text: str) -> float | None:
     is_named = text[-1].isalpha()
     is_lost = math.isinf(number) or (number == 0 and re.search("[1-9]", text.lower().split("e")[0]))
     return number if is_named or not is_lost else None
+
+
+def leading_real(text: str) -> float | None:
+    """The real number with which a text begins, as the library reads a port; None if with none."""
+    match = _LEADING_NUMBER.match(text)
+    return None if match is None else read_real(match[0])
 
 
 def as_number(value: Any) -> float:
@@ -114,6 +131,11 @@ def as_integer_of(value: Any, type_name: str) -> int:
     if number not in _RANGES[type_name]:
         raise ValueTypeError(f"{number} is out of the range of {type_name}")
     return number
+
+
+def is_in_range(number: int, type_name: str) -> bool:
+    """Whether an integer of this C++ type can have this value."""
+    return number in _RANGES[type_name]
 
 
 def as_truth(value: Any) -> bool:
@@ -159,15 +181,20 @@ def as_type(value: Any, type_name: str) -> Any:
         return _as_list(value, type_name) if isinstance(value, list) else value
     if not isinstance(value, int | float):
         value = _plain_number(value, type_name)
-    if type_name in _REALS:
+    if type_name in REALS:
         return as_number(value)
     return as_truth(value) if type_name == "bool" else as_integer_of(value, type_name)
 
 
+def list_item(type_name: str) -> str | None:
+    """The type of a list's items; None for types that are no lists."""
+    match = _LISTS.fullmatch(type_name)
+    return None if match is None else match[1] or match[2]
+
+
 def _as_list(values: list[Any], type_name: str) -> list[Any]:
     """The same list if there is nothing to convert."""
-    match = _LISTS.fullmatch(type_name)
-    item = (match[1] or match[2]) if match else ""
+    item = list_item(type_name) or ""
     if not _is_numeric(item):
         return values
     items = [read_text(v, item) if isinstance(v, str) else as_type(v, item) for v in values]
@@ -176,7 +203,7 @@ def _as_list(values: list[Any], type_name: str) -> list[Any]:
 
 
 def _is_numeric(type_name: str) -> bool:
-    return type_name in INTEGERS or type_name in _REALS or type_name == "bool"
+    return type_name in INTEGERS or type_name in REALS or type_name == "bool"
 
 
 def _plain_number(value: Any, type_name: str) -> int | float:
@@ -198,7 +225,7 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
     """
     if type_name in _RANGES:
         return _read_integer(text, type_name, enums or {})
-    if type_name in _REALS:
+    if type_name in REALS:
         number = read_real(text.rstrip())
         if number is None:
             raise ValueTypeError(f"the text {text!r} is no real number")
@@ -213,8 +240,8 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
             return json.loads(text[5:])
         except ValueError as error:
             raise ValueTypeError(f"{text[:80]!r} is no JSON: {error}") from None
-    if match := _LISTS.fullmatch(type_name):
-        return [read_text(item, match[1] or match[2], enums) for item in split_items(text)]
+    if (kind := list_item(type_name)) is not None:
+        return [read_text(item, kind, enums) for item in split_items(text)]
     return text
 
 

@@ -241,6 +241,34 @@ def test_a_queue_that_cannot_be_read_is_told_with_its_place() -> None:
         Ticked('<LoopInt queue="1;b" value="{v}"><AlwaysSuccess/></LoopInt>')
 
 
+@pytest.mark.parametrize("value", ["", 'value="5"'])
+def test_the_items_of_a_loop_without_an_entry_go_nowhere(value: str) -> None:
+    tree = Ticked(f'<LoopInt queue="1;2" {value}><Leaf says="SUCCESS"/></LoopInt>')
+    assert tree.run(3) == [RUNNING, RUNNING, SUCCESS]
+    assert tree.ticks == [2]
+
+
+def test_run_once_skips_if_its_port_has_no_value() -> None:
+    tree = Ticked('<RunOnce then_skip="{none}"><Leaf says="SUCCESS"/></RunOnce>')
+    assert tree.run(2) == [SUCCESS, SKIPPED]
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<Script code="3 = 4"/>', "only a blackboard entry can stand before '='"),
+        ('<AlwaysSuccess _onSuccess="1 := 2"/>', "only a blackboard entry can stand before ':='"),
+        ('<Parallel success_count="2"><AlwaysSuccess/></Parallel>', "success_count"),
+        ('<Precondition if="false" else="no"><AlwaysSuccess/></Precondition>', "is no status"),
+        ('<SetBlackboard output_key="n"/>', "port 'value' is missing"),
+    ],
+)
+def test_what_the_library_notices_when_it_ticks_is_noticed_then(body: str, message: str) -> None:
+    tree = Ticked(body)
+    with pytest.raises(TickError, match=message):
+        tree.run()
+
+
 @pytest.mark.parametrize(
     ("kind", "otherwise"), [("SkipUnlessUpdated", SKIPPED), ("WaitValueUpdate", RUNNING)]
 )

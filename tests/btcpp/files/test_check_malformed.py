@@ -50,11 +50,9 @@ EXPECTED = [
     ("if_then_else_with_one_child", 3, "IfThenElse needs 2 to 3 children, it has 1"),
     ("switch_without_default", 3, "Switch2 needs exactly 3 children, it has 2"),
     ("try_catch_with_one_child", 3, "TryCatch needs at least 2 children, it has 1"),
-    ("threshold_too_large", 3, "success_count=3 is above the number of children, 2"),
     ("bad_integer", 3, "port 'num_cycles': 'three' is not a whole number"),
     ("bad_unsigned", 3, "port 'msec': '-5' is not a whole number of 0 or more"),
     ("bad_boolean", 3, "port 'then_skip': 'yes' is not a boolean; write true or false"),
-    ("bad_status", 3, "port 'else': 'success' is not a status"),
     ("bad_list", 3, "port 'queue': 'two' is not a whole number; items are separated by ';'"),
     ("bad_json_list", 3, "is no JSON after 'json:'"),
     ("bad_autoremap", 3, "_autoremap='yes' is not a boolean"),
@@ -69,17 +67,19 @@ EXPECTED = [
         4,
         "_skipIf: the script 'a ==' cannot be read: a value expected, found the end",
     ),
-    (
-        "postcondition_syntax",
-        3,
-        "_onSuccess: the script '1 := a' cannot be run: only a blackboard entry can stand",
-    ),
     ("recursion", 7, "B/A: a tree cannot contain itself: A -> B -> A"),
     ("recursion_of_one", 3, "a tree cannot contain itself: Main -> Main"),
     ("model_subtree_without_id", 6, "<SubTree> needs an ID in <TreeNodesModel>"),
 ]
 # Errors in strict checking alone: lenient checking warns.
 ONLY_STRICT = [
+    ("threshold_too_large", 3, "success_count=3 is above the number of children, 2"),
+    ("bad_status", 3, "port 'else': 'success' is not a status"),
+    (
+        "postcondition_syntax",
+        3,
+        "_onSuccess: the script '1 := a' cannot be run: only a blackboard entry can stand",
+    ),
     ("undefined_entity", 3, "the name 'a&nbsp;b' contains '&'"),
     ("main_tree_unknown", 1, "names 'Mian', which is no tree; did you mean 'Main'?"),
     ("main_tree_missing", 1, "one of 2 trees has to be named in main_tree_to_execute; known: A, B"),

@@ -69,6 +69,7 @@ def test_valid_and_strict_where_it_claims_to_be(path: Path) -> None:
         "nav2_controls": "neither built in nor in <TreeNodesModel>",
         "subtree_unresolved": "there is no tree 'ElsewhereInThePackage'",
         "first": "",
+        "decorator_loop_json": "takes no JSON here",
         "empty_library": "there is no <BehaviorTree>",
         "attribute_order_and_quotes": "in double quotes",
         "scripts_all_operators": "in double quotes",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.btcpp.executor.blackboard import Blackboard, type_of_value
+from mrbt_mesh.btcpp.executor.blackboard import Blackboard
 from mrbt_mesh.btcpp.scripts.evaluator import run_script
 from mrbt_mesh.btcpp.scripts.parser import parse
 from mrbt_mesh.btcpp.scripts.script import Script
+from mrbt_mesh.btcpp.scripts.values import type_of_value
 
 
 def board_of(entries: Mapping[str, Any], parent: Blackboard | None = None) -> Blackboard:
