@@ -8,7 +8,7 @@ cheap to import: what needs an extra is imported when the plug-in is used, after
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
@@ -90,15 +90,15 @@ class ViewerOptions:
     """What a view is asked for; each takes what applies to it.
 
     `port` None: the view's usual one, 0: any. `has_control`: it may act on the team. `robot`: show
-    the tree of this one. `notes`: lines to show with the team, e.g. a warning. `public_url`: the
-    address at which a proxy serves it, empty if there is none.
+    the tree of this one. `notes`: the lines to show with the team now, e.g. a warning.
+    `public_url`: the address at which a proxy serves it, empty if there is none.
     """
 
     host: str = "127.0.0.1"
     port: int | None = None
     has_control: bool = False
     robot: str | None = None
-    notes: tuple[str, ...] = ()
+    notes: Callable[[], Sequence[str]] = tuple
     public_url: str = ""
 
 

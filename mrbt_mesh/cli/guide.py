@@ -12,45 +12,61 @@ import anyio
 from mrbt_mesh.cli.command_notes import note_command
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import performance
+from mrbt_mesh.core.mission.names import name_order
 from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.core.observer.time_at_work import time_at_work
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
 LOOK_S = 0.2
+# When a robot is killed, with how much work left at least, so that one sees another take over, and
+# how long is waited for one that has: all in s at speed 1.
+KILL_AFTER_S, LEFT_S, PATIENCE_S = 8.0, 2.0, 10.0
 
 
 class Guide:
-    """Kills one robot at work, `kill_after_s` after the mission has begun."""
+    """Kills one robot at work, and says which one to kill next. `speed`: as of the robots."""
 
-    def __init__(self, kill_after_s: float) -> None:
-        self._kill_after_s = kill_after_s
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._observer: Observer | None = None
+        self._killed = self._next = ""
         self._problems: list[str] = []
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What to look at, to be shown with the team."""
-        return (
-            f"At {self._kill_after_s:g} s this demo kills a robot. Kill the next: mrbt kill B1, "
-            "in another terminal",
-        )
+    def hints(self) -> list[str]:
+        """What to look at or to try now, to be shown with the team."""
+        if not self._killed:
+            return [f"After {KILL_AFTER_S / self._speed:g} s this demo kills a robot at work"]
+        assert self._observer is not None
+        if self._next not in self._observer.membership.members():
+            self._next = next_to_kill(self._observer)
+        hints = [f"the demo has killed {self._killed}"]
+        if self._next and not self._observer.is_over:
+            hints.append(f"in another terminal: mrbt kill {self._next}")
+        return hints
 
     async def kill_one(self, watcher: Watcher, team: Team) -> None:
         """Wait for a robot whose work another one can take over, and kill its process."""
-        observer = watcher.observer
+        observer = self._observer = watcher.observer
         while observer.record.result is None:
             await anyio.sleep(LOOK_S)
-            passed_s = observer.record.seconds(boottime_us())
-            if passed_s is None or passed_s < self._kill_after_s:
+            now_us = boottime_us()
+            late_s = (observer.record.seconds(now_us) or 0.0) - KILL_AFTER_S / self._speed
+            if late_s < 0:
                 continue
+            left_s = LEFT_S if late_s < PATIENCE_S / self._speed else 0.0
             for robot in replaceable(observer):
+                if not has_work_left(observer, robot, left_s / self._speed, now_us):
+                    continue
                 process = team.process(robot)
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
                     killed = f"{robot} (pid {process.pid}) killed"
                     # A view has the terminal: a warning waits for the closing words.
                     note_command(team.run_dir, "demo", killed, warn=self._problems.append)
+                    self._killed = robot
                     return
 
     def closing(self, team: Team) -> list[str]:
@@ -89,3 +105,16 @@ def replaceable(observer: Observer) -> Iterator[str]:
             and all(able(alive - {robot}, need.local_task) >= need.min_robots for need in needs)
         ):
             yield robot
+
+
+def has_work_left(observer: Observer, robot: str, left_s: float, now_us: int) -> bool:
+    """Whether its action goes on for so long, also where nobody knows how long it should take."""
+    work = time_at_work(observer, robot, now_us)
+    return work is not None and (work.expected_s is None or work.expected_s - work.for_s >= left_s)
+
+
+def next_to_kill(observer: Observer) -> str:
+    """A living robot: one at work that others can replace, else one at work, else any; or empty."""
+    living = sorted(observer.membership.members(), key=name_order)
+    at_work = [robot for robot in living if observer.claim(robot) is not None]
+    return next((robot for robot in [*replaceable(observer), *at_work, *living]), "")

@@ -280,23 +280,29 @@ class Session:
         if self.show.as_json or not all(view.address for view in opened.values()):
             yield lambda: None
             return
-        guiding = self.guide.notes if self.guide is not None else ()
+        guide = self.guide
         if _is_live(self.show):
-            notes = [*_address_lines(opened, self.views.options), *guiding]
+            lasting = _address_lines(opened, self.views.options)
             if self.overload is not None:
-                notes.append(f"{self.overload.robots} robots are too many for this machine")
-            options = replace(self.views.options, has_control=False, notes=tuple(notes))
+                lasting.append(f"{self.overload.robots} robots are too many for this machine")
+
+            def notes() -> list[str]:
+                return [*(guide.hints() if guide is not None else ()), *lasting]
+
+            options = replace(self.views.options, has_control=False, notes=notes)
             viewer = plugins.VIEWS.load(TERMINAL_VIEW)
             async with viewer.showing(watcher, self.team, options) as view:
                 opened[TERMINAL_VIEW] = view
                 yield lambda: None
             return
-        for note in guiding:
-            click.echo(note)
-        printed = 0
+        printed, hinted = 0, list[str]()
 
         def print_lines() -> None:
-            nonlocal printed
+            nonlocal printed, hinted
+            hints = guide.hints() if guide is not None else []
+            for hint in hints if hints != hinted else ():
+                click.echo(hint)
+            hinted = hints
             record = watcher.observer.record
             for _, (at_us, text) in record.timeline.since(printed):
                 seconds = record.seconds(at_us) or 0.0

@@ -37,9 +37,6 @@ from mrbt_mesh.runtime.robot_options import RobotOptions
 if TYPE_CHECKING:
     from mrbt_mesh.cli.guide import Guide
 
-# When `mrbt demo` kills a robot.
-KILL_AFTER_S = 8.0
-
 
 @click.command(cls=MrbtCommand)
 @mission_argument
@@ -137,9 +134,9 @@ def up(
 def demo(context: click.Context, example: str, speed: float, headless: bool, as_json: bool) -> None:
     """Run an example, by default six robots that repair a vehicle (about 30 s).
 
-    It kills one robot at work by itself, and lets you kill the next one. Where the extra `web` is
-    installed, a page shows the robots in the browser and has a button to kill each. Exit status:
-    that of `mrbt up`.
+    It kills one robot at work by itself, and names a living one for you to kill next. Where the
+    extra `web` is installed, a page shows the robots in the browser and has a button to kill each.
+    Exit status: that of `mrbt up`.
 
     Example: mrbt demo; in a second terminal, while it runs: mrbt kill A1; mrbt status
     """
@@ -153,9 +150,9 @@ def demo(context: click.Context, example: str, speed: float, headless: bool, as_
         try:
             VIEWS.load("web").check(ViewerOptions(has_control=True))
             page = {"web": True, "control": True}
-        except InputError:
-            pass  # without its extra
+        except InputError as error:
+            click.echo(str(error))
     if not as_json:
         click.echo(f"mrbt up {quote(str(mission))}")
     how = {"speed": speed, "headless": headless, "as_json": as_json}
-    context.invoke(up, mission=mission, guide=Guide(KILL_AFTER_S / speed), **how, **page)
+    context.invoke(up, mission=mission, guide=Guide(speed), **how, **page)

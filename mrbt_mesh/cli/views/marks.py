@@ -25,6 +25,8 @@ STATE_MARKS = {
     "dead": ("✖", "bold red"),
     "left": ("○", "dim"),
 }
+# Words for people, where they differ: those of the headline and of the page.
+STATE_WORDS = {"suspect": "silent"}
 # By `WorkEnd`. A death has a mark of its own.
 END_MARKS = {"done": ("✔", "green"), "failed": ("✘", "red"), "dropped": ("┤", "dim")}
 # Of a headline's statements, by `Level`.

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from mrbt_mesh.cli.terminal import table
-from mrbt_mesh.cli.views.marks import STATE_MARKS, by_urgency, statement_text
+from mrbt_mesh.cli.views.marks import STATE_MARKS, STATE_WORDS, by_urgency, statement_text
 from mrbt_mesh.cli.views.plan_view import render_bounds, render_forecast
 from mrbt_mesh.cli.views.summary_view import (
     MOST_FAILURES,
@@ -34,7 +34,7 @@ def render_status(data: Mapping[str, Any]) -> RenderableType:
             row["type"] or "",
             row["host"] or "",
             str(row["pid"] or ""),
-            Text(row["state"], STATE_MARKS[row["state"]][1]),
+            Text(STATE_WORDS.get(row["state"], row["state"]), STATE_MARKS[row["state"]][1]),
             _works_on(row),
             _for(row),
             capability_changes(row),

@@ -14,13 +14,14 @@ from textual.events import DescendantFocus, Key, Resize
 from textual.screen import ModalScreen
 from textual.widgets import Footer, Input, Static
 
-from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
+from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS, STATE_WORDS
 from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.recording.reader import RecordingError
 from mrbt_mesh.views.model.team_view import Shown
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.terminal.lanes import LEGEND
 from mrbt_mesh.views.terminal.panes import (
+    JobsPane,
     Lanes,
     LogPane,
     RobotsPane,
@@ -32,8 +33,10 @@ from mrbt_mesh.views.terminal.panes import (
 from mrbt_mesh.views.terminal.rows import Rows
 from mrbt_mesh.views.terminal.team import ShownTeam
 
-# How often the screen is brought up to date.
-LOOK_S = 0.1
+# How often the screen is brought up to date, and what changes with time alone in the list of jobs.
+LOOK_S, JOBS_LOOK_S = 0.1, 1.0
+# Windows below this height have two lines at the top; others one for each note.
+TALL = 30
 COMMAND_KEYS = {"k": "kill", "f": "freeze", "t": "thaw", "p": "pause", "r": "resume", "a": "abort"}
 KEYS = {
     "Tab, Shift+Tab": "next pane, previous pane",
@@ -51,7 +54,7 @@ KEYS = {
 
 
 class TeamTop(App[None]):
-    """Shows a running team; `clock_us` is the observer's clock, `notes` are lines at the top.
+    """Shows a running team; `clock_us` is the observer's clock, `notes` are lines at the top now.
 
     With `control`, keys give the commands that it offers.
     """
@@ -80,7 +83,7 @@ class TeamTop(App[None]):
         view: Shown,
         clock_us: Callable[[], int],
         control: Control | None = None,
-        notes: Sequence[str] = (),
+        notes: Callable[[], Sequence[str]] = tuple,
     ) -> None:
         super().__init__()
         self._clock_us = clock_us
@@ -95,10 +98,11 @@ class TeamTop(App[None]):
         self._tree = TreePane(self.shown)
         self._robots = RobotsPane(self.shown)
         self._timeline = TimelinePane(self.shown)
+        self._jobs = JobsPane(self.shown)
         self._why = WhyPane(self.shown)
         self._log_pane = LogPane(self.shown)
         self._words = ""
-        self._drawn_s = -1.0
+        self._drawn_s = self._jobs_drawn_s = -1.0
 
     def compose(self) -> ComposeResult:
         """The panes."""
@@ -106,6 +110,7 @@ class TeamTop(App[None]):
         with Horizontal(id="middle"):
             yield self._tree
             yield self._robots
+        yield self._jobs
         yield self._timeline
         with Horizontal(id="bottom"):
             yield self._why
@@ -128,18 +133,38 @@ class TeamTop(App[None]):
         if has_changed or self.shown.now_s != self._drawn_s:
             self.draw(only_time=not has_changed)
 
+    def notes(self) -> Sequence[str]:
+        """What is said below the headline now."""
+        return self._notes()
+
     def head(self) -> Text:
-        """The team in a line, and the notes below it."""
-        notes = [
-            Text(f" {note}", "yellow", no_wrap=True, overflow="ellipsis") for note in self._notes
-        ]
-        return Text("\n").join([head_text(self.shown), *notes])
+        """The headline and the notes: a small window has two lines for them."""
+        text, notes = head_text(self.shown), [*filter(None, self.notes())]
+        if self.size.height < TALL:
+            notes = ["  ".join(notes)] if notes else []
+            text = self._within(text, 2 - len(notes))
+        lines = [self._within(Text(f" {note}", "yellow"), 1) for note in notes]
+        return Text("\n").join([text, *lines])
+
+    def _within(self, text: Text, rows: int) -> Text:
+        """It in at most so many rows of the window, with an ellipsis for what is left out."""
+        width = max(self.size.width, 1)
+        lines = list(text.wrap(self.console, width)) if rows > 1 else [text]
+        if rows > 1 and len(lines) <= rows:
+            return text
+        above = lines[: rows - 1]
+        last = text[sum(len(line) for line in above) :]
+        last.truncate(width, overflow="ellipsis")
+        return Text("\n").join([*above, last])
 
     def draw(self, only_time: bool = False) -> None:
         """Draw all panes, or those that change with time alone."""
         self._drawn_s = self.shown.now_s
         self.query_one("#head", Static).update(self.head())
         self._timeline.look()
+        if self._jobs.is_needed and not (only_time and self._are_jobs_fresh):
+            self._jobs_drawn_s = self.shown.now_s
+            self._jobs.look()
         if not only_time:
             self._tree.look()
             self._robots.look()
@@ -147,21 +172,33 @@ class TeamTop(App[None]):
             self._why.look()
             self._log_pane.look()
 
+    @property
+    def _are_jobs_fresh(self) -> bool:
+        return 0 <= self.shown.now_s - self._jobs_drawn_s < JOBS_LOOK_S
+
     def on_resize(self, event: Resize) -> None:
         """Give each pane its part of the window."""
         self._share_height(event.size.height)
         self.call_after_refresh(self._timeline.look)
 
     def _share_height(self, height: int = 0) -> None:
-        """A lane per robot, in at most two fifths; to the explanation what the tree can spare."""
+        """A lane per robot, in at most two fifths; to the explanation what the tree can spare. The
+        jobs take their part from the lanes.
+        """
         height = height or self.size.height
-        self._timeline.styles.height = min(len(self.shown.robots) + 2, max(height * 2 // 5, 4))
-        self.query_one("#bottom").styles.height = 5 if height < 30 else height // 4
+        self._jobs.display = self._jobs.is_needed
+        most = max(height // 4 if self._jobs.display else height * 2 // 5, 4)
+        self._timeline.styles.height = min(len(self.shown.robots) + 2, most)
+        self._jobs.styles.height = min(len(self.shown.jobs) + 2, max(height // 6, 4))
+        self.query_one("#bottom").styles.height = 5 if height < TALL else height // 4
+        self.query_one("#head").styles.max_height = 2 if height < TALL else None
 
     def on_rows_selected(self, event: Rows.Selected) -> None:
         """Explain what is selected; robots are selected in both of their panes."""
         if event.rows is self._tree:
             self._explain_task()
+        elif event.rows is self._jobs:
+            self._why.ask("job", event.key)
         else:
             self._robots.select(event.key)
             self._timeline.lanes.select(event.key)
@@ -173,6 +210,8 @@ class TeamTop(App[None]):
         """Explain what is selected in the pane that keys go to now."""
         if event.widget is self._tree:
             self._explain_task()
+        elif event.widget is self._jobs and self._jobs.selected is not None:
+            self._why.ask("job", self._jobs.selected)
         elif isinstance(event.widget, RobotsPane | Lanes) and event.widget.selected is not None:
             self._why.ask("robot", event.widget.selected)
 
@@ -199,7 +238,7 @@ class TeamTop(App[None]):
 
     def action_help(self) -> None:
         """Keys and signs."""
-        self.push_screen(Help(KEYS | self.MORE_KEYS | self._commands()))
+        self.push_screen(Help(KEYS | self.MORE_KEYS | self._commands(), self.notes()))
 
     def action_search(self) -> None:
         """Ask for words."""
@@ -319,17 +358,17 @@ class ReplayTop(TeamTop):
         self.problem: RecordingError | None = None
         super().__init__(recording, lambda: recording.playback.at_us)
 
-    def head(self) -> Text:
-        """The team, and the place in the recording."""
+    def notes(self) -> Sequence[str]:
+        """The place in the recording."""
         playback, about = self._recording.playback, self._recording.to_json()
         how = "paused" if playback.is_paused else f"{playback.speed:g} times as fast"
         done_s = self._recording.seconds(playback.at_us) - about["from_s"]
         length_s = about["to_s"] - about["from_s"]
-        text = f" {about['file']}: {done_s:.1f} of {length_s:.1f} s, {how}"
+        text = f"{about['file']}: {done_s:.1f} of {length_s:.1f} s, {how}"
         read_s = self._recording.read_s
         if read_s is not None:
             text += f", timeline read up to {read_s - about['from_s']:.0f} s"
-        return Text("\n").join([super().head(), Text(text, "yellow")])
+        return [text]
 
     def look(self) -> None:
         """Play on for the time that has passed."""
@@ -371,13 +410,13 @@ class Help(ModalScreen[None]):
         Binding("escape,question_mark,q,enter", "dismiss", "Close"),
     ]
 
-    def __init__(self, keys: dict[str, str]) -> None:
+    def __init__(self, keys: dict[str, str], notes: Sequence[str]) -> None:
         super().__init__()
-        self._keys = keys
+        self._keys, self._notes = keys, notes
 
     def compose(self) -> ComposeResult:
         """The list."""
-        text = Text()
+        text = Text("".join(f"{note}\n" for note in self._notes), "yellow")
         for key, meaning in self._keys.items():
             text.append(f"{key:<22}", "bold")
             text.append(f"{meaning}\n")
@@ -388,7 +427,7 @@ class Help(ModalScreen[None]):
             text.append(f"{sign} {status.name.lower()}  ", style)
         text.append("\nrobots  ", "bold")
         for state, (sign, style) in STATE_MARKS.items():
-            text.append(f"{sign} {state}  ", style)
+            text.append(f"{sign} {STATE_WORDS.get(state, state)}  ", style)
         text.append("\nlanes   ", "bold")
         with VerticalScroll(id="box") as box:
             box.border_title = "keys and signs (Esc closes)"

@@ -16,6 +16,14 @@ from textual.widgets import Static
 from mrbt_mesh.cli.views.marks import by_urgency, statement_text
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.views.model.why import why_robot, why_task
+from mrbt_mesh.views.terminal.job_rows import (
+    MOST,
+    counts_text,
+    in_order,
+    job_details,
+    job_text,
+    nothing_text,
+)
 from mrbt_mesh.views.terminal.lanes import LEAST_S, USUAL_S, Window, axis, lane, latest_fault
 from mrbt_mesh.views.terminal.robot_rows import (
     capabilities_text,
@@ -37,7 +45,7 @@ ALARMING = re.compile(r"dead|blocked:|lost| failed")
 
 
 def head_text(shown: ShownTeam) -> Text:
-    """The team in two lines: mission, time, and how the team is, the worst first."""
+    """The team: mission, time, and how the team is, the worst first."""
     team = shown.team
     text = Text(overflow="ellipsis")
     text.append(f" {shown.mission['name']} ", "bold reverse")
@@ -175,6 +183,31 @@ class RobotsPane(Rows):
         self.show(names, [robot_text(name, robots[name], width, now_s, is_over) for name in names])
 
 
+class JobsPane(Rows):
+    """A row per job, of missions that have jobs."""
+
+    def __init__(self, shown: ShownTeam) -> None:
+        super().__init__(id="jobs")
+        self._shown = shown
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether the mission has jobs, or had them before it was revised."""
+        return bool(self._shown.observer.mission.jobs or self._shown.jobs)
+
+    def look(self) -> None:
+        """Draw what is now."""
+        jobs, types = self._shown.jobs, self._shown.observer.mission.jobs
+        names = in_order(jobs)[:MOST]
+        texts = [job_text(name, jobs[name], self._shown.unix_us) for name in names]
+        if not jobs and types:
+            texts = [Text(nothing_text(types), "dim", no_wrap=True)]
+        self.show(names, texts)
+        self.border_title = escape(f"jobs  {counts_text(jobs.values())}")
+        hidden = len(jobs) - len(names)
+        self.border_subtitle = f"{hidden} more: mrbt jobs" if hidden else ""
+
+
 class Lanes(Rows):
     """The lanes of the timeline."""
 
@@ -272,7 +305,7 @@ class TimelinePane(Vertical):
 
 
 class WhyPane(VerticalScroll):
-    """Why a robot or a global task does what it does; of a robot also what it can do."""
+    """Why a robot, a global task or a job is as it is; of a robot also what it can do."""
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="why")
@@ -286,7 +319,7 @@ class WhyPane(VerticalScroll):
         yield self._text
 
     def ask(self, kind: str, name: str) -> None:
-        """Explain a `robot` or a `task`, and keep the explanation up to date."""
+        """Explain a `robot`, a `task` or a `job`, and keep the explanation up to date."""
         self._is_chosen = True
         if self.subject != (kind, name):
             self.scroll_home(animate=False)
@@ -307,11 +340,16 @@ class WhyPane(VerticalScroll):
             self.subject = self._worst()
         if self.subject is None:
             self.border_title = "why"
-            self._text.update(Text("Select a task, or with Tab a robot.", "dim"))
+            self._text.update(Text("Select a task, or with Tab a robot or a job.", "dim"))
             return
         kind, name = self.subject
         self.border_title = escape(f"why {name}")
-        if kind == "task":
+        if kind == "job":
+            item = self._shown.jobs.get(name)
+            gone = Text(f"{name} is not kept any more.", "dim")
+            known = gone if item is None else job_details(name, item, self._shown.unix_us)
+            self._text.update(known)
+        elif kind == "task":
             self._text.update(why_text(why_task(self._shown.observer, name)))
         elif name in self._shown.robots:
             self._text.update(self._robot(name))

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.text import Text
 
-from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS
+from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS, STATE_WORDS
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.mission.names import type_name
@@ -29,7 +29,8 @@ def robot_text(
     text.append(f"{robot:{name_width}} ", "bold")
     if is_over and item["state"] == "alive":
         return text.append("■ ended", "dim")
-    text.append(f"{sign} " if item["state"] == "alive" else f"{sign} {item['state']} ", style)
+    word = STATE_WORDS.get(item["state"], item["state"])
+    text.append(f"{sign} " if item["state"] == "alive" else f"{sign} {word} ", style)
     runs = item["phase"] == "running"
     if item["local_task"] is not None:
         text.append(item["local_task"], "" if runs else "dim")

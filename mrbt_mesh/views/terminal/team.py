@@ -15,12 +15,16 @@ _NUMBERED = ("node", "work", "fault", "loss", "event", "why")
 
 
 class ShownTeam:
-    """Keeps the items of a view. `now_s`: the seconds from the start of the run that are shown."""
+    """Keeps the items of a view. `now_s`: the seconds from the start of the run that are shown.
+
+    `unix_us`: the time by the team's clocks; None: not known.
+    """
 
     def __init__(self, view: Shown) -> None:
         self.view = view
         self.mission = mission_view(view.observer.mission)
         self.now_s = 0.0
+        self.unix_us: int | None = None
         self._version = 0
         self._items: dict[str, dict[Any, Any]] = defaultdict(dict)
         # Robot -> its works by number, in the order of their claims.
@@ -67,6 +71,11 @@ class ShownTeam:
         return self._items["node"]
 
     @property
+    def jobs(self) -> dict[str, Item]:
+        """The items `job/ID`."""
+        return self._items["job"]
+
+    @property
     def losses(self) -> list[Item]:
         """The capabilities that robots have lost."""
         return self._until_now("loss")
@@ -96,6 +105,8 @@ class ShownTeam:
         self._version = self.view.changes.version
         ended_us = self.observer.record.ended_us
         self.now_s = self.view.seconds(now_us if ended_us is None else ended_us) or 0.0
+        ahead_us = self.observer.clock_ahead_us()
+        self.unix_us = None if ahead_us is None else now_us + ahead_us
         self.take(changed)
         if self.mission["revision"] != self.team["revision"]:
             self.mission = mission_view(self.observer.mission)

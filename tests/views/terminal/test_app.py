@@ -21,10 +21,12 @@ from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, Lose
+from mrbt_mesh.testing import Submit, run
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.terminal.app import ReplayTop, TeamTop
-from mrbt_mesh.views.terminal.panes import Lanes, RobotsPane, TimelinePane, TreePane
+from mrbt_mesh.views.terminal.panes import JobsPane, Lanes, RobotsPane, TimelinePane, TreePane
+from tests.support.paths import mission_file
 from tests.support.recorded import record_example
 from tests.support.runs import run_example
 from tests.support.watched import ALONE, watched
@@ -49,7 +51,7 @@ async def opened(
 ) -> AsyncIterator[tuple[TeamTop, Pilot[None]]]:
     # The simulator has an event loop of its own.
     observer = await asyncio.to_thread(observed)
-    app = TeamTop(TeamView(observer), lambda: 13 * SECOND, control, notes)
+    app = TeamTop(TeamView(observer), lambda: 13 * SECOND, control, lambda: notes)
     async with app.run_test(size=size) as pilot:
         await pilot.pause()
         await pilot.pause()
@@ -96,6 +98,18 @@ async def test_notes_and_what_happened() -> None:
         assert "─ what happened─" in line_of(app, "what happened")
         (last,) = (line for line in lines if app.shown.events[-1]["text"] in line)
         assert f"{app.shown.events[-1]['at_s']:.2f}" in last
+
+
+async def test_a_small_window_has_two_lines_above_the_panes() -> None:
+    notes = "in another terminal: mrbt kill B2", f"web: http://127.0.0.1:8000/?token={'x' * 60}"
+    async with opened(SMALL, None, *notes) as (app, pilot):
+        lines = on_screen(app)
+        assert "13.0 s  ! 1 dead: A1" in lines[0]
+        assert "in another terminal: mrbt kill B2  web: http://127.0.0.1:8000/" in lines[1]
+        assert lines[1].rstrip().endswith("…")
+        assert "─ robots─" in lines[2]
+        await pilot.press("question_mark")
+        assert "x" * 30 in "".join(on_screen(app)), "the help has them in full"
 
 
 async def test_a_team_that_only_watches_has_no_commands() -> None:
@@ -328,6 +342,38 @@ async def test_without_colours_everything_is_still_told(monkeypatch: pytest.Monk
         assert all(c.red == c.green == c.blue for c in colours), "greys alone"
         assert line_of(app, "›A1 ✖ dead"), "what is selected has a sign"
         assert "┏━ robots━━" in on_screen(app)[2], "so has the pane that keys go to"
+
+
+async def test_jobs_have_a_pane_and_are_explained() -> None:
+    commands = [
+        (1.0, Submit("inspect", ["shelf_1"], "near")),
+        (1.0, Submit("deliver", ["shelf_6", "dock_1", 3], "far", priority=5, deadline_s=3600)),
+        (1.0, Submit("inspect", ["shelf_5"], "later", not_before_s=1800)),
+    ]
+    mission = mission_file("deliveries")
+    done = await asyncio.to_thread(run, mission, commands=commands, timeout_s=9, seed=1)
+    observer = done.whole.observer
+    app = TeamTop(TeamView(observer), lambda: 9 * SECOND)
+    async with app.run_test(size=SMALL) as pilot:
+        await pilot.pause()
+        await pilot.pause()
+        text = "\n".join(on_screen(app))
+        assert "jobs  1 running, 1 waiting, 1 ended" in text, text
+        row = line_of(app, "far deliver(shelf_6,dock_1,3)")
+        assert "▶ running" in row, text
+        assert "priority 5 due in 1 h" in row, text
+        assert line_of(app, "◷ waiting   later inspect(shelf_5) begins in 30 min")
+        await pilot.press("tab", "tab", "end")
+        await pilot.pause()
+        text = "\n".join(on_screen(app))
+        assert "why near" in text
+        assert "✔ succeeded inspect(shelf_1)  near" in text
+        assert "D1 worked on it" in text
+
+
+async def test_a_mission_without_jobs_has_no_pane_for_them() -> None:
+    async with opened(size=LARGE) as (app, _):
+        assert not app.query_one(JobsPane).display
 
 
 @pytest.mark.slow
