@@ -41,7 +41,7 @@ from mrbt_mesh.core.facts.values import MAX_STAMP
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Operate
+from mrbt_mesh.sim.world.faults import Kill, Operate
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 from tests.support.liar import Liar, Lie, lying
@@ -389,3 +389,53 @@ def test_an_exclusive_task_that_a_liar_takes_is_not_done_twice() -> None:
 @pytest.mark.parametrize("name", ["a job that nobody began has succeeded", "all of it"])
 def test_the_invariants_hold_among_honest_robots(name: str) -> None:
     judged(tell(LIES[name], "A5", 1, is_checked=True), "A5")
+
+
+# -- a liar that is gone ----------------------------------------------------------------------
+
+TRIO = mission_from_yaml(
+    """
+mission: trio
+ends: never
+local_tasks:
+  look: {parameters: [n], work: 2}
+  dose: {parameters: [n], work: 4}
+robot_types: {nurse: {capabilities: {look: 1, dose: 1}}}
+robots: {A1: nurse, A2: nurse, A3: nurse}
+global_tasks:
+  look: {parameters: [n], needs: {look($n): {min: 1, max: 1}}}
+  dose: {parameters: [n], exclusive: true, in_doubt: hold, needs: {dose($n): {min: 1, max: 1}}}
+jobs:
+  look: {parameters: {n: {min: 1, max: 99}}, tree: look($n)}
+  dose: {parameters: {n: {min: 1, max: 99}}, tree: dose($n)}
+tree: {Jobs: {types: all, at_most: 20}}
+""",
+    "trio.yaml",
+    Path(),
+)
+LASTING_LIES = (
+    "a job is due",
+    "an exclusive job is due",
+    "jobs have ended long ago",
+    "a revision is in force",
+    "the mission has succeeded",
+)
+
+
+@pytest.mark.parametrize("lie", [LIES[name] for name in LASTING_LIES], ids=LASTING_LIES)
+def test_a_lie_says_no_more_once_the_liar_is_dead(lie: Lie) -> None:
+    """Two robots that hear only one another do not take the word of a third that fell silent."""
+    asked: list[tuple[float, Operate | Kill]] = [
+        *SCHEDULE[3:5],
+        (3.5, submit("A2", "look", "look", 1)),
+        (8.0, Kill("A3")),
+    ]
+    asked += [(14.0, submit("A2", "after_look", "look", 8))]
+    steps = [(round(at_s * S), fault) for at_s, fault in asked]
+    with lying("A3", lie, round(LIE_S * S), 0):
+        result = simulate(TRIO, PROGRAM, seed=1, schedule=steps, timeout_us=SECONDS * S)
+    assert result.violations == []
+    done = {"look": "succeeded", "after_look": "succeeded", "later": "open", "late_dose": "open"}
+    for robot in ("A1", "A2"):
+        assert states(result, robot) == done, robot
+    assert not {key for key in starts(result, "A3") if key[1] in ("4", "5")}

@@ -359,12 +359,13 @@ class Membership:
         """How many others are healthy and have joined."""
         return sum(p.state.is_healthy and p.report.has_joined for p in self.peers.values())
 
-    def count_in_reach(self, now_us: int) -> int:
-        """How many others are healthy, and their own heartbeats arrive, not only relays."""
+    def in_reach(self, now_us: int) -> frozenset[str]:
+        """The others that are healthy, and whose own heartbeats arrive, not only relays."""
         since_us = now_us - self.timing.max_detection_us
-        peers = self.peers.values()
-        return sum(
-            p.state.is_healthy and p.heartbeat is not None and p.beat_us >= since_us for p in peers
+        return frozenset(
+            robot
+            for robot, peer in self.peers.items()
+            if peer.state.is_healthy and peer.heartbeat is not None and peer.beat_us >= since_us
         )
 
     def all_report_plan(self, digest: bytes) -> bool:

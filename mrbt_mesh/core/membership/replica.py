@@ -172,7 +172,7 @@ class Replica:
             has_seen = entry.parts[0] in WITNESSED_KINDS
             return (has_seen and membership.has_returned(entry.author, now_us)) or is_shown(entry)
 
-        taken = self.unproved.take(counts, membership.count_in_reach(now_us), now_us)
+        taken = self.unproved.take(counts, membership.in_reach(now_us), now_us)
         changed = self.facts.map.merge(taken)
         if changed:
             self.anti_entropy.changed_us = now_us
@@ -182,7 +182,7 @@ class Replica:
         """When an unproved fact may have to be taken in all the same; None if none has."""
         if not self.unproved:
             return None
-        return self.unproved.next_us(membership.count_in_reach(now_us))
+        return self.unproved.next_us(membership.in_reach(now_us), now_us)
 
     def receive(self, source: str, data: bytes, now_us: int) -> Received:
         """Take in a published batch, which may only hold entries of its source, or commands.

@@ -4,7 +4,8 @@ One robot may lie about what follows: that a job is due, that a task has failed 
 revision is in force. So such a fact is not taken in until this robot's own facts show it, or a
 second robot holds it: an honest robot holds, and passes on, only what it believes. Its causes may
 have been dropped by then, which is why others are believed at all. Where only one other robot is
-heard, nobody else can confirm anything, and its word counts after some time.
+heard, nobody else can confirm anything, and what that robot holds counts after some time. What a
+robot wrote that is not heard any more does not: its key may have been used for a moment only.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ MAX_UNPROVED = 256
 
 @dataclass(slots=True)
 class _Claim:
-    """One entry, the robots that hold it, and since when it waits; `since_us` None: it is new."""
+    """One entry, the robots that hold it, and since when only one robot is heard, which is among
+    them; `since_us` None: others are heard, or nobody.
+    """
 
     entry: Entry
     holders: set[str] = field(default_factory=set)
@@ -77,22 +80,33 @@ class Unproved:
         if not same:
             del self._claims[entry.name]
 
-    def take(self, is_shown: Callable[[Entry], bool], peers: int, now_us: int) -> list[Entry]:
-        """Those that are to be taken in now; `peers`: how many other robots are heard."""
+    def take(
+        self, is_shown: Callable[[Entry], bool], heard: Collection[str], now_us: int
+    ) -> list[Entry]:
+        """Those that are to be taken in now; `heard`: the other robots that are."""
+        self._look(heard, now_us)
         found = []
         for claim in self._all():
-            if claim.since_us is None:
-                claim.since_us = now_us
-            is_unopposed = peers <= 1 and now_us >= claim.since_us + self._patience_us
+            waits_us = None if claim.since_us is None else now_us - claim.since_us
+            is_unopposed = waits_us is not None and waits_us >= self._patience_us
             if is_unopposed or is_shown(claim.entry):
                 self._drop(claim.entry)
                 found.append(claim.entry)
         return found
 
-    def next_us(self, peers: int) -> int | None:
+    def next_us(self, heard: Collection[str], now_us: int) -> int | None:
         """When one may have to be taken in without proof."""
+        self._look(heard, now_us)
         since_us = [c.since_us for c in self._all() if c.since_us is not None]
-        return min(since_us) + self._patience_us if since_us and peers <= 1 else None
+        return min(since_us) + self._patience_us if since_us else None
+
+    def _look(self, heard: Collection[str], now_us: int) -> None:
+        """Note which of them nobody else could confirm, and since when."""
+        for claim in self._all():
+            if len(heard) != 1 or not claim.holders.issuperset(heard):
+                claim.since_us = None
+            elif claim.since_us is None:
+                claim.since_us = now_us
 
     def _all(self) -> list[_Claim]:
         return [claim for same in self._claims.values() for claim in same.values()]
