@@ -38,10 +38,17 @@ class Health:
         self._recording_problem = context.config.recording_problem
 
     def joined(self, now_us: int) -> None:
-        """Write the problems that were found before the robot joined."""
+        """Write the problems that were found before the robot joined; those that its program had
+        in an earlier life are over.
+        """
         unsaid, self._unsaid = self._unsaid, {}
-        for subject, text in unsaid.items():
-            self.problem_found(ProblemFound(subject, text), now_us)
+        found = {as_subject(subject) for subject in unsaid}
+        known = self._context.facts.problems.get(self._context.me, {})
+        past = {
+            subject: "" for subject in known if subject not in found and subject not in OF_ROBOT
+        }
+        if facts := self.problem_facts(past | unsaid):
+            self._context.write(facts, now_us)
         self.report_journal(now_us)
         self._report_recording(now_us)
 
