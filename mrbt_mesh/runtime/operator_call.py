@@ -119,6 +119,11 @@ class OperatorCall:
     def _shortage(self, keepers: Collection[str]) -> str:
         """Which robots have it, and of each other one why it does not count."""
         heard = {*self.team, *self.needs, *self.robots()}
+        if lacking := sorted({*self.needs} - {*keepers} - self._answering):
+            verb = "have" if len(lacking) > 1 else "has"
+            written = f"it is in the journals of {_listed(keepers)}"
+            text = written if self._may_be_written else "nothing was written"
+            return f"{text}: {', '.join(lacking)} {verb} to take it, and {verb} not answered"
         if not self._may_be_written:
             listed = _listed(self._answering)
             text = f"nothing was written: {listed} would take it, and {self.wanted} are needed"

@@ -338,6 +338,22 @@ def test_robots_that_would_take_a_job_are_not_said_to_be_silent() -> None:
     in_virtual_time(main)
 
 
+def test_a_robot_that_has_to_take_a_command_is_named_if_it_is_silent() -> None:
+    async def main() -> None:
+        robots = Robots(random.Random(1))
+        robots.frozen_until_s["C"] = 60
+
+        def make(version: Version) -> Entry:
+            return make_command("borrowed/C", "at_once", "me", version, "r", None)
+
+        call = OperatorCall(make, robots.ask, lambda: ROBOTS, ROBOTS, 1, ("C",), True)
+        text = r"^nothing was written: C has to take it, and has not answered$"
+        with pytest.raises(TimeoutError, match=text):
+            await call.carry_out(1)
+
+    in_virtual_time(main)
+
+
 def test_robots_whose_disks_are_full_are_not_said_to_be_silent() -> None:
     async def main() -> None:
         robots = Robots(random.Random(1))
