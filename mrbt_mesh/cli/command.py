@@ -9,6 +9,7 @@ import functools
 import importlib
 import keyword
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -34,6 +35,7 @@ EXIT_OF_RESULT = {
 }
 # No float may be larger, so that none overflows where it is converted.
 LARGEST = 1e9
+NEGATIVE = re.compile(r"-[0-9][0-9.eE+-]*")
 
 
 class MrbtCommand(click.Command):
@@ -67,6 +69,26 @@ class MrbtCommand(click.Command):
 
     def main(self, *args: Any, **extra: Any) -> NoReturn:
         run(super().main, *args, **extra)
+
+
+def _is_option(parameter: click.Parameter) -> bool:
+    return isinstance(parameter, click.Option)
+
+
+class NumbersCommand(MrbtCommand):
+    """A command among whose arguments may be negative numbers: `-3` is no option of it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.ignore_unknown_options = True
+        found, _, _ = self.make_parser(ctx).parse_args(list(args))
+        words = [found.get(each.name or "") for each in self.params if not _is_option(each)]
+        listed = [w for word in words for w in (word if isinstance(word, tuple) else [word]) if w]
+        # What comes after `--` is meant as it is.
+        literal = args[args.index("--") + 1 :] if "--" in args else []
+        for word in listed[: len(listed) - len(literal)]:
+            if word.startswith("-") and word != "-" and not NEGATIVE.fullmatch(word):
+                ctx.ignore_unknown_options = False  # click's own message names what is similar
+        return super().parse_args(ctx, args)
 
 
 class CommandGroup(click.Group):

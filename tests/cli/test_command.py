@@ -15,6 +15,7 @@ from mrbt_mesh.cli.command import (
     FiniteNumber,
     LateGroup,
     MrbtCommand,
+    NumbersCommand,
     options_as,
     refuse,
     used,
@@ -132,3 +133,32 @@ def test_a_group_adds_the_plugins_of_its_name(monkeypatch: pytest.MonkeyPatch) -
     assert isinstance(wood, click.Group)
     assert [*wood.commands] == ["cut"]
     assert "wood  Trees." in group.get_help(context)
+
+
+@click.command(cls=NumbersCommand)
+@click.argument("words", nargs=-1)
+@click.option("--priority", type=int)
+def sum_up(words: tuple[str, ...], priority: int | None) -> None:
+    """Take numbers."""
+    click.echo(f"{words} {priority}")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("move 3 -4", "('move', '3', '-4') None"),
+        ("move -35 --priority -2 -1.5", "('move', '-35', '-1.5') -2"),
+        ("--priority 7 -- -x -5", "('-x', '-5') 7"),
+        ("move -", "('move', '-') None"),
+    ],
+)
+def test_negative_numbers_are_arguments(given: str, said: str) -> None:
+    result = CliRunner().invoke(sum_up, given.split())
+    assert (result.exit_code, result.output) == (0, f"{said}\n")
+
+
+@pytest.mark.parametrize("given", ["move --prioriy 3", "-x 3", "--priority 1 -4x -- 3"])
+def test_other_options_that_there_are_not_are_refused(given: str) -> None:
+    result = CliRunner().invoke(sum_up, given.split())
+    assert result.exit_code == 2
+    assert "No such option" in result.output

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, fail, refuse
+from mrbt_mesh.cli.command import FAILURE, SUCCESS, MrbtCommand, NumbersCommand, fail, refuse
 from mrbt_mesh.cli.job_times import job_time, understood
 from mrbt_mesh.cli.job_words import arguments_in
 from mrbt_mesh.cli.options import json_option
@@ -26,7 +26,7 @@ FOLLOW_S = 0.5
 ENDED = ("succeeded", "failed", "cancelled", "expired")
 
 
-@click.command(cls=MrbtCommand)
+@click.command(cls=NumbersCommand)
 @click.argument("kind", metavar="[TYPE]", required=False, help="A type of jobs of the mission.")
 @click.argument(
     "words",
