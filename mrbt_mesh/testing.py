@@ -416,10 +416,12 @@ def _team(mission: Mission, robots: Iterable[str] | None) -> list[str]:
         return sorted(mission.robots)
     if isinstance(robots, str):
         raise InputError(f"robots: a list of names is expected, e.g. [{robots!r}]")
-    team = sorted(robots)
+    team = list(robots)
     for robot in team:
         check_robot(mission, robot, "robots")
-    return team
+        if team.count(robot) > 1:
+            raise InputError(f"robots: {robot} is named twice")
+    return sorted(team)
 
 
 def _schedule(missions: Missions, faults: Iterable[tuple[float, Fault]]) -> list[NamedFault]:

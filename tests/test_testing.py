@@ -125,6 +125,7 @@ def test_a_run_that_does_not_end_in_time() -> None:
         ({"mission": "none.yaml"}, "none.yaml"),
         ({"robots": ["R9"]}, "has no robot 'R9'; known: R1, R2"),
         ({"robots": "R1"}, r"a list of names is expected, e.g. \['R1'\]"),
+        ({"robots": ["R1", "R2", "R1"]}, "robots: R1 is named twice"),
         ({"speed": 0}, "a speed above 0"),
         ({"speed": "2"}, "speed: a number from 0 is expected, not '2'"),
         ({"timeout_s": float("nan")}, "timeout_s: a number from 0 is expected, not nan"),

@@ -164,7 +164,7 @@ class RobotContext:
         self._port.record_event(event)
 
     def unix_time_s(self) -> float:
-        """Seconds since 1970; virtual in the simulator."""
+        """Seconds since 1970; in the simulator, virtual seconds since the launch."""
         return self._port.unix_time_s()
 
 
