@@ -283,3 +283,33 @@ def test_a_revision_adds_a_type_of_jobs_to_a_team_with_open_ones() -> None:
     assert {name: state for name, (state, _) in ends.items()} == dict.fromkeys(
         ("one", "two", "three"), "succeeded"
     )
+
+
+LAST = mission_from_yaml(
+    """
+mission: last
+ends: never
+local_tasks: {look: {work: 3}, pack: {work: 2}}
+robot_types: {scout: {capabilities: {look: 1, pack: 1}}}
+robots: {A1: scout, A2: scout, A3: scout}
+global_tasks: {see: {needs: {look: {min: 1}}}, wrap: {needs: {pack: {min: 1}}}}
+jobs: {visit: {tree: {Sequence: [see, wrap]}}}
+tree: {Jobs: all}
+""",
+    "last.yaml",
+    Path(),
+)
+
+
+@pytest.mark.parametrize("dead_at_s", [6.0, 8.5])
+def test_the_last_robot_ends_the_job_that_it_has_done(dead_at_s: float) -> None:
+    """Nobody is left who could confirm it, whether the others have done a part of it or not."""
+    program = RobotProgram()
+    for name in LAST.local_tasks:
+        program.local_task(name)(work)
+    kills = [(4.0, Kill("A1")), (dead_at_s, Kill("A2"))]
+    steps = [(round(at_s * S), each) for at_s, each in [(5.0, submit("A2", "v", "visit")), *kills]]
+    result = simulate(LAST, program, seed=1, schedule=steps, timeout_us=40 * S)
+    (row,) = JobRows().of(result.observer)
+    assert (row.state, row.robots[-1]) == ("succeeded", "A3")
+    assert result.violations == []

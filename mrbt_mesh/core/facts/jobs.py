@@ -151,14 +151,15 @@ class KnownJob:
 
     def _is_shown(self, author: str, end: JobEnd) -> bool:
         """Whether other facts of the job bear out an end that one robot has written: that it had a
-        deadline; or that it was due, and the robot returned from work in it then, or a failure in
-        it was latched, or a time was over.
+        deadline; or that it was due, and the robot had returned from work in it, or a failure in
+        it was latched, or a time was over. So a robot that is alone can end what it has done.
         """
         if end.state is JobState.EXPIRED:
             return self.job is not None and bool(self.job.deadline_us)
-        tick, is_failure = (author, self.end_versions[author]), end.state is JobState.FAILED
+        written, is_failure = self.end_versions[author], end.state is JobState.FAILED
         return self.is_due and any(
-            (each.author, each.version) == tick or (is_failure and isinstance(each.record, Latch))
+            (each.author == author and each.version <= written)
+            or (is_failure and isinstance(each.record, Latch))
             for each in self.results.values()
         )
 
