@@ -204,7 +204,7 @@ class Driver:
         the end: end the process with `os._exit`.
         """
         selector = FencingSelector(self._config.timing.fence_us)
-        selector.on_gap = lambda: self._call(self._submit, TimerFired())
+        selector.on_gap = self._after_gap
         options = {"loop_factory": lambda: RobotLoop(selector)}
         return anyio.run(self._main, launcher, selector, backend_options=options)
 
@@ -215,10 +215,14 @@ class Driver:
         robot cannot fence itself off, BrokenRobotError.
         """
         loop, limit_us = asyncio.get_running_loop(), self._config.timing.fence_us
-        wake = partial(self._call, self._submit, TimerFired())
         note_threads(loop)
-        with fenced(loop, limit_us, wake) as selector:
+        with fenced(loop, limit_us, self._after_gap) as selector:
             return await self._live(None, selector)
+
+    def _after_gap(self) -> None:
+        """The process was stopped, perhaps before the robot was ready: then nothing is lost."""
+        if self._is_ready:
+            self._call(self._submit, TimerFired())
 
     async def _main(self, launcher: LauncherWatch | None, selector: FencingSelector) -> Stop:
         with contextlib.ExitStack() as stack:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from selectors import SelectorKey
 from typing import Any
 
 import anyio
@@ -21,6 +22,7 @@ from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime import driver
 from mrbt_mesh.runtime.actions import ActionRunner
 from mrbt_mesh.runtime.driver import BROKEN, BrokenRobotError, Driver
+from mrbt_mesh.runtime.fencing import FencingSelector
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox
 from mrbt_mesh.runtime.journal import journal_path
@@ -179,6 +181,21 @@ def test_of_its_transport_and_of_the_program_around_it_too(
 ) -> None:
     bug = Bug()
     check(tmp_path, bug, broken_robot(tmp_path, bug, monkeypatch, part))
+
+
+def test_a_process_that_is_stopped_before_its_robot_is_ready_is_not_broken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class OftenStopped(FencingSelector):
+        def select(self, timeout: float | None = None) -> list[tuple[SelectorKey, int]]:
+            ready = super().select(timeout)
+            self.on_gap()
+            return ready
+
+    monkeypatch.setattr(driver, "FencingSelector", OftenStopped)
+    bug = Bug()
+    # It comes as far as its work, and ends by the bug there.
+    check(tmp_path, bug, broken_robot(tmp_path, bug, monkeypatch, "publish"))
 
 
 def check(folder: Path, bug: Bug, reason: str) -> None:
