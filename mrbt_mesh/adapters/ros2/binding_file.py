@@ -324,6 +324,7 @@ class BindingFile(BoundFile):
                 yield ("robots", robot), text
         for name, task in self.local_tasks.items():
             yield from task.problems(names, self.values, ("local_tasks", name))
+        yield from self._other_types()
         yield from unknown_names(self.bridge.remap, names, ("bridge", "remap"))
         yield from unknown_names({"namespace": self.bridge.namespace}, names, ("bridge",))
         for key in ("conditions", "entries"):
@@ -387,6 +388,21 @@ class BindingFile(BoundFile):
             if self.local_tasks[name].kind != "action" and self.local_tasks[name].within_s:
                 text = "an exclusive task needs it, and it goes on after this: leave it out"
                 yield ("local_tasks", name, "within_s"), text
+
+    def _other_types(self) -> Problems:
+        """One name with two types, which no client of ROS can have."""
+        used: list[tuple[tuple[str, str], str, SourcePath]] = [
+            ((task.kind, task.name), task.type, ("local_tasks", name))
+            for name, task in self.local_tasks.items()
+            if len(task.servers) == 1
+        ]
+        used += [(("msg", topic.topic), topic.type, place) for _, topic, place in self.topics()]
+        first: dict[tuple[str, str], tuple[str, SourcePath]] = {}
+        for key, kind, place in used:
+            known, other = first.setdefault(key, (kind, place))
+            if known != kind:
+                where = "/".join(map(str, other))
+                yield (*place, "type"), f"{key[1]} has the type {known} in {where}"
 
     def unfit(self, problems: list[dict[str, Any]]) -> FileError:
         """The problems that the bridge has found in the file, with their lines."""

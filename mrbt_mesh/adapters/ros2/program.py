@@ -54,6 +54,7 @@ _FAILURES = {
     "aborted": "the server aborted the goal",
     "cancelled": "the goal was cancelled by somebody else",
     "rejected": "the server rejected the goal",
+    "absent": "the server was not there for 30 s",
     "lost": "nothing is known of it any more",
 }
 

@@ -154,6 +154,11 @@ def test_a_robot_that_the_file_lacks(tmp_path: Path) -> None:
         ("/$robot/look", "/$place/look", "unknown $place; known: namespace, robot"),
         ("$place.x}", "$plac.x}", "goal/pose/position/x: unknown $plac; did you mean 'place'?"),
         ("at($place)", "at($plac)", "sets/at($plac): unknown $plac; did you mean"),
+        (
+            "/$robot/arm, type: test_robots/msg/Scan",
+            "/$robot/wave, type: test_robots/msg/Scan",
+            "until/type: /$robot/wave has the type test_robots/msg/Point in local_tasks/wave",
+        ),
         ('"to $place"', '"to $ place"', "'to $ place': after $ a name is expected; $$ is a dollar"),
         ('"to $place"', "$", "names[2]: '$': after $ a name is expected; $$ is a dollar sign"),
         ("{x: 3, y: 4}", "{x: 3, y: 4, frame: $plac}", "values/place/yard/frame: unknown $plac"),

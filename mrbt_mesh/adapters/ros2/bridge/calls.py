@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .server import RunEnded, RunWaits, SendCall, ServerEffect, ServerKeeper
+from .server import ABSENT_S, RunEnded, RunWaits, SendCall, ServerEffect, ServerKeeper
 
 # After this long without an answer, the robot's log says so, once.
 WAITS_S = 10.0
@@ -21,13 +21,14 @@ class CallKeeper(ServerKeeper):
         self._run: int | None = None
         self._body: Any = None
         self._is_sent = False
+        self._since_s = now_s
         # When the call was made; None: that it waits has been told.
         self._sent_s: float | None = None
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
         """A new call."""
         effects = self.cancel(self._run, now_s) if self._run is not None else []
-        self._run, self._body, self._is_sent = run, body, False
+        self._run, self._body, self._is_sent, self._since_s = run, body, False, now_s
         return effects + self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
@@ -65,6 +66,9 @@ class CallKeeper(ServerKeeper):
         if self._watch.is_there and is_one and self._run is not None and not self._is_sent:
             self._is_sent, self._sent_s = True, now_s
             effects.append(SendCall(self._run, self._body))
+        is_waiting = self._run is not None and not self._is_sent
+        if is_waiting and not self._watch.is_there and now_s - self._since_s >= ABSENT_S:
+            effects += self._end(self._run, "absent", self._why_not, {})
         is_late = self._sent_s is not None and now_s - self._sent_s >= WAITS_S
         if self._run is not None and self._is_sent and is_late:
             self._sent_s = None

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .server import (
+    ABSENT_S,
     AskResult,
     CancelGoal,
     RunEnded,
@@ -42,6 +43,7 @@ class _Goal:
     run: int
     goal_id: bytes
     body: Any
+    since_s: float
     is_accepted: bool = False
     # Whether a server that does not know it may still get it.
     is_under_way: bool = True
@@ -82,7 +84,7 @@ class GoalKeeper(ServerKeeper):
 
     def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
         """A new goal; it waits for the end of those before."""
-        self._waiting.append(_Goal(run, goal_id, body))
+        self._waiting.append(_Goal(run, goal_id, body, now_s))
         return self._advance(now_s)
 
     def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
@@ -227,6 +229,10 @@ class GoalKeeper(ServerKeeper):
         if self._goal is None and self._waiting:
             self._goal = self._waiting.popleft()
         is_there, goal = self._watch.is_there, self._goal
+        is_waiting = goal is not None and not goal.is_sent and not is_there
+        if goal is not None and is_waiting and now_s - goal.since_s >= ABSENT_S:
+            self._goal = None
+            return [RunEnded(goal.run, "absent", self._why_not, {}), *self._advance(now_s)]
         is_one = (count := self._count(now_s)) <= 1
         if is_there:
             for goal_id, stale in self._stale.items():

@@ -337,6 +337,9 @@ class PublisherEnd:
             self._questions.renew()
             found = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
             names = {_full_name(info.node_name, info.node_namespace) for info in found}
+            # They may be several; whether there are any is enough.
+            servers = frozenset({b"subscribers"} if found else ())
+            self._apply(lambda keeper, now_s: keeper.servers(servers, now_s))
             if self._publisher.get_subscription_count():
                 self._questions.ask_nodes(sorted(names))
             elif found:

@@ -9,7 +9,10 @@ from typing import Any
 from .watch import LISTED_S, LifeWatch
 
 NOT_FOUND = "has not been found"
-# Servers that are found within this time of the first one were there before it was found.
+# What waits for so long for a server that is not there has failed.
+ABSENT_S = 30.0
+# Servers that are found within this time of the first one, or the detection time if that is longer,
+# were there before it was found.
 FIRST_S = 2.0
 
 
@@ -89,6 +92,7 @@ class ServerKeeper(ABC):
         # one, since when it is known.
         self._servers: dict[bytes, float] = {}
         self._found_s = now_s
+        self._first_s = max(FIRST_S, detection_s)
         self._why_not = NOT_FOUND
         self._last = ServerTold(False, self._why_not)
 
@@ -123,7 +127,7 @@ class ServerKeeper(ABC):
         elif not found:
             self._servers.clear()
             return self.unusable("has ended")
-        is_first = now_s - self._found_s < FIRST_S
+        is_first = now_s - self._found_s <= self._first_s
         since_s = now_s - LISTED_S if is_first else now_s
         self._servers = {each: self._servers.get(each, since_s) for each in sorted(found)}
         return []

@@ -77,3 +77,10 @@ def test_of_several_services_under_one_name_none_is_called() -> None:
     assert keeper.start(3, b"", {}, 0.2) == []
     keeper.servers(one, 0.3)
     assert keeper.heard(0.4) == [ServerTold(True, ""), SendCall(3, {})]
+
+
+def test_it_does_not_wait_for_ever() -> None:
+    keeper = CallKeeper(1.0, 0.0)
+    keeper.start(3, b"", {}, 0.1)
+    assert [e for e in keeper.tick(29.0) if isinstance(e, RunEnded)] == []
+    assert RunEnded(3, "absent", "has not been found", {}) in keeper.tick(30.2)

@@ -84,6 +84,16 @@ def test_it_waits_for_a_server_that_is_not_there() -> None:
     assert keeper.heard(0.4) == [SendGoal(8, TWO, {}), ServerTold(True, "")]
 
 
+def test_it_does_not_wait_for_ever() -> None:
+    keeper = GoalKeeper(1.0, 0.0)
+    for run, goal_id in ((7, ONE), (8, TWO)):
+        assert keeper.start(run, goal_id, {}, 0.1) == []
+    assert keeper.tick(29.0) == [AskLife()]
+    ended = [e for e in keeper.tick(30.2) if isinstance(e, RunEnded)]
+    assert ended == [RunEnded(run, "absent", "has not been found", {}) for run in (7, 8)]
+    assert keeper.is_clear
+
+
 def test_a_goal_that_is_cancelled_ends_when_the_server_has_stopped() -> None:
     keeper = accepted()
     assert keeper.cancel(7, 0.2) == [CancelGoal(ONE)]

@@ -31,9 +31,10 @@ pytestmark = [
     pytest.mark.skipif(bool(lacking()), reason=lacking()),
 ]
 WAIT_S = 60
+# What is missing at the start is a fault, whatever the load.
+PATIENT = "start_up_s: 0\ndetection_s: 10\n"
 BINDINGS = f"""\
 bridge: {{domain: {free_domain()}}}
-detection_s: 1
 local_tasks:
   work:
     parameters: [order]
@@ -72,7 +73,7 @@ position:
 
 
 CAPABILITIES = ("work", "ask", "command", "managed")
-ALL = (*CAPABILITIES, "wave")
+ALL = (*CAPABILITIES, "wave", "list")
 
 
 class Told:
@@ -289,25 +290,21 @@ async def test_a_server_of_another_type_is_called_that(servers: Servers, tmp_pat
 
 async def test_what_does_not_fit_is_named(servers: Servers, tmp_path: Path) -> None:
     """Its type, its quality of service, a lifecycle node that is not there."""
-    text = BINDINGS.replace("/$robot/manager", "/$robot/nobody").replace(
-        "std_srvs/srv/SetBool\n    request: {data: $answer}", "std_srvs/srv/Empty"
-    )
+    text = BINDINGS.replace("/$robot/manager", "/$robot/nobody")
     start = text.index("  command:")
     text = text[:start] + text[start:].replace("std_msgs/msg/String", "std_msgs/msg/Bool", 1)
-    override = (
-        "/**:\n  ros__parameters:\n    qos_overrides./A1/wave.publisher.reliability: best_effort"
-    )
+    override = "qos_overrides./A1/wave.publisher.reliability: best_effort"
     parameters = tmp_path / "bridge.yaml"
-    parameters.write_text(override + "\n")
-    text = text.replace(
-        f"domain: {free_domain()}", f"domain: {free_domain()}, parameters: {parameters}"
-    )
+    parameters.write_text(f"/**:\n  ros__parameters:\n    {override}\n")
+    domain = f"domain: {free_domain()}"
+    text = text.replace(domain, f"{domain}, parameters: {parameters}")
     wave = "  wave: {topic: /$robot/wave, type: std_msgs/msg/Bool, message: {data: true}}\n"
-    text = "start_up_s: 0\n" + text.replace("conditions:\n", f"{wave}conditions:\n")
+    list_them = "  list: {service: /$robot/servers/list_parameters, type: std_srvs/srv/Empty}\n"
+    text = PATIENT + text.replace("conditions:\n", f"{wave}{list_them}conditions:\n")
     async with bridged(tmp_path, text) as (_, told):
         for name, why in (
             ("managed", "service /A1/ask waits for /A1/nobody, which has not been found"),
-            ("ask", "service /A1/ask is there with the type std_srvs/srv/SetBool, not std_srvs/"),
+            ("list", "service /A1/servers/list_parameters is there with the type rcl_interfaces"),
             ("command", "topic /A1/command is there with the type std_msgs/msg/String, not std_"),
             ("wave", "topic /A1/wave has another quality of service: ERROR: Best effort publis"),
         ):
@@ -319,7 +316,7 @@ async def test_two_servers_under_one_name_are_no_use(servers: Servers, tmp_path:
     second.start()
     try:
         why = "is 2 servers that would all take a goal: give them namespaces"
-        async with bridged(tmp_path, "start_up_s: 0\n" + BINDINGS) as (_, told):
+        async with bridged(tmp_path, PATIENT + BINDINGS) as (_, told):
             await told.until("lose_capability", "work", f"action server /A1/work {why}")
             why = "is 2 servers that would all be called: give them namespaces"
             await told.until("lose_capability", "ask", f"service /A1/ask {why}")
