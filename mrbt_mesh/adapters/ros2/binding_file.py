@@ -368,9 +368,11 @@ class BindingFile(BoundFile):
         said = set()
         for ground in mission.local_task_types:
             task = self.local_tasks.get(type_name(ground))
+            # Of jobs and the blackboard, arguments are known later.
+            if task is None or "{" in ground or "$" in ground:
+                continue
             arguments = split_call(ground)[1]
-            is_open = "$" in ground or task is None or len(task.parameters) != len(arguments)
-            if task is None or is_open:
+            if len(task.parameters) != len(arguments):
                 continue
             try:
                 task.filled(values, arguments, self.values)

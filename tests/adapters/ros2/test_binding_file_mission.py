@@ -63,3 +63,12 @@ def test_a_call_of_an_exclusive_task_has_no_limit(tmp_path: Path) -> None:
     exclusive = ("  report:\n    needs:", "  report:\n    exclusive: true\n    needs:")
     found = said(tmp_path, REPORT, f"{REPORT}    within_s: 5\n", mission=exclusive)
     assert "local_tasks/report/within_s: an exclusive task needs it" in found
+
+
+def test_arguments_of_jobs_are_known_later(tmp_path: Path) -> None:
+    text = MISSION.read_text().replace("    - report\n", "    - report\n    - Jobs: all\n")
+    jobs = "ends: never\njobs:\n  one: {parameters: {place: [gate, moon]}, tree: visit($place)}\n"
+    (tmp_path / "mission.yaml").write_text(f"{text}\n{jobs}")
+    mission = load_mission(tmp_path / "mission.yaml")
+    assert any("{place}" in ground for ground in mission.local_task_types)
+    load_bindings(ROS2.template / "ros2.yaml").check_mission(mission, ["A1"])
