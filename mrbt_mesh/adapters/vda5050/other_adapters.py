@@ -36,7 +36,7 @@ from mrbt_mesh.adapters.vda5050.messages import (
     decode,
     read_state,
 )
-from mrbt_mesh.adapters.vda5050.vehicle import AGAIN_S, ENDED, OBEY_S, OURS, ours_runs
+from mrbt_mesh.adapters.vda5050.vehicle import AGAIN_S, ENDED, HOLD_S, OBEY_S, OURS, ours_runs
 
 if TYPE_CHECKING:
     import aiomqtt
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 ADAPTER = "mrbt"
 # The broker must live this long after a last will; then one adapter after the other acts.
 GRACE_S, TURN_S = 0.3, 0.02
-# A vehicle that does not stop, or whose adapter does not say so, is waited for this long.
-HOLD_S = 60.0
 # An adapter that is not back so long after an outage of the broker counts as ended.
 RETURN_S = 5.0
 # A wait of this length is told to the team.
@@ -138,7 +136,9 @@ class _Watch:
             return not self.at_once
         answered = any(state.status_of(each) in ENDED for each in self.cancels)
         answered |= any(e.is_of("actionId", each) for e in state.errors for each in self.cancels)
-        return answered or self.heard_s - self.first_sent_s >= AGAIN_S
+        # It may go on with an order that it names, though it has listed nothing of it here.
+        is_mute = self.claim is not None and state.order_id == self.claim.order_id and not self.seen
+        return answered or (not is_mute and self.heard_s - self.first_sent_s >= AGAIN_S)
 
 
 class OtherAdapters:

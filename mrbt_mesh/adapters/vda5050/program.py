@@ -40,12 +40,12 @@ from mrbt_mesh.adapters.vda5050.other_adapters import (
     ADAPTER,
     GONE,
     GRACE_S,
-    HOLD_S,
     OrderedWork,
     OtherAdapters,
     VehicleClaim,
 )
 from mrbt_mesh.adapters.vda5050.vehicle import (
+    HOLD_S,
     NO_BROKER,
     Effect,
     Ended,

@@ -56,6 +56,8 @@ AGAIN_S = 2.0
 ACCEPT_S = 10.0
 # A vehicle that drives on for this long after a cancellation is a fault.
 OBEY_S = 10.0
+# A vehicle that may go on with an order that was given up is waited for this long.
+HOLD_S = 60.0
 # A pause of this length is a fault: pressing a button by mistake is none.
 PAUSED_S = 5.0
 # An order without progress for this long has failed, unless the layout file says otherwise.
@@ -166,8 +168,10 @@ class Vehicle:
         self._newest_s = now_s
         self._job: tuple[StopTemplate, ...] | None = None
         self._order: VehicleOrder | None = None
-        # An order that was sent, and whose job is over.
+        # An order that was sent, and whose job is over. It is lost from sight if the vehicle had
+        # taken it, was not seen to end it, and does not list it: it may go on with it.
         self._stale: VehicleOrder | None = None
+        self._is_lost_from_sight = False
         self._sent_s = self._first_sent_s = now_s
         # The state before the order was sent; what the vehicle has said of the order since.
         self._before: VehicleState | None = None
@@ -424,9 +428,10 @@ class Vehicle:
         stale = self._stale
         if self._cancel is not None and state.is_driving and not self._has_foreign_order(state):
             return False
-        if stale is None or state.order_id == stale.order_id or self._refusal(state, stale):
+        if stale is None or self._has_foreign_order(state):
             return True
-        if self._has_foreign_order(state):
+        is_known = state.order_id == stale.order_id or bool(self._refusal(state, stale))
+        if is_known and not self._is_lost_from_sight:
             return True
         if self._cancel is None:
             return False
@@ -434,7 +439,8 @@ class Vehicle:
         # an answer and without a begin the order was lost; if it begins later, it is cancelled.
         answered = state.status_of(self._cancel[0]) in ENDED
         answered = answered or any(e.is_of("actionId", self._cancel[0]) for e in state.errors)
-        return answered or now_s - self._cancel[1] >= OBEY_S
+        limit_s = HOLD_S if self._is_lost_from_sight else OBEY_S
+        return answered or now_s - self._cancel[1] >= limit_s
 
     def _ours_runs(self) -> bool:
         state = self.state
@@ -519,7 +525,8 @@ class Vehicle:
         if broken:
             return self._end(False, self._why(state, order, broken[0]))
         other = f" and names {state.order_id}" if state.order_id else ""
-        return self._end(False, f"the vehicle has dropped the order{other}; {self._done(order)}")
+        text = f"the vehicle has dropped the order{other}; {self._done(order)}"
+        return self._end(False, text, is_lost_from_sight=not other)
 
     def _done(self, order: VehicleOrder) -> str:
         """What was last seen of the actions of an order that has not come to its end."""
@@ -576,7 +583,7 @@ class Vehicle:
                 return self._end(False, self._why(state, order, broken[0]))
             if self._has_forgotten(state, order, now_s):
                 text = "the vehicle names the order and has forgotten what it is"
-                return self._end(False, f"{text}; {self._done(order)}")
+                return self._end(False, f"{text}; {self._done(order)}", is_lost_from_sight=True)
             if stalled := self._stalled(state, order, now_s):
                 return self._end(False, stalled)
             done = len(order.nodes) - state.nodes_left
@@ -638,15 +645,17 @@ class Vehicle:
     def _is_new(self, error: VehicleError) -> bool:
         return self._before is None or error not in self._before.errors
 
-    def _end(self, success: bool, reason: str) -> list[Effect]:
+    def _end(self, success: bool, reason: str, is_lost_from_sight: bool = False) -> list[Effect]:
         """The job is over; what may be left of its order is cancelled with the next news."""
         self._give_up()
+        self._is_lost_from_sight = is_lost_from_sight
         return [Ended(success, reason)]
 
     def _give_up(self) -> None:
         self._job = None
         if self._order is not None:
             self._stale, self._order, self._cancel = self._order, None, None
+            self._is_lost_from_sight = False
 
     def _request_state(self) -> Send:
         return self._instant(state_request(self._next_id("state")))

@@ -12,6 +12,7 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     AGAIN_S,
     BROKER_S,
     FORGOTTEN_S,
+    HOLD_S,
     LATE_S,
     MANY_INSTANT_ACTIONS,
     NO_PROGRESS_S,
@@ -749,6 +750,35 @@ def test_a_vehicle_that_keeps_the_name_of_its_order_alone_has_forgotten_it() -> 
         world.after(1.0)
     (end,) = world.ended
     assert "has forgotten what it is; last seen: pick WAITING" in end.reason
+
+
+@pytest.mark.parametrize("says", [{}, {"orderId": ""}])
+@pytest.mark.parametrize("answers", [True, False])
+def test_an_order_that_was_lost_from_sight_is_cancelled_and_waited_for(
+    says: dict[str, str], answers: bool
+) -> None:
+    """The vehicle may go on with it: nobody else gets the work before it has answered."""
+    world = World().driving()
+    listed = {"nodeStates": [], "edgeStates": [], "actionStates": []}
+    nothing: dict[str, Any] = {**listed, "driving": False, **says}
+    while not world.ended:
+        world.hear(**nothing)
+        world.after(1.0)
+    world.hear(**nothing)
+    assert "cancelOrder" in world.topics()
+    for _ in range(int(HOLD_S) - 5):
+        assert not world.vehicle.is_clear
+        world.hear(**nothing)
+        world.after(1.0)
+    if answers:
+        world.deliver()
+        world.agv.step()
+        world.hear(nodeStates=[], edgeStates=[], **says)
+    else:
+        for _ in range(6):
+            world.after(1.0)
+            world.hear(**nothing)
+    assert world.vehicle.is_clear
 
 
 def test_a_silence_and_an_action_that_does_not_begin_are_named_when_an_order_stands_still() -> None:
