@@ -15,7 +15,7 @@ from mrbt_mesh.core.observer.job_rows import JobRows
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
-from mrbt_mesh.sim.world.faults import Operate, Revise, Unblock, partition
+from mrbt_mesh.sim.world.faults import KillAfter, Operate, Revise, Unblock, partition
 from mrbt_mesh.sim.world.setup import LAUNCH_UNIX_US
 from tests.support.effort import seeds
 from tests.support.mutations import MUTATIONS
@@ -313,3 +313,16 @@ def test_the_last_robot_ends_the_job_that_it_has_done(dead_at_s: float) -> None:
     (row,) = JobRows().of(result.observer)
     assert (row.state, row.robots[-1]) == ("succeeded", "A3")
     assert result.violations == []
+
+
+def test_the_end_of_a_job_is_known_when_the_robot_that_has_done_it_dies() -> None:
+    """The last robot has done nothing of it, and its word alone would not be enough."""
+    program = RobotProgram(record_work=True)
+    for name in LAST.local_tasks:
+        program.local_task(name)(work)
+    asked = [(4.0, Kill("A1")), (5.0, submit("A2", "v", "visit")), (5.0, KillAfter("A2", 2))]
+    steps = [(round(at_s * S), each) for at_s, each in asked]
+    result = simulate(LAST, program, seed=1, schedule=steps, timeout_us=40 * S)
+    assert {event["robot"] for event in result.events} == {"A2"}
+    (row,) = JobRows().of(result.observer)
+    assert row.state == "succeeded"

@@ -20,6 +20,7 @@ from mrbt_mesh.core.planning.plan import Plan
 HELD, WAITING, RUNNING = "held", "waiting", "running"
 NOT_BEFORE, NO_PLACE = "not before", "the mission in force has no place for it"
 PAUSED = "the team is paused"
+UNCONFIRMED = "its tree has ended, which a second robot has to confirm"
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +145,7 @@ class JobRows:
         reasons = _reasons(plan)
         in_tree = {job.id for job in facts.jobs.in_tree()}
         behind = _behind(in_tree, reasons)
+        over = {each.job for each in plan.evaluation.job_ends} if plan is not None else set[str]()
         before, types = self._made, facts.mission.jobs
         made: dict[str, tuple[KnownJob, int, tuple[int, ...], JobRow]] = {}
         lively = frozenset((*working, *reasons, *in_tree))
@@ -166,6 +168,8 @@ class JobRows:
                     why = NO_PLACE
                 elif name not in in_tree:
                     why = behind
+                elif name in over:
+                    why = UNCONFIRMED
                 elif not why and facts.order() is TeamOrder.PAUSE:
                     why = PAUSED
                 arguments = named_arguments(types, known.job.type, known.job.arguments)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
+from mrbt_mesh.core.bt.evaluation import JobEnded
 from mrbt_mesh.core.facts.records import JobEnd, JobState
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.observer.job_rows import JobRows
+from mrbt_mesh.core.observer.job_rows import UNCONFIRMED, JobRows
 from mrbt_mesh.core.observer.observer import Observer
 from tests.support.commands import command, submission
 from tests.support.one_robot import MISSION, desk
@@ -78,6 +82,15 @@ def test_an_ended_job_is_told_as_it_was_seen_or_as_not_known() -> None:
     assert (row.state, row.priority, row.not_before_us, row.deadline_us) == ("succeeded", 8, 0, 9)
     assert (unseen.priority, unseen.not_before_us, unseen.deadline_us) == (None, None, None)
     assert row.robots == unseen.robots == ("D2",)
+
+
+def test_a_job_whose_end_nobody_has_confirmed_says_so() -> None:
+    (_, context), rows = desk(), JobRows()
+    context.facts.map.merge([submission(name, "inspect", "shelf_1", stamp=1) for name in "ab"])
+    evaluation = SimpleNamespace(job_ends=(JobEnded("a", True, ()),))
+    plan: Any = SimpleNamespace(evaluation=evaluation, waiting=())
+    found = {row.id: (row.state, row.why) for row in rows.update(context.facts, plan, ())}
+    assert found == {"a": ("waiting", UNCONFIRMED), "b": ("waiting", "")}
 
 
 def test_no_job_of_a_mission_that_was_aborted_goes_on() -> None:
