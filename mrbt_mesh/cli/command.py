@@ -81,11 +81,12 @@ class NumbersCommand(MrbtCommand):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.ignore_unknown_options = True
         found, _, _ = self.make_parser(ctx).parse_args(list(args))
-        words = [found.get(each.name or "") for each in self.params if not _is_option(each)]
-        listed = [w for word in words for w in (word if isinstance(word, tuple) else [word]) if w]
+        given = [found.get(each.name or "") for each in self.params if not _is_option(each)]
+        listed = [word for each in given for word in (each if isinstance(each, tuple) else [each])]
+        words = [word for word in listed if isinstance(word, str)]
         # What comes after `--` is meant as it is.
         literal = args[args.index("--") + 1 :] if "--" in args else []
-        for word in listed[: len(listed) - len(literal)]:
+        for word in words[: len(words) - len(literal)]:
             if word.startswith("-") and word != "-" and not NEGATIVE.fullmatch(word):
                 ctx.ignore_unknown_options = False  # click's own message names what is similar
         return super().parse_args(ctx, args)

@@ -136,20 +136,23 @@ def test_a_group_adds_the_plugins_of_its_name(monkeypatch: pytest.MonkeyPatch) -
 
 
 @click.command(cls=NumbersCommand)
+@click.argument("kind", required=False)
 @click.argument("words", nargs=-1)
 @click.option("--priority", type=int)
-def sum_up(words: tuple[str, ...], priority: int | None) -> None:
+def sum_up(kind: str | None, words: tuple[str, ...], priority: int | None) -> None:
     """Take numbers."""
-    click.echo(f"{words} {priority}")
+    click.echo(f"{kind} {words} {priority}")
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("move 3 -4", "('move', '3', '-4') None"),
-        ("move -35 --priority -2 -1.5", "('move', '-35', '-1.5') -2"),
-        ("--priority 7 -- -x -5", "('-x', '-5') 7"),
-        ("move -", "('move', '-') None"),
+        ("move 3 -4", "move ('3', '-4') None"),
+        ("move -35 --priority -2 -1.5", "move ('-35', '-1.5') -2"),
+        ("--priority 7 -- -x -5", "-x ('-5',) 7"),
+        ("move -", "move ('-',) None"),
+        ("", "None () None"),
+        ("-7", "-7 () None"),
     ],
 )
 def test_negative_numbers_are_arguments(given: str, said: str) -> None:
