@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT_S = 10.0
 JOIN_TIMEOUT_S = 30.0
 ATTEND_S = 1.0
+# A robot whose answer was lost is seen to have left within this time.
+LEFT_S = 2.0
 NOT_STOPPED = (
     "a silent robot stops when it hears one that has stopped; they stay 10 s for it, after that "
     "it may go on alone: `mrbt kill` it"
@@ -295,13 +297,30 @@ def _command(
 ) -> NoReturn:
     """Send a word to a robot, print its answer, and end the process."""
 
-    async def act(watcher: Watcher) -> str:
-        good, text = await watcher.command(robot, command, argument)
-        if not good:
-            fail(text, FAILURE)
-        return text
+    _act(team, as_json, lambda watcher: robot_said(watcher, robot, command, argument), robot)
 
-    _act(team, as_json, act, robot)
+
+async def robot_said(watcher: Watcher, robot: str, command: str, argument: str) -> str:
+    """What a robot answers to a word; ends the process if it does not obey."""
+    good, text = await watcher.command(robot, command, argument)
+    if not good and command == leave.name and await _has_left(watcher, robot):
+        return f"{robot} has left"
+    if not good:
+        fail(text, FAILURE)
+    return text
+
+
+async def _has_left(watcher: Watcher, robot: str) -> bool:
+    """Whether a robot that gave no answer has left: its session may have ended before that came."""
+    import anyio
+
+    from mrbt_mesh.core.membership.peer import State
+
+    with anyio.move_on_after(LEFT_S):
+        while watcher.observer.robot_state(robot) is not State.LEFT:
+            await watcher.wait_for_change(LEFT_S)
+        return True
+    return False
 
 
 def _operate(
