@@ -71,18 +71,16 @@ class MrbtCommand(click.Command):
         run(super().main, *args, **extra)
 
 
-def _is_option(parameter: click.Parameter) -> bool:
-    return isinstance(parameter, click.Option)
-
-
 class NumbersCommand(MrbtCommand):
     """A command among whose arguments may be negative numbers: `-3` is no option of it."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.ignore_unknown_options = True
         found, _, _ = self.make_parser(ctx).parse_args(list(args))
-        given = [found.get(each.name or "") for each in self.params if not _is_option(each)]
+        arguments = (each for each in self.params if isinstance(each, click.Argument))
+        given = [found[each.name] for each in arguments if each.name in found]
         listed = [word for each in given for word in (each if isinstance(each, tuple) else [each])]
+        # Click has an object of its own for an argument that is not given.
         words = [word for word in listed if isinstance(word, str)]
         # What comes after `--` is meant as it is.
         literal = args[args.index("--") + 1 :] if "--" in args else []

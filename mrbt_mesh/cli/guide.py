@@ -117,4 +117,4 @@ def next_to_kill(observer: Observer) -> str:
     """A living robot: one at work that others can replace, else one at work, else any; or empty."""
     living = sorted(observer.membership.members(), key=name_order)
     at_work = [robot for robot in living if observer.claim(robot) is not None]
-    return next((robot for robot in [*replaceable(observer), *at_work, *living]), "")
+    return next(iter([*replaceable(observer), *at_work, *living]), "")

@@ -115,7 +115,7 @@ class RobotContext:
         Raises ValueError for a local task that the mission does not give this robot.
         """
         self._check_own(local_task, ALL)
-        self._port.lose_capability(local_task, reason, *([True] if is_watched else []))
+        self._port.lose_capability(local_task, reason, is_watched)
 
     def defer_capability(self, local_task: str, reason: str) -> None:
         """Declare that this robot cannot do `local_task` yet, e.g. since a driver is starting.

@@ -1,4 +1,4 @@
-"""What the page makes of what it is told: jobs, revisions, what happens next, who comes first."""
+"""What the page shows of the state that it is given: jobs, revisions, what happens next, order."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ class Told(FakePort):
         super().__init__()
         self.said: list[tuple[Any, ...]] = []
 
-    def lose_capability(self, local_task: str, reason: str) -> None:
+    def lose_capability(self, local_task: str, reason: str, is_watched: bool = False) -> None:
         self.said.append(("lose", local_task))
 
     def restore_capability(self, local_task: str) -> None:

@@ -1,4 +1,4 @@
-"""The live page without a team: what a server would tell it is written down by the test."""
+"""The live page without a team: the test writes what a server would send."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ADDRESS = "http://page.test/"
 
 
 def told_mission(name: str) -> dict[str, Any]:
-    """What a page is told of an example once."""
+    """The description of a mission that the page loads at its start."""
     about = {"control": None, "recording": None, "commands": {}, "run": "r", "above": None}
     return mission_view(example(name)[0]) | about
 

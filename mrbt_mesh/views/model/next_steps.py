@@ -16,7 +16,7 @@ from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.time_at_work import time_at_work
 from mrbt_mesh.core.planning.plan import Waiting
 
-# Steps of a robot's schedule that are told.
+# How many steps of a robot's schedule are shown.
 MOST_STEPS = 3
 
 

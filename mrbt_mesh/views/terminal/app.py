@@ -147,7 +147,7 @@ class TeamTop(App[None]):
         return Text("\n").join([text, *lines])
 
     def _within(self, text: Text, rows: int) -> Text:
-        """It in at most so many rows of the window, with an ellipsis for what is left out."""
+        """The text, cut to this many rows of the window; an ellipsis shows that it was cut."""
         width = max(self.size.width, 1)
         lines = list(text.wrap(self.console, width)) if rows > 1 else [text]
         if rows > 1 and len(lines) <= rows:

@@ -22,5 +22,5 @@ def test_what_is_wrong_with_a_program_ends_with_its_process() -> None:
     context.joining = None
     after.joined(2)
     found = {subject: text for subject, text in context.facts.problems["D1"].items() if text}
-    # The network's problem is told by what watches the network.
+    # What watches the network reports its problems.
     assert found == {each: f"{each} is wrong" for each in ("robot.py: look", NETWORK)}

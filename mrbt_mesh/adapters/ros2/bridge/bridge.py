@@ -11,8 +11,7 @@ from typing import Any, Protocol
 
 from .calls import CallKeeper
 from .goals import GoalKeeper
-from .lifecycle import StateKeeper
-from .server import NOT_FOUND, RunEnded, RunWaits, ServerEffect, ServerKeeper, ServerTold
+from .server import NOT_FOUND, RunEnded, RunWaits, ServerEffect, ServerTold, ServerWatch
 from .values import UnfitError
 from .watch import LifeWatch
 
@@ -20,11 +19,11 @@ from .watch import LifeWatch
 STOP_S = 3.0
 
 LIFECYCLE = "lifecycle"
-_KEEPERS: dict[str, type[ServerKeeper]] = {
+_KEEPERS: dict[str, type[ServerWatch]] = {
     "action": GoalKeeper,
     "srv": CallKeeper,
     "msg": CallKeeper,
-    LIFECYCLE: StateKeeper,
+    LIFECYCLE: ServerWatch,
 }
 
 Tell = Callable[[dict[str, Any]], None]
@@ -57,7 +56,7 @@ class Bridge:
         self._robot = LifeWatch(bind["detection_s"], clock())
         self._robot.heard(clock())
         # By the server: the tasks of one action share it. And the server of each task.
-        self._keepers: dict[str, ServerKeeper] = {}
+        self._keepers: dict[str, ServerWatch] = {}
         # What the keepers have said last, and what the robot has been told of each task.
         self._states: dict[str, ServerTold] = {}
         self._task_states: dict[str, ServerTold] = {}

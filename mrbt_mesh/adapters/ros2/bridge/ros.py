@@ -30,7 +30,7 @@ from rclpy.signals import SignalHandlerOptions
 from unique_identifier_msgs.msg import UUID
 
 from .goals import GoalKeeper
-from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEffect, ServerKeeper
+from .server import AskLife, AskResult, CancelGoal, SendCall, SendGoal, ServerEffect, ServerWatch
 from .values import fill, find_type, read_field, reason_of, stamp_now
 from .watch import LifeAnswers
 
@@ -145,7 +145,7 @@ class _LifeQuestions:
     def ask_nodes(self, names: Iterable[str]) -> None:
         """Ask the nodes that DDS lists for no parameters."""
 
-        def heard(keeper: ServerKeeper, now_s: float) -> list[ServerEffect]:
+        def heard(keeper: ServerWatch, now_s: float) -> list[ServerEffect]:
             return keeper.heard(now_s)
 
         def answered(_: Any) -> None:

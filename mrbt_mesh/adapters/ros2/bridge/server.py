@@ -83,8 +83,10 @@ ServerEffect = (
 )
 
 
-class ServerKeeper(ABC):
-    """One server. Every method returns what is to be done; `now_s` never goes back."""
+class ServerWatch:
+    """Whether one server can be used, or a lifecycle node is active. Every method returns what is
+    to be done; `now_s` never goes back.
+    """
 
     def __init__(self, detection_s: float, now_s: float) -> None:
         self._watch = LifeWatch(detection_s, now_s)
@@ -96,22 +98,10 @@ class ServerKeeper(ABC):
         self._why_not = NOT_FOUND
         self._last = ServerTold(False, self._why_not)
 
-    @abstractmethod
-    def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
-        """Begin a run; the one before has ended or was cancelled."""
-
-    @abstractmethod
-    def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
-        """The run is no longer needed; its end is reported once the server has stopped."""
-
-    @abstractmethod
-    def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
-        """The run's message does not fit the server's type."""
-
     @property
-    @abstractmethod
     def is_clear(self) -> bool:
         """Whether nothing of ours is at the server, or may be."""
+        return True
 
     def heard(self, now_s: float) -> list[ServerEffect]:
         """A sign of life: any answer, or feedback."""
@@ -169,3 +159,19 @@ class ServerKeeper(ABC):
     def _told(self, is_up: bool) -> list[ServerEffect]:
         before, self._last = self._last, ServerTold(is_up, "" if is_up else self._why_not)
         return [self._last] if self._last != before else []
+
+
+class ServerKeeper(ServerWatch, ABC):
+    """One server and the runs that it is asked for."""
+
+    @abstractmethod
+    def start(self, run: int, goal_id: bytes, body: Any, now_s: float) -> list[ServerEffect]:
+        """Begin a run; the one before has ended or was cancelled."""
+
+    @abstractmethod
+    def cancel(self, run: int, now_s: float) -> list[ServerEffect]:
+        """The run is no longer needed; its end is reported once the server has stopped."""
+
+    @abstractmethod
+    def refused(self, run: int, text: str, now_s: float) -> list[ServerEffect]:
+        """The run's message does not fit the server's type."""

@@ -61,8 +61,7 @@ def find_type(name: str, kind: str) -> Any:
 def fill(message: Any, data: Any, place: str = "", has_open: bool = False) -> None:
     """Set the fields of a message that `data` names. Raises UnfitError.
 
-    `has_open`: texts with $ stand for values that only the arguments of a task give, so for
-    anything.
+    `has_open`: a text with $ may become any value, once the arguments of a task are known.
     """
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
@@ -74,7 +73,7 @@ def fill(message: Any, data: Any, place: str = "", has_open: bool = False) -> No
             if key == "yaw" and set(types) == {"x", "y", "z", "w"}:
                 if others := sorted(set(data) & set(types)):
                     raise UnfitError(
-                        f"yaw stands for all of it: {', '.join(others)} is given", here
+                        f"give yaw or the quaternion, not both: {', '.join(others)}", here
                     )
                 half = _number(value, here, has_open) / 2
                 message.z, message.w = math.sin(half), math.cos(half)

@@ -93,7 +93,11 @@ def test_now_is_the_time_of_the_message() -> None:
         ({"position": 3}, "position: fields are expected (x, y), not 3", ["position"]),
         ({"position": {"x": "far"}}, "position.x: a number is expected, not 'far'", None),
         ({"position": {"x": True}}, "position.x: a number is expected, not True", None),
-        ({"orientation": {"yaw": 1, "z": 1}}, "orientation.yaw: yaw stands for all of it", None),
+        (
+            {"orientation": {"yaw": 1, "z": 1}},
+            "orientation.yaw: give yaw or the quaternion, not both: z",
+            None,
+        ),
         ({"header": {"frame_id": True}}, "text is expected, not True", ["header", "frame_id"]),
     ],
 )
