@@ -33,6 +33,7 @@ class Guide:
         self._speed = speed
         self._observer: Observer | None = None
         self._killed = self._next = ""
+        self._shown: list[str] = []
         self._problems: list[str] = []
 
     def hints(self) -> list[str]:
@@ -46,6 +47,11 @@ class Guide:
         if self._next and not self._observer.is_over:
             hints.append(f"in another terminal: mrbt kill {self._next}")
         return hints
+
+    def new_hints(self) -> list[str]:
+        """The hints that were not there when this was asked last, to be printed line by line."""
+        before, self._shown = self._shown, self.hints()
+        return [hint for hint in self._shown if hint not in before]
 
     async def kill_one(self, watcher: Watcher, team: Team) -> None:
         """Wait for a robot whose work another one can take over, and kill its process."""

@@ -295,14 +295,12 @@ class Session:
                 opened[TERMINAL_VIEW] = view
                 yield lambda: None
             return
-        printed, hinted = 0, list[str]()
+        printed = 0
 
         def print_lines() -> None:
-            nonlocal printed, hinted
-            hints = guide.hints() if guide is not None else []
-            for hint in hints if hints != hinted else ():
+            nonlocal printed
+            for hint in guide.new_hints() if guide is not None else ():
                 click.echo(hint)
-            hinted = hints
             record = watcher.observer.record
             for _, (at_us, text) in record.timeline.since(printed):
                 seconds = record.seconds(at_us) or 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 from mrbt_mesh.cli.guide import Guide, has_work_left, next_to_kill, replaceable
 from mrbt_mesh.core.observer.time_at_work import time_at_work
 from tests.support.runs import run_example
@@ -48,3 +50,20 @@ def test_work_that_soon_ends_is_not_long_enough() -> None:
 
 def test_before_the_kill_it_is_announced() -> None:
     assert Guide(2.0).hints() == ["After 4 s this demo kills a robot at work"]
+
+
+def test_a_hint_is_printed_once_also_when_the_run_is_over() -> None:
+    """The kill would look like a second one."""
+    guide = Guide(2.0)
+    assert guide.new_hints() == guide.hints()
+    assert guide.new_hints() == []
+    over = run_example("vehicle_repair", 1, expect="success").observer
+    running = watched(WELD)[1]
+    with mock.patch.multiple(guide, _killed="B", _observer=running):
+        assert guide.new_hints() == [
+            "the demo has killed B",
+            "in another terminal: mrbt kill A",
+        ]
+        with mock.patch.object(guide, "_observer", over):
+            assert guide.hints() == ["the demo has killed B"]
+            assert guide.new_hints() == []
