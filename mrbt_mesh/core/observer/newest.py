@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar, overload
 
 # Of each list, in a run that is watched live. Its recording has all of them.
-LIVE_ENTRIES = 4_000
+LIVE_ENTRIES = 1_000
 
 _Entry = TypeVar("_Entry")
 
