@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -11,15 +11,13 @@ from typing import Any
 from benchmarks.report import grid
 from benchmarks.robustness.bounds import BestPolicy, allows
 from benchmarks.robustness.draws import Cell, draw
-from benchmarks.robustness.teams import Way, independent_robots, our_team
+from benchmarks.robustness.teams import independent_robots, our_team
 
 # Column -> what it is called for people; success rates in percent.
 RATES = {
     "published": "MRBTP, published",
     "independent": "independent",
     "ours": "ours",
-    "sparing": "sparing",
-    "one_at_a_time": "one at a time",
     "best_policy": "best policy",
     "bound": "bound",
 }
@@ -34,7 +32,7 @@ class Judged:
     policy's probability of success.
     """
 
-    ours: Mapping[Way, tuple[bool, float]]
+    ours: tuple[bool, float]
     independent: bool
     allowed: bool
     best: bool
@@ -54,7 +52,7 @@ def judge(cell: Cell, seeds: Sequence[int]) -> list[Judged]:
         policy = _policy(luck.able, cell.robots, cell.fault)
         found.append(
             Judged(
-                {way: our_team(luck, way) for way in Way},
+                our_team(luck),
                 independent_robots(luck),
                 allows(luck),
                 policy.succeeds(luck),
@@ -77,22 +75,20 @@ def summary(cell: Cell, judged: Sequence[Judged]) -> dict[str, Any]:
         "runs": len(judged),
         "published": cell.published,
         "independent": rate([each.independent for each in judged]),
-        **{str(way): rate([each.ours[way][0] for each in judged]) for way in Way},
+        "ours": rate([each.ours[0] for each in judged]),
         "best_policy": rate([each.best for each in judged]),
         "best_policy_expected": rate([each.chance for each in judged]),
         "bound": rate([each.allowed for each in judged]),
-        "allowed_but_failed": sum(each.allowed > each.ours[Way.USUAL][0] for each in judged),
+        "allowed_but_failed": sum(each.allowed > each.ours[0] for each in judged),
         "succeeded_but_not_allowed": sum(
-            max(each.independent, each.best, *(done for done, _ in each.ours.values()))
-            > each.allowed
-            for each in judged
+            max(each.independent, each.best, each.ours[0]) > each.allowed for each in judged
         ),
-        "median_success_s": {str(way): _median_s(judged, way) for way in Way},
+        "median_success_s": _median_s(judged),
     }
 
 
-def _median_s(judged: Sequence[Judged], way: Way) -> float | None:
-    times_s = [seconds for done, seconds in (each.ours[way] for each in judged) if done]
+def _median_s(judged: Sequence[Judged]) -> float | None:
+    times_s = [seconds for done, seconds in (each.ours for each in judged) if done]
     return round(statistics.median(times_s), 2) if times_s else None
 
 

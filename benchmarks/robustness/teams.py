@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import random
 from dataclasses import replace
 from functools import cache
@@ -12,8 +11,8 @@ from pathlib import Path
 import anyio
 
 from benchmarks.robustness.draws import ACTIONS, NAMES, ROOMS, Draw
-from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
-from mrbt_mesh.core.mission.mission import MICRO, AssignmentPolicy, Mission, Robot
+from mrbt_mesh.core.bt.tree import Status
+from mrbt_mesh.core.mission.mission import MICRO, Mission, Robot
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.program import RobotProgram
@@ -54,41 +53,21 @@ class World:
         return len(self.holds) == ACTIONS
 
 
-class Way(enum.StrEnum):
-    """How our team goes about it."""
-
-    USUAL = "ours"
-    SPARING = "sparing"
-    ONE_AT_A_TIME = "one_at_a_time"
-
-
 @cache
-def _file(way: Way) -> Mission:
-    mission = load_mission(MISSION)
-    if way is not Way.USUAL:
-        mission = replace(mission, assignment=AssignmentPolicy.SPARE_SCARCE)
-    if way is Way.ONE_AT_A_TIME:
-        # The same children, one after the other.
-        mission = replace(
-            mission, tree=build_tree(NodeSpec(Kind.SEQUENCE, mission.tree.spec().children))
-        )
-    return mission
+def _file() -> Mission:
+    return load_mission(MISSION)
 
 
-def _mission(performances: list[dict[str, int]], way: Way = Way.USUAL) -> Mission:
+def _mission(performances: list[dict[str, int]]) -> Mission:
     robots = {
         robot: Robot(robot, "drawn", capabilities)
         for robot, capabilities in zip(ROBOTS, performances, strict=False)
     }
-    return replace(_file(way), robots=robots)
+    return replace(_file(), robots=robots)
 
 
-def our_team(draw: Draw, way: Way = Way.USUAL) -> tuple[bool, float]:
-    """Whether the team succeeds that shares its facts and its plan, and after how many seconds.
-
-    `way`: with the usual plan, sparing robots that are needed for more, or that and one action
-    at a time.
-    """
+def our_team(draw: Draw) -> tuple[bool, float]:
+    """Whether the team succeeds that shares its facts and its plan, and after how many seconds."""
     world = World()
     program = RobotProgram()
 
@@ -99,7 +78,7 @@ def our_team(draw: Draw, way: Way = Way.USUAL) -> tuple[bool, float]:
         task.set_condition(_EFFECTS[task.local_task], True)
 
     able = [{NAMES[a]: MICRO for a in draw.capabilities(i)} for i in range(len(draw.lives))]
-    result = _simulate(_mission(able, way), program, draw, [])
+    result = _simulate(_mission(able), program, draw, [])
     plan = result.observer.plan
     done = plan is not None and plan.result is Status.SUCCESS
     if done != world.is_done:

@@ -502,10 +502,9 @@ class TravelModel(FileModel):
 class MissionModel(FileModel):
     """A mission of a team of robots.
 
-    `assignment: spare_scarce`: where robots may break at work, those that others can replace go
-    first, even if something has to wait for them. `blocked`: for global tasks that do not say it
-    themselves. `solver`: what solves the assignment problem, `constraints`: what else it has to
-    respect (docs/how-to/constraints.md). `jobs`: types of jobs, which Jobs nodes name.
+    `blocked`: for global tasks that do not say it themselves. `solver`: what solves the assignment
+    problem, `constraints`: what else it has to respect (docs/how-to/constraints.md). `jobs`: types
+    of jobs, which Jobs nodes name.
     `blackboard`: what else robots tell one another (docs/how-to/conditions.md).
     `local_conditions`: what the trees of local tasks may read; each robot has its own.
     `recorded: required`: a robot that does not record takes no exclusive task.
@@ -513,7 +512,6 @@ class MissionModel(FileModel):
 
     mission: Name
     program: ProgramText | None = None
-    assignment: Literal["any", "spare_scarce"] = "any"
     blocked: Blocked = "wait"
     ends: Literal["once", "never"] = "once"
     recorded: Literal["if_possible", "required"] = "if_possible"

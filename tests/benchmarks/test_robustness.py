@@ -10,7 +10,7 @@ import pytest
 from benchmarks.robustness.bounds import BestPolicy, allows, possible
 from benchmarks.robustness.draws import ACTIONS, CELLS, ROOMS, Cell, Draw, before, draw
 from benchmarks.robustness.results import Judged, markdown, summary
-from benchmarks.robustness.teams import Way, independent_robots, our_team
+from benchmarks.robustness.teams import independent_robots, our_team
 
 ALL_DONE = (1 << ACTIONS) - 1
 
@@ -141,14 +141,6 @@ def test_independent_robots_waste_effort() -> None:
     assert our_team(Draw(0, everybody, (4, 4)))[0]
 
 
-def test_sparing_saves_the_only_robot_for_the_last_step() -> None:
-    """R1 alone can move package 4 and dies of its first action; R2 can do everything else."""
-    able = (*[frozenset({0, 1})] * (ACTIONS - 1), frozenset({0}))
-    luck = Draw(0, able, (1, ACTIONS))
-    assert allows(luck)
-    assert [our_team(luck, way)[0] for way in Way] == [False, True, True]
-
-
 def test_what_comes_before_what() -> None:
     assert [before(a) for a in range(ROOMS)] == [()] * ROOMS
     assert [before(a) for a in range(ROOMS, ACTIONS)] == [(0, 1), (1, 2), (2, 3), (3, 0)]
@@ -163,15 +155,14 @@ def test_the_table_has_a_row_per_published_figure() -> None:
     assert cells[4, 25, 10] == 41.4
     assert cells[4, 100, 50] == 10.4
     assert cells[8, 100, 30] == 92.2
-    won = dict.fromkeys(Way, (True, 2.0))
-    lost = {**won, Way.USUAL: (False, 5.0)}
+    won, lost = (True, 2.0), (False, 5.0)
     judged = [Judged(won, False, True, True, 0.5), Judged(lost, False, True, False, 0.25)]
     rows = [summary(cell, judged) for cell in CELLS]
     assert rows[0]["ours"] == 50.0
     assert rows[0]["best_policy_expected"] == 37.5
-    assert rows[0]["median_success_s"]["ours"] == 2.0
+    assert rows[0]["median_success_s"] == 2.0
     assert (rows[0]["allowed_but_failed"], rows[0]["succeeded_but_not_allowed"]) == (1, 0)
     table = markdown(rows).splitlines()
     assert len(table) == 2 + len(CELLS)
     assert len({line.count("|") for line in table}) == 1
-    assert table[2] == "| 4 | 0.25 | 0.1 | 41.4 | 0.0 | 50.0 | 100.0 | 100.0 | 50.0 | 100.0 |"
+    assert table[2] == "| 4 | 0.25 | 0.1 | 41.4 | 0.0 | 50.0 | 50.0 | 100.0 |"

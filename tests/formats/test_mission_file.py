@@ -15,7 +15,6 @@ from mrbt_mesh.core.bt.tree import Kind, Memory
 from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import (
     MICRO,
-    AssignmentPolicy,
     FailurePolicy,
     Mission,
     Need,
@@ -47,14 +46,6 @@ tree: fix(3)
 
 def load_text(text: str) -> Mission:
     return mission_from_yaml(dedent(text), "m.yaml", Path("/nowhere"))
-
-
-def test_the_assignment_is_read() -> None:
-    assert load_text(SMALL).assignment is AssignmentPolicy.ANY
-    text = SMALL.replace("mission: small", "mission: small\nassignment: spare_scarce")
-    mission = load_text(text)
-    assert mission.assignment is AssignmentPolicy.SPARE_SCARCE
-    assert mission_from_compiled(compile_mission(mission), "m.json") == mission
 
 
 def test_bids_are_read() -> None:

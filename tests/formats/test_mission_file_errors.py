@@ -58,7 +58,7 @@ def test_the_good_one_is_good() -> None:
     [
         # Keys, shapes and types.
         ("mission: m", "misson: m", 1, "unknown key 'misson'; did you mean 'mission'?"),
-        ("mission: m", "mission: m\nassignment: best", 2, "any or spare_scarce is expected"),
+        ("mission: m", "mission: m\nassignment: spare_scarce", 2, "unknown key 'assignment'"),
         ("max: 2}", "performance: bids}", 17, "declared or bid is expected, found the text 'bids'"),
         ("max: 2}", "performance: 3}", 17, "declared, bid, or {bid_within_s: 0.5} is expected"),
         ("max: 2}", "performance: {bid_within_s: 0}}", 17, "a number above 0 is expected"),

@@ -213,7 +213,7 @@ class Story:
             asked.excluded = not asked.excluded
 
     def narrow(self) -> None:
-        """Scarce robots are spared for one demand, or no longer."""
+        """Some robots are no candidates for one demand, as by a schedule, or are again."""
         wish = self._wish()
         if wish is not None:
             half = self._random.sample(self.robots, len(self.robots) // 2)

@@ -87,13 +87,6 @@ class FailurePolicy(enum.StrEnum):
     PATIENT = "patient"
 
 
-class AssignmentPolicy(enum.StrEnum):
-    """The robots that a request may have: all that are capable, or those that are needed least."""
-
-    ANY = "any"
-    SPARE_SCARCE = "spare_scarce"
-
-
 class MissionEnd(enum.StrEnum):
     """Whether a team stops when T_G has succeeded or failed, or stands by."""
 
@@ -514,7 +507,6 @@ class Mission:
     conditions: Mapping[str, ConditionType]
     global_tasks: Mapping[GlobalTaskId, GlobalTask]
     tree: Tree
-    assignment: AssignmentPolicy = AssignmentPolicy.ANY
     parameters: Mapping[str, Any] = field(default_factory=dict)
     program: str | None = None
     costs: Costs = field(default_factory=Costs)
@@ -736,12 +728,10 @@ class Mission:
 
         Entries that only some missions have are left out of others, which so keep their digests.
         """
-        is_usual = self.assignment is AssignmentPolicy.ANY
         local_trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
         program_trees = program_trees_to_json(self.program_trees) if self.program_trees else None
         optional = {
             "constraints": [constraint_to_json(constraint) for constraint in self.constraints],
-            "assignment": None if is_usual else str(self.assignment),
             "solver": self.solver,
             "ends": None if self.ends is MissionEnd.ONCE else str(self.ends),
             "recorded": None if self.recorded is Recorded.IF_POSSIBLE else str(self.recorded),
@@ -787,6 +777,9 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     found = data.get("compiled")
     if type(found) is not int or found != COMPILED_VERSION:
         raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
+    # What this version does not know would be left out of the team's plans unnoticed.
+    for name in sorted(data.keys() - {"compiled", *Mission.__dataclass_fields__}):
+        raise ValueError(f"compiled mission has an unknown entry: {name!r}")
     try:
         tree, revision = build_tree(spec_from_json(data["tree"])), None
         if "revision" in data:
@@ -800,7 +793,6 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             conditions=conditions_from_json(data["conditions"]),
             global_tasks={row[0]: GlobalTask.from_json(row) for row in data["global_tasks"]},
             tree=tree,
-            assignment=AssignmentPolicy(data.get("assignment", AssignmentPolicy.ANY)),
             ends=MissionEnd(data.get("ends", MissionEnd.ONCE)),
             recorded=Recorded(data.get("recorded", Recorded.IF_POSSIBLE)),
             parameters=data["parameters"],

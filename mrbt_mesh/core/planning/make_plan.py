@@ -18,7 +18,7 @@ from mrbt_mesh.core.facts.coalitions import coalition_at_work
 from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.mission.mission import AssignmentPolicy, Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.bids import Bids, bids_for
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, capabilities_of
 from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
@@ -33,7 +33,6 @@ from mrbt_mesh.core.planning.demands import (
 from mrbt_mesh.core.planning.pending_failures import pending_failures
 from mrbt_mesh.core.planning.per_robot import pending_losses
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
-from mrbt_mesh.core.planning.scarcity import spare_scarce
 from mrbt_mesh.core.planning.schedules import Lookahead, by_schedule, look_ahead
 from mrbt_mesh.core.planning.side_constraints import SideConstraintCheck, side_constraints
 
@@ -120,8 +119,6 @@ def check_consistency(
     bids = bids_for(facts, demands, team) if mission.has_bids else Bids(demands)
     obstacles, unset = _obstacles(facts, requests, bids.groups, team)
     offered: Sequence[Group] = bids.groups
-    if mission.assignment is AssignmentPolicy.SPARE_SCARCE:
-        offered = spare_scarce(facts, evaluation, bids.groups, team)
     ahead = None
     if mission.travel is not None:
         ahead = look_ahead(facts, evaluation, demands, capabilities)
@@ -193,7 +190,7 @@ def assign_agents(
     for index in sorted(pending.keys() & waiting.keys()):
         waiting[index] = replace(waiting[index], is_failing=True)
     robots = [r for r in team if r not in assignments]
-    idle = _why_idle(robots, demands, offered, served, held, found.unset)
+    idle = _why_idle(robots, demands, served, held, found.unset)
     if found.ahead is not None:
         idle |= _what_is_next(found.ahead, idle, demands)
     if facts.borrowers:
@@ -356,7 +353,6 @@ def _completed(
 def _why_idle(
     robots: Sequence[str],
     demands: Sequence[Group],
-    offered: Sequence[Group],
     kept: Collection[int],
     held: Collection[int],
     unset: Mapping[int, str],
@@ -364,20 +360,12 @@ def _why_idle(
     """For robots without an assignment: why."""
     if not demands:
         return dict.fromkeys(robots, "nothing is requested")
-    able, spared = _able_requests(robots, demands), set(robots)
-    if offered is demands:
-        spared.clear()
-    else:
-        spared -= {robot for robot, found in _able_requests(robots, offered).items() if found}
     reasons = {}
-    for robot, found in able.items():
+    for robot, found in _able_requests(robots, demands).items():
         served = [index for index in found if index in kept]
         names = sorted({demands[index][0].request.subject for index in served or found})
         if not found:
             reasons[robot] = "nothing that it can do is needed now"
-        elif robot in spared:
-            names = sorted({demands[index][0].request.subject for index in found})
-            reasons[robot] = f"{', '.join(names)}: spared for what fewer robots can do"
         elif waiting := [index for index in served if index in held]:
             names = sorted({demands[index][0].request.subject for index in waiting})
             reasons[robot] = f"{', '.join(names)}: waits for bids"

@@ -18,9 +18,7 @@ from mrbt_mesh.core.facts.store import Version, parse_entry
 from mrbt_mesh.core.mission.mission import (
     MAX_PERFORMANCE,
     MICRO,
-    AssignmentPolicy,
     FailurePolicy,
-    Mission,
 )
 from mrbt_mesh.core.planning.bids import LAST_RESORT
 from mrbt_mesh.core.planning.deadlines import Deadlines
@@ -215,19 +213,6 @@ def test_a_request_that_cannot_be_kept_holds_nobody_back() -> None:
 
 
 # -- with the other policies ------------------------------------------------------------------
-
-
-def test_scarce_robots_are_spared_whatever_they_bid() -> None:
-    tasks = [task("fetch", DRIVE), task("later", ("weld", 1, 1))]
-    mission = make_mission(
-        sequence(action("fetch"), action("later")),
-        {"A": {"drive": 1, "weld": 1}, "B": {"drive": 1}},
-        tasks,
-    )
-    fields = {name: getattr(mission, name) for name in mission.__dataclass_fields__}
-    world = World(Mission(**fields | {"assignment": AssignmentPolicy.SPARE_SCARCE}))
-    bid_all(world, A=100, B=-100)
-    assert who(world) == {"B": "fetch"}
 
 
 @pytest.mark.parametrize("policies", [{"simultaneous": True}, {"exclusive": True}])
