@@ -29,7 +29,7 @@ def load(text: str) -> Mission:
 @pytest.mark.parametrize(
     ("failure", "policy", "after_us"),
     [
-        ("patient", FailurePolicy.PATIENT, None),
+        ("paper", FailurePolicy.PAPER, None),
         ("{after_s: 2.5}", FailurePolicy.RESILIENT, 2_500_000),
         ("{policy: paper, after_s: 1}", FailurePolicy.PAPER, 1_000_000),
     ],
@@ -56,11 +56,11 @@ def test_whether_a_mission_ends() -> None:
 @pytest.mark.parametrize(
     ("failure", "message"),
     [
-        ("often", "resilient, paper or patient is expected, found the text 'often'"),
-        ("3", "resilient, paper, patient, or {after_s: 5} is expected, found the number 3"),
+        ("patient", "resilient or paper is expected, found the text 'patient'"),
+        ("3", "resilient, paper, or {after_s: 5} is expected, found the number 3"),
         ("{}", "the key 'after_s' is missing"),
         ("{after_s: 0}", "a number above 0 is expected"),
-        ("{policy: patient, after_s: 3}", "resilient or paper is expected"),
+        ("{policy: often, after_s: 3}", "resilient or paper is expected"),
     ],
 )
 def test_what_is_no_policy_is_refused(failure: str, message: str) -> None:

@@ -137,13 +137,6 @@ def test_a_latched_failure_holds_when_a_robot_returns(
     assert [end for _, end in ends(result, "b")] == ["success"], "nor is the alternative cancelled"
 
 
-def test_who_is_patient_waits_for_the_dead() -> None:
-    gone: Schedule = [(1 * S, Kill("R2"))]
-    text = THREE + fallback("failure: patient", behave="a@R1: {seconds: 2, fails: true}")
-    assert starts(run(text, gone, "blocked")) == [("R1", "a")]
-    assert starts(run(text, [*gone, (9 * S, Restart("R2"))])) == [("R1", "a"), ("R2", "a")]
-
-
 def test_where_nobody_has_failed_the_request_is_blocked() -> None:
     gone: Schedule = [(1 * S, Kill("R1")), (1 * S, Kill("R2"))]
     run(THREE + fallback(behave=SLOW), gone, "blocked")

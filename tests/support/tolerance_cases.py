@@ -120,11 +120,7 @@ class _Drawing:
             needs.append(Need(local_task, least, least + pick.choice([0, 0, 1])))
         if self.is_bound and self.tasks and self.bind.random() < 0.6:
             needs[0] = replace(needs[0], same_robot_as=self.before())
-        are_patient = self.are_known and not self.is_bound  # whether who is bound may return
-        policies = list(FailurePolicy) if are_patient else [*FailurePolicy][:2]
-        failure, starts_together = pick.choice(policies), pick.random() < 0.2
-        if failure is FailurePolicy.PATIENT and starts_together:
-            needs = needs[:1]  # how far several get depends on who is chosen
+        failure, starts_together = pick.choice(list(FailurePolicy)), pick.random() < 0.2
         self.tasks.append(
             GlobalTask(
                 name,
@@ -310,9 +306,6 @@ class _Foreseen(PresentFacts):
             return Status.SUCCESS
         if case.ends[subject] == NEVER:
             return Status.RUNNING
-        may_return = task.failure is FailurePolicy.PATIENT and _decisive_need(case, task) is None
-        if may_return and task.blocked_fail_after_us is None and not self._is_ideal:
-            return Status.RUNNING
         return Status.FAILURE
 
     def condition(self, name: str) -> bool:
@@ -366,15 +359,6 @@ def _are_enough(case: Case, task: GlobalTask, doers: Doers) -> bool:
     return seat(0, frozenset())
 
 
-def _decisive_need(case: Case, task: GlobalTask) -> str | None:
-    """A need of which nobody is missing who could make good what those who live fail at."""
-    for need in task.needs:
-        known = [r for r in case.mission.robots.values() if need.local_task in r.capabilities]
-        if len(known) == len(_able(case, need.local_task)):
-            return need.local_task
-    return None
-
-
 # -- by the analysis --------------------------------------------------------------------------
 
 
@@ -404,7 +388,7 @@ def simulated(case: Case, at_us: int | None = None, performances: int = 0) -> st
     `at_us`: the faults happen then, whatever is going on, to robots of random `performances`.
     """
     tasks = case.mission.global_tasks.values()
-    fails_at = {t.id: _decisive_need(case, t) or t.needs[0].local_task for t in tasks}
+    fails_at = {task.id: task.needs[0].local_task for task in tasks}
     parameters = {"ends": dict(case.ends), "fails_at": fails_at}
     mission = replace(case.mission, parameters=parameters)
     lost = {fault for fault in case.faults if not isinstance(fault, str)}

@@ -18,7 +18,7 @@ from mrbt_mesh.analysis.tolerance.service import FaultyTeam, Service, service, s
 from mrbt_mesh.core.bt.evaluation import PresentFacts
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Node, NodeSpec, Status, Tree, build_tree
-from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission
+from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.consistency import Consistency
 
 _ONCE = frozenset({Kind.RETRY, Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE, Kind.TIMEOUT})
@@ -47,15 +47,15 @@ def serial(mission: Mission) -> Question:
 
 def serial_services(
     mission: Mission,
-) -> tuple[tuple[Service, ...], dict[str, list[int]], dict[str, list[list[int]]]]:
-    """The services of a mission; global task -> those that it takes to do it; -> ways to fail."""
+) -> tuple[tuple[Service, ...], dict[str, list[int]], dict[str, int]]:
+    """The services of a mission; global task -> those that it takes to do it; -> that to fail."""
     services, numbers = _tasks(mission)
-    deciding: dict[str, list[list[int]]] = {}
+    deciding: dict[str, int] = {}
     for task in mission.global_tasks.values():
-        for way in _ways_to_fail(mission, task):
-            numbered = list(range(len(services), len(services) + len(way)))
-            deciding.setdefault(task.id, []).append(numbered)
-            services = (*services, *way)
+        if task.exclusive and task.blocked_fail_after_us is not None:
+            # When it has been blocked it fails if a majority lives to decide it.
+            deciding[task.id] = len(services)
+            services = (*services, Service(f"a majority for {task.id}", (task.id,), (), True))
     return (*services, somebody(mission)), numbers, deciding
 
 
@@ -107,27 +107,6 @@ def _all_before(mission: Mission, task: str, numbers: Mapping[str, list[int]]) -
         seen |= dict.fromkeys(new)
         waiting += new
     return [number for each in seen for number in numbers[each]]
-
-
-def _ways_to_fail(mission: Mission, task: GlobalTask) -> list[list[Service]]:
-    """What it takes that a task can fail, for those that cannot always: one way is enough.
-
-    A patient task fails at a need of which no robot is missing, or else those who may return could
-    make it good; of a coalition of robots for several needs nobody at all may be missing. An
-    exclusive task that has been blocked fails if a majority lives to decide it.
-    """
-    if task.blocked_fail_after_us is not None:
-        if not task.exclusive:
-            return []
-        return [[Service(f"a majority for {task.id}", (task.id,), (), True)]]
-    if task.failure is not FailurePolicy.PATIENT:
-        return []
-    found = []
-    for need in service(mission, (task,), task.id).needs:
-        name = f"{task.id} with all robots for {need.local_task}"
-        everyone = replace(need, count=len(need.entries))
-        found.append(Service(name, (task.id,), (everyone,), False))
-    return [found] if task.by_coalition else [[each] for each in found]
 
 
 def _impossible(mission: Mission, services: tuple[Service, ...]) -> Reading:

@@ -149,9 +149,8 @@ def every(services: Collection[int]) -> Requirement:
 # Can succeed, can fail: with every service feasible (ideal), and as things are.
 State: TypeAlias = tuple[bool, bool, bool, bool]
 States: TypeAlias = dict[State, Formula]
-# Global task -> ways in which it can come to fail, each the services that it takes. A task that is
-# not named can always fail.
-Deciding: TypeAlias = Mapping[str, Sequence[Sequence[int]]]
+# Global task -> the service without which it cannot fail either. One that is not named always can.
+Deciding: TypeAlias = Mapping[str, int]
 _Merge: TypeAlias = Callable[[tuple[int, ...], State], tuple[int, ...]]
 
 
@@ -197,11 +196,10 @@ class _Builder:
             lacking = self.formulas.any(map(self.formulas.atom, self.services[node.subject]))
             fails = not self.waits(node.subject)
             found = {(True, True, True, True): ALWAYS, (True, True, False, fails): lacking}
-            ways = self.deciding.get(node.subject, ())
-            if ways:
-                none_left = [self.formulas.any(map(self.formulas.atom, way)) for way in ways]
+            if node.subject in self.deciding:
                 # Whether it could succeed makes no difference where it has to fail.
-                found[True, True, not fails, False] = self.formulas.all(none_left)
+                none_left = self.formulas.atom(self.deciding[node.subject])
+                found[True, True, not fails, False] = none_left
             return found
         children = [self.of(self.tree.nodes[child]) for child in node.children]
         if node.kind is Kind.SEQUENCE:

@@ -78,13 +78,11 @@ GlobalTaskId: TypeAlias = str
 class FailurePolicy(enum.StrEnum):
     """When a global task fails of which some robot has failed.
 
-    By the paper's count; once no living robot can still try (resilient); or once no robot at all
-    can, since the team waits for dead robots and lost capabilities (patient).
+    By the paper's count, or once no living robot can still try (resilient).
     """
 
     PAPER = "paper"
     RESILIENT = "resilient"
-    PATIENT = "patient"
 
 
 class MissionEnd(enum.StrEnum):

@@ -37,7 +37,6 @@ def pending_failures(
 
     policy `resilient`: no living robots could serve it, whichever are free, not even with what they
     cannot use yet;
-    policy `patient`: nor could they with the dead, and with what robots have lost;
     policy `paper`: that too, or failures exceed assigned - nu, where assigned = outcomes + claims
     of the living.
 
@@ -58,15 +57,8 @@ def pending_failures(
         if fails and any(facts.members[robot].member.pending for robot in sorted(team)):
             ready = {r: replace(facts.members[r].member, pending={}) for r in sorted(team)}
             fails = not _could_be_served(facts, requests[index], ready)
-        match task.failure:
-            case FailurePolicy.PATIENT:
-                whole = {
-                    robot: replace(known.member, lost={}, pending={})
-                    for robot, known in facts.members.items()
-                }
-                fails = fails and not _could_be_served(facts, requests[index], whole)
-            case FailurePolicy.PAPER:
-                fails = fails or _has_failed_by_count(facts, task, activation, team)
+        if task.failure is FailurePolicy.PAPER:
+            fails = fails or _has_failed_by_count(facts, task, activation, team)
         if fails:
             found[index] = PendingFailure(activation, task.failure_after_us)
     return found

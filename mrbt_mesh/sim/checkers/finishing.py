@@ -15,7 +15,6 @@ from mrbt_mesh.core.bt.evaluation import Evaluation, OverlaidFacts, Request
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.mission.mission import FailurePolicy
 from mrbt_mesh.core.planning.capabilities import capabilities_of
 from mrbt_mesh.core.planning.demands import demands_of
 from mrbt_mesh.core.planning.side_constraints import feasibility
@@ -121,13 +120,11 @@ class _Search:
         if task.exclusive and 2 * present <= len(facts.mission.robots):
             return ()
         if self._can_serve(request):
-            may_fail = task.failure is not FailurePolicy.PATIENT
-            return (Status.SUCCESS, Status.FAILURE) if may_fail else (Status.SUCCESS,)
+            return Status.SUCCESS, Status.FAILURE
         needs = [need.local_task for need in task.needs if need.min_robots]
         results = [facts.results(request.activation, local_task) for local_task in needs]
         has_failed = any(not success for found in results for success in found.values())
-        fails = has_failed and task.failure is not FailurePolicy.PATIENT
-        return (Status.FAILURE,) if fails or task.blocked_fail_after_us is not None else ()
+        return (Status.FAILURE,) if has_failed or task.blocked_fail_after_us is not None else ()
 
     def _can_serve(self, request: Request) -> bool:
         agent, capable = self._agent, self._capable

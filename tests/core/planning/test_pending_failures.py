@@ -14,7 +14,7 @@ from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
 from mrbt_mesh.core.planning.deadlines import Deadlines
 from tests.support.build import World, action, fallback, make_mission, task
 
-RESILIENT, PAPER, PATIENT = FailurePolicy.RESILIENT, FailurePolicy.PAPER, FailurePolicy.PATIENT
+RESILIENT, PAPER = FailurePolicy.RESILIENT, FailurePolicy.PAPER
 
 
 def world_of(able: str = "R1 R2 R3", *needs: tuple[Any, ...], **policies: Any) -> World:
@@ -40,10 +40,8 @@ def test_nothing_is_pending_while_somebody_living_may_try(policy: FailurePolicy)
     assert pending(world) == []
 
 
-@pytest.mark.parametrize(
-    ("policy", "expected"), [(RESILIENT, ["a"]), (PAPER, ["a"]), (PATIENT, [])]
-)
-def test_the_rest_is_dead_has_lost_it_or_leaves(policy: FailurePolicy, expected: list[str]) -> None:
+@pytest.mark.parametrize("policy", FailurePolicy)
+def test_the_rest_is_dead_has_lost_it_or_leaves(policy: FailurePolicy) -> None:
     world = world_of("R1 R2 R3 R4", failure=policy)
     for robot in ("R2", "R3", "R4"):
         world.claim(robot, world.activation("a"))
@@ -53,24 +51,10 @@ def test_the_rest_is_dead_has_lost_it_or_leaves(policy: FailurePolicy, expected:
     world.write("R3", (records.CLAIM, None))
     assert pending(world) == []
     world.leave("R4")
-    assert pending(world) == expected
+    assert pending(world) == ["a"]
     assert world.asked() == ["a"], "nothing follows from it before it is a fact"
     (waiting,) = world.plan().waiting
-    end = "; fails unless that changes" if expected else ""
-    assert waiting.reason == f"blocked: a needs 1, 1 alive, 1 failed{end}"
-
-
-def test_who_is_patient_does_not_wait_where_nobody_is_missing() -> None:
-    """R1 can do both parts, R2 one of them, which it has failed at: it takes two robots."""
-    robots: dict[str, dict[str, float]] = {"R1": {"a": 1, "b": 1}, "R2": {"a": 1}, "R3": {"b": 1}}
-    both = task("a", ("a", 1, 1), ("b", 1, 1), failure=PATIENT)
-    world = World(make_mission(action("a"), robots, [both]))
-    world.outcome(world.activation("a"), False, "R2", "a")
-    assert pending(world) == []
-    world.lose("R3", "b")
-    assert pending(world) == [], "R3 may get it back"
-    world.outcome(world.activation("a"), False, "R3", "b")
-    assert pending(world) == ["a"]
+    assert waiting.reason == "blocked: a needs 1, 1 alive, 1 failed; fails unless that changes"
 
 
 def test_who_has_failed_at_any_part_counts() -> None:
