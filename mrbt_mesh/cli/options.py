@@ -61,7 +61,7 @@ program_option = click.option(
 solver_option = click.option(
     "--solver",
     metavar="NAME",
-    help="min_cost_flow, cp_sat, brute_force or MODULE:FUNCTION. Default: the mission's.",
+    help="min_cost_flow, cp_sat or MODULE:FUNCTION. Default: the mission's.",
 )
 speed_option = click.option(
     "--speed",

@@ -1,6 +1,6 @@
 """Find the solver that a mission or a command names: docs/how-to/constraints.md.
 
-`min_cost_flow`, `cp_sat` or `brute_force`; a name that an installed package registers in the
+`min_cost_flow` or `cp_sat`; a name that an installed package registers in the
 entry-point group `mrbt_mesh.solvers`; or `package.module:function`.
 """
 
@@ -27,7 +27,7 @@ from mrbt_mesh.core.assignment.problem import (
     supports_constraints,
 )
 from mrbt_mesh.core.assignment.solve import needs_arrays
-from mrbt_mesh.core.assignment.solvers import SOLVERS, brute_force, default_solver
+from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
 from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
 from mrbt_mesh.core.mission.mission import Mission
@@ -90,32 +90,33 @@ def _try_out(solver: Solver, constrained: bool) -> None:
     """
     from mrbt_mesh.core.assignment.canonical import solve
 
-    plain, *others = _trials()
+    trials = trial_problems()
     if solver is default_solver and not constrained:
-        default_solver(plain)
+        default_solver(trials[0][0])
         return
-    for problem in (plain, *others):
+    for problem, answer in trials:
         if constrained or not problem.constraints:
             found = solve(problem, solver)
-            if found != brute_force(problem):
+            if found != answer:
                 raise SolverError(f"{found} is not the answer to {problem}")
 
 
 @cache
-def _trials() -> tuple[AssignmentProblem, ...]:
+def trial_problems() -> tuple[tuple[AssignmentProblem, tuple[int, ...] | None], ...]:
+    """Small problems, each with its canonical optimum."""
     plain = AssignmentProblem.of(
         ("r1", "r2", "r3"),
         (Bounds("d1", 1, 2), Bounds("d2", 1, 1)),
         ({0: 2, 1: 3}, {0: 2, 1: 3}, {0: 1}),
     )
     return (
-        plain,
-        replace(plain, demands=(Bounds("d1", 0, 3), Bounds("d2", 0, 3))),
-        replace(plain, demands=(Bounds("d1", 2, 2), Bounds("d2", 2, 2))),
-        AssignmentProblem.of((), (Bounds("d1", 0, 1),), ()),
-        replace(plain, constraints=(Limit((0, 1), (0,), 0),)),
-        replace(plain, demands=(Bounds("d1", 0, 2), *plain.demands[1:])),
-        replace(plain, constraints=(Shared(((0,), (1,)), 1),)),
+        (plain, (0, 1, 0)),
+        (replace(plain, demands=(Bounds("d1", 0, 3), Bounds("d2", 0, 3))), (1, 1, 0)),
+        (replace(plain, demands=(Bounds("d1", 2, 2), Bounds("d2", 2, 2))), None),
+        (AssignmentProblem.of((), (Bounds("d1", 0, 1),), ()), ()),
+        (replace(plain, constraints=(Limit((0, 1), (0,), 0),)), (1, -1, 0)),
+        (replace(plain, demands=(Bounds("d1", 0, 2), *plain.demands[1:])), (0, 1, 0)),
+        (replace(plain, constraints=(Shared(((0,), (1,)), 1),)), None),
     )
 
 

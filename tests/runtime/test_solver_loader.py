@@ -15,7 +15,8 @@ from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.solver_loader import GROUP, load_solver, may_need_arrays
+from mrbt_mesh.runtime.solver_loader import GROUP, load_solver, may_need_arrays, trial_problems
+from tests.support.oracle import brute_force
 from tests.support.paths import ROOT, mission_file
 
 DOCUMENT = ROOT / "docs" / "how-to" / "constraints.md"
@@ -88,8 +89,18 @@ def test_unknown_names_come_with_the_known_ones(folder: Path) -> None:
     install(folder, "fine_package", "excellent = x:y")
     with pytest.raises(SolverError, match="no solver 'cpsat'; did you mean 'cp_sat'"):
         load_solver("cpsat", False)
-    with pytest.raises(SolverError, match="known: brute_force, cp_sat, excellent, min_cost"):
+    with pytest.raises(SolverError, match="known: cp_sat, excellent, min_cost"):
         load_solver("zzz", False)
+
+
+def test_a_name_that_is_no_solver_any_more_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(SolverError, match="no solver 'brute_force'; known: cp_sat, min_cost_flow"):
+        load_solver("brute_force", False)
+
+
+def test_the_trial_problems_have_the_answers_of_the_oracle() -> None:
+    for problem, answer in trial_problems():
+        assert answer == brute_force(problem)
 
 
 BAD = {

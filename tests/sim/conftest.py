@@ -7,9 +7,13 @@ from collections.abc import Iterator
 import pytest
 
 from mrbt_mesh.runtime import solver_loader
+from mrbt_mesh.sim.checkers import plans
 from tests.support.compared_plans import compared
 from tests.support.effort import SIZE, Size
+from tests.support.oracle import brute_force
 from tests.support.runs import Run, run_example
+
+plans.first_of_the_best = brute_force
 
 # Chaos compares each plan itself (I7), and its mutants must be found by it alone.
 COMPARED_BY_THEMSELVES = ("test_chaos", "test_chaos_dirty_check", "test_chaos_mutations")

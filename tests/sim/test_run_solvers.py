@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Solver, SolverError
-from mrbt_mesh.core.assignment.solvers import brute_force, cp_sat, min_cost_flow
+from mrbt_mesh.core.assignment.solvers import cp_sat, min_cost_flow
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.drills.physical import Span, spans
 from mrbt_mesh.formats.build import mission_from_yaml
@@ -19,6 +19,7 @@ from mrbt_mesh.runtime.program import RobotProgram, TaskContext
 from mrbt_mesh.sim import AgentOptions, SimulationResult, simulate
 from mrbt_mesh.sim.world import faults as f
 from tests.support.effort import at_size
+from tests.support.oracle import brute_force
 from tests.support.runs import example
 
 SECOND_US = 1_000_000

@@ -6,8 +6,6 @@ users add theirs is in docs/how-to/constraints.md; `runtime.solver_loader` finds
 
 from __future__ import annotations
 
-import math
-
 from mrbt_mesh.core.assignment.problem import (
     UNASSIGNED,
     AssignmentProblem,
@@ -15,8 +13,6 @@ from mrbt_mesh.core.assignment.problem import (
     Solver,
     SolverError,
 )
-
-MAX_CHOICES = 200_000
 
 
 def min_cost_flow(problem: AssignmentProblem) -> Integers | None:
@@ -78,51 +74,6 @@ def cp_sat(problem: AssignmentProblem) -> list[int] | None:
 cp_sat.supports_constraints = True  # type: ignore[attr-defined]
 
 
-def brute_force(problem: AssignmentProblem) -> tuple[int, ...] | None:
-    """The canonical optimum by trying out everything, in the order that the rule names.
-
-    For tests and small problems: raises SolverError above `MAX_CHOICES` combinations.
-    """
-    choices = math.prod(len(options) + 1 for options in problem.performance)
-    if choices > MAX_CHOICES:
-        shown = f"{choices:,}" if choices < 10**15 else "more than 10^15"
-        raise SolverError(
-            f"brute_force tries out everything, at most {MAX_CHOICES:,} combinations; "
-            f"these {len(problem.robots)} robots have {shown}"
-        )
-    demands, count = problem.demands, len(problem.robots)
-    counts = [0] * len(demands)
-    options = [
-        [*((d, p[d]) for d in sorted(p)), (UNASSIGNED, 0)] for p in map(dict, problem.performance)
-    ]
-    best: tuple[int, tuple[int, ...]] | None = None
-    choice = [UNASSIGNED] * count
-
-    def go(robot: int, total: int) -> None:
-        nonlocal best
-        if robot == count:
-            fits = all(n >= demand.lower for n, demand in zip(counts, demands, strict=True))
-            better = fits and (best is None or total > best[0])
-            if better and problem.violated(choice) is None:
-                best = total, tuple(choice)
-            return
-        for demand, value in options[robot]:
-            if demand == UNASSIGNED:
-                choice[robot] = UNASSIGNED
-                go(robot + 1, total)
-            elif counts[demand] < demands[demand].upper:
-                counts[demand] += 1
-                choice[robot] = demand
-                go(robot + 1, total + value)
-                counts[demand] -= 1
-
-    go(0, 0)
-    return None if best is None else best[1]
-
-
-brute_force.supports_constraints = True  # type: ignore[attr-defined]
-
-
 def default_solver(problem: AssignmentProblem) -> Integers | list[int] | None:
     """What is used where no solver is named: min_cost_flow, or cp_sat for side constraints."""
     return cp_sat(problem) if problem.constraints else min_cost_flow(problem)
@@ -133,5 +84,4 @@ default_solver.supports_constraints = True  # type: ignore[attr-defined]
 SOLVERS: dict[str, Solver] = {
     "min_cost_flow": min_cost_flow,
     "cp_sat": cp_sat,
-    "brute_force": brute_force,
 }

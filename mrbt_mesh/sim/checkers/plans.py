@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
-from mrbt_mesh.core.assignment.solvers import brute_force
 from mrbt_mesh.core.facts.jobs import COUNTED_ENDS
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.team_facts import capability
@@ -18,6 +17,10 @@ from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
 
 MAX_CHOICES = 2_000
+# The first of the best, by trying out all: the tests' oracle, for problems small enough for that.
+# Without it, what I7 says of an assignment is that its robots are asked in the order of the rule;
+# that it is optimal, the canonical pass proves as it is made.
+first_of_the_best: Callable[[AssignmentProblem], Sequence[int] | None] | None = None
 
 
 def same_plan(run: RunFindings, agents: Iterable[AgentView]) -> None:
@@ -37,7 +40,7 @@ def same_plan(run: RunFindings, agents: Iterable[AgentView]) -> None:
 def optimal_assignment(run: RunFindings, agent: AgentView) -> None:
     """I7: the plan is that of the facts, and its assignment the first of the best.
 
-    The best is found by trying every assignment, in problems that are small enough for that.
+    The best is found by `first_of_the_best`.
     """
     problems: list[AssignmentProblem] = []
 
@@ -50,16 +53,17 @@ def optimal_assignment(run: RunFindings, agent: AgentView) -> None:
     if current_plan(agent, run.world.solver).packed != plan.packed:
         run.violation("I7", f"the plan of {agent.robot} is not that of its facts")
     for problem in problems:
-        if math.prod(len(options) + 1 for options in problem.performance) > MAX_CHOICES:
-            continue
         run.checks["I7"] += 1
-        best, found = brute_force(problem), solve(problem, run.world.solver)
-        if best != found:
-            text = f"{agent.robot} assigns {found}, the first of the best is {best}, of {problem}"
-            run.violation("I7", text)
         shares = _shares(agent)
         if list(problem.robots) != sorted(problem.robots, key=lambda r: (shares[r], r)):
             run.violation("I7", f"{agent.robot} assigns robots in the order {problem.robots}")
+        choices = math.prod(len(options) + 1 for options in problem.performance)
+        if first_of_the_best is None or choices > MAX_CHOICES:
+            continue
+        best, found = first_of_the_best(problem), solve(problem, run.world.solver)
+        if best != found:
+            text = f"{agent.robot} assigns {found}, the first of the best is {best}, of {problem}"
+            run.violation("I7", text)
 
 
 def _shares(agent: AgentView) -> Counter[str]:

@@ -17,7 +17,7 @@ def test_plan_asks_the_solver_that_the_mission_names(tmp_path: Path) -> None:
     mission = tmp_path / "mission.yaml"
     mission.write_text("solver: nonsense\n" + Path(EXPLORE).read_text())
     assert "no solver 'nonsense'" in refused(mrbt("plan", str(mission)))
-    done(mrbt("plan", str(mission), "--solver", "brute_force"))
+    done(mrbt("plan", str(mission), "--solver", "cp_sat"))
 
 
 def plan(*arguments: str) -> dict[str, Any]:

@@ -18,14 +18,13 @@ from mrbt_mesh.core.assignment.problem import (
     SolverError,
 )
 from mrbt_mesh.core.assignment.solvers import (
-    MAX_CHOICES,
     SOLVERS,
-    brute_force,
     cp_sat,
     default_solver,
     min_cost_flow,
 )
 from tests.support.effort import seeds
+from tests.support.oracle import brute_force
 from tests.support.problems import last_optimum, permuted, perturbed, random_problem
 
 CASES_PER_SEED = 500
@@ -120,18 +119,6 @@ def test_any_sequence_of_numbers_is_an_answer() -> None:
     assert {solve(_two_robots(), lambda _, a=a: a) for a in answers} == {(UNASSIGNED, 0)}
 
 
-def test_brute_force_refuses_what_would_take_for_ever() -> None:
-    rows = [{0: 1, 1: 1}] * 12
-    problem = AssignmentProblem.of([f"r{n:02}" for n in range(12)], [Bounds("d", 0, 9)] * 2, rows)
-    assert MAX_CHOICES < 3**12
-    with pytest.raises(SolverError, match="at most 200,000 combinations; these 12 robots have"):
-        solve(problem, brute_force)
-
-
 def test_the_registry_is_what_the_documents_list() -> None:
-    assert {
-        "min_cost_flow": min_cost_flow,
-        "cp_sat": cp_sat,
-        "brute_force": brute_force,
-    } == SOLVERS
+    assert {"min_cost_flow": min_cost_flow, "cp_sat": cp_sat} == SOLVERS
     assert solve(_two_robots(), default_solver) == (UNASSIGNED, 0)

@@ -18,7 +18,8 @@ from mrbt_mesh.core.assignment.problem import (
     Shared,
     SolverError,
 )
-from mrbt_mesh.core.assignment.solvers import brute_force, cp_sat, default_solver, min_cost_flow
+from mrbt_mesh.core.assignment.solvers import cp_sat, default_solver, min_cost_flow
+from tests.support.oracle import brute_force
 from tests.support.problems import limited
 
 CASES_PER_SEED = 150

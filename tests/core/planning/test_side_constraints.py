@@ -12,7 +12,7 @@ import pytest
 
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem
-from mrbt_mesh.core.assignment.solvers import brute_force, default_solver
+from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NeverTogether, NotAtOnce
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need, SameRobotAs
@@ -29,6 +29,7 @@ from tests.support.build import (
     task,
 )
 from tests.support.effort import seeds
+from tests.support.oracle import brute_force
 
 
 def limited(mission: Mission, *constraints: Constraint) -> World:

@@ -10,11 +10,12 @@ import pytest
 from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Bounds, SolverError
-from mrbt_mesh.core.assignment.solvers import brute_force, min_cost_flow
+from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.sim.checkers.plans import optimal_assignment
 from tests.support import inside
 from tests.support.checked_team import SECOND_US, Team
+from tests.support.oracle import brute_force
 from tests.support.runs import example
 
 
