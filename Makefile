@@ -3,7 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# What the product needs (requirements.lock), and what its tests need as well (requirements-dev.lock).
+# What the product has on a laptop (requirements.lock), and what its tests need as well (requirements-dev.lock).
 RUNTIME := $(VENV)/.runtime
 READY := $(VENV)/.ready
 # A bare Debian has no lists of packages yet.
@@ -313,8 +313,8 @@ soak: $(READY)
 
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	--no-header --no-emit-index-url pyproject.toml
-# The runtime, and what its image has as well (deploy/Dockerfile).
-RUNTIME_EXTRAS := --extra build --extra metrics --extra vda5050 --extra web
+# A laptop's, and what the image of robots has as well (deploy/Dockerfile).
+RUNTIME_EXTRAS := --extra all --extra build --extra vda5050
 
 .PHONY: uv
 uv: $(READY)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 MAX_SHOWN_CHARACTERS = 60
@@ -16,6 +17,13 @@ class InputError(Exception):
 
     Commands print it and end with exit status 2. Each package derives its own errors from it.
     """
+
+
+class MissingExtraError(InputError):
+    """A part of the project needs libraries that are not installed; the text has the remedy."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs the extra {extra!r}: pip install 'mrbt-mesh[{extra}]'")
 
 
 class TaskFailedError(Exception):
@@ -56,6 +64,20 @@ class FileError(InputError):
 def whole_file_error(file: str, message: str) -> FileError:
     """A FileError that is about the file as a whole."""
     return FileError([Problem(file, 0, "", message)])
+
+
+def require(what: str, extra: str, *modules: str) -> None:
+    """Raise MissingExtraError unless the `modules` that the `extra` brings are installed."""
+    if not all(map(is_installed, modules)):
+        raise MissingExtraError(what, extra)
+
+
+def is_installed(module: str) -> bool:
+    """Whether a module can be found: its package may be left out of an installation."""
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

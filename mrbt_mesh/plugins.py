@@ -2,7 +2,7 @@
 
 The mesh runs without its periphery, which pyproject.toml lists under `[project.entry-points]`;
 other packages may register plug-ins in the same groups. An entry point names an object that is
-cheap to import: what needs an extra is imported when the plug-in is used, after `require`.
+cheap to import: what needs an extra is imported when the plug-in is used, after `errors.require`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, runtime_checkable
 
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, is_installed
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -68,21 +67,7 @@ def _installed(group: str) -> Mapping[str, EntryPoint]:
     # It takes some 40 ms and a megabyte, which robots without plug-ins save.
     from importlib.metadata import entry_points
 
-    return {each.name: each for each in entry_points(group=group) if _is_there(each.module)}
-
-
-def _is_there(module: str) -> bool:
-    """Whether a module can be found: its package may be left out of an installation."""
-    try:
-        return find_spec(module) is not None
-    except ModuleNotFoundError:
-        return False
-
-
-def require(what: str, extra: str, *modules: str) -> None:
-    """Raise InputError unless the `modules` that the `extra` brings are installed."""
-    if not all(map(_is_there, modules)):
-        raise InputError(f"{what} needs the extra {extra!r}: pip install 'mrbt-mesh[{extra}]'")
+    return {each.name: each for each in entry_points(group=group) if is_installed(each.module)}
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh import plugins
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import Group, require
+from mrbt_mesh.errors import InputError, require
+from mrbt_mesh.plugins import Group
 
 
 @pytest.fixture

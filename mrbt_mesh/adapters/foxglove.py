@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import anyio
 
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import OpenView, ViewerOptions, check_listens, require
+from mrbt_mesh.errors import InputError, require
+from mrbt_mesh.plugins import OpenView, ViewerOptions, check_listens
 from mrbt_mesh.recording.channels import BEATS, CHANNELS, DROPPED, FACTS
 from mrbt_mesh.recording.messages import MessageEncoder
 from mrbt_mesh.recording.metadata import RunMetadata

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import anyio
 
-from mrbt_mesh.errors import TaskFailedError
-from mrbt_mesh.plugins import require
+from mrbt_mesh.errors import TaskFailedError, require
 from mrbt_mesh.runtime.context import TaskContext
 from mrbt_mesh.runtime.program import TaskFunction
 from mrbt_mesh.runtime.program_function import ProgramError

@@ -11,8 +11,8 @@ from mrbt_mesh.cli.command import PATH, PORT, SUCCESS, MrbtCommand, refuse
 from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.cli.plugged import public_url_option
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import ViewerOptions, require
+from mrbt_mesh.errors import InputError, require
+from mrbt_mesh.plugins import ViewerOptions
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -57,7 +57,7 @@ def serve(
     """
     require("mrbt serve", "web", "starlette", "uvicorn")
     if rmf is not None:
-        require("--rmf", "rmf", "websockets")
+        require("--rmf", "rmf", "fastjsonschema", "websockets")
         from mrbt_mesh.adapters.rmf.connection import check_uri
 
         check_uri("--rmf", rmf)

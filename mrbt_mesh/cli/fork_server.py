@@ -28,7 +28,6 @@ from mrbt_mesh.cli.main import main
 # Modules that a robot loads before it has read its mission.
 LOADED_ONCE = (
     "anyio._backends._asyncio",
-    "mcap.writer",
     "mrbt_mesh.cli.commands.agent",
     "mrbt_mesh.runtime.key_folder",
     "mrbt_mesh.runtime.robot_process",

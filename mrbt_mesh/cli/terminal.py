@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import sys
 import time
 from collections.abc import Callable, Container, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast
+from typing import Any, TypeVar, cast
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Console, Styled, Table
 from mrbt_mesh.errors import InputError
 
 _T = TypeVar("_T")
 console = Console()
-errors = Console(stderr=True, highlight=False)
+errors = Console(is_stderr=True)
+# Of bars: their columns, and how often they are drawn at most.
+_BAR_COLUMNS = 40
+_DRAW_S = 0.1
 
 
-def labelled(label: str, style: str, text: str) -> Text:
+def labelled(label: str, style: str, text: str) -> Styled:
     """`label: text`, the label in a style; brackets in the text mean nothing."""
-    return Text.assemble((f"{label}:", style), f" {text}")
+    return Styled.assemble((f"{label}:", style), f" {text}")
 
 
 def table(*headings: str, right: Container[int] = ()) -> Table:
@@ -32,17 +33,7 @@ def table(*headings: str, right: Container[int] = ()) -> Table:
 
     Without any headings it has no first row.
     """
-    found = Table(
-        box=None,
-        header_style="dim",
-        show_header=any(headings),
-        padding=(0, 2, 0, 0),
-        pad_edge=False,
-    )
-    for number, heading in enumerate(headings):
-        justify: Literal["right", "left"] = "right" if number in right else "left"
-        found.add_column(heading, justify=justify, no_wrap=number == 0, overflow="fold")
-    return found
+    return Table(headings, right)
 
 
 def note(text: str) -> None:
@@ -57,7 +48,7 @@ def warn(text: str) -> None:
 
 def print_done(word: str, text: str) -> None:
     """Print a success on stdout: a word in green, and its subject."""
-    console.print(Text.assemble((word, "bold green"), f" {text}"), soft_wrap=True)
+    console.print(Styled.assemble((word, "bold green"), f" {text}"), soft_wrap=True)
 
 
 def json_text(data: Any) -> str:
@@ -117,29 +108,17 @@ def with_bar(
     failed: Callable[[_T], bool] = lambda _: False,
 ) -> tuple[list[_T], bool]:
     """(all results, whether Ctrl-C ended it before), with a bar on stderr that vanishes."""
-    from rich import progress
-
     found: list[_T] = []
     failures, started_s = 0, time.monotonic()
-    columns = (
-        progress.SpinnerColumn(),
-        progress.TextColumn("{task.description}"),
-        progress.BarColumn(),
-        progress.MofNCompleteColumn(),
-        progress.TextColumn("{task.fields[note]}"),
-        progress.TimeElapsedColumn(),
-        progress.TimeRemainingColumn(),
-    )
-    bar = progress.Progress(*columns, console=errors, transient=True)
-    with bar, contextlib.closing(cast("Generator[_T, None, None]", runs)):
-        task = bar.add_task(title, total=total, note="")
+    bar = _Bar(title, total)
+    with bar.shown(), contextlib.closing(cast("Generator[_T, None, None]", runs)):
         try:
             for each in runs:
                 found.append(each)
                 failures += failed(each)
                 rate = 60 * len(found) / max(0.001, time.monotonic() - started_s)
-                note = f"{rate:.0f} a minute" + (f", [red]{failures} failed[/]" if failures else "")
-                bar.update(task, advance=1, note=note)
+                left = f", {failures} failed" if failures else ""
+                bar.draw(len(found), f"{rate:.0f} a minute{left}")
         except KeyboardInterrupt:
             return found, True
     return found, False
@@ -148,13 +127,48 @@ def with_bar(
 @contextmanager
 def bar_of_steps(first: str) -> Iterator[Callable[[str, int, int | None], None]]:
     """A bar on stderr, if that is a terminal; yields its update: (text, steps done, of all)."""
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    bar = _Bar(first, None)
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(
-        *columns, console=errors, transient=True, disable=not errors.is_terminal
-    ) as progress:
-        task = progress.add_task(first, total=None)
-        yield lambda what, done, of: progress.update(
-            task, description=what, completed=done, total=of
-        )
+    def update(what: str, done: int, of: int | None) -> None:
+        bar.title, bar.total = what, of
+        bar.draw(done, "")
+
+    with bar.shown():
+        yield update
+
+
+class _Bar:
+    """How far something is, in a line on stderr; nothing where that is no terminal."""
+
+    def __init__(self, title: str, total: int | None) -> None:
+        self.title, self.total = title, total
+        self._begun_s = time.monotonic()
+        self._drawn_s = 0.0
+
+    @contextmanager
+    def shown(self) -> Iterator[None]:
+        """Show it until the context ends."""
+        self.draw(0, "")
+        try:
+            yield
+        finally:
+            self._write("")
+
+    def draw(self, done: int, note: str) -> None:
+        """As it is now, unless it was drawn just before."""
+        now_s = time.monotonic()
+        if now_s - self._drawn_s < _DRAW_S:
+            return
+        self._drawn_s = now_s
+        parts = [self.title]
+        if self.total:
+            full = min(_BAR_COLUMNS, _BAR_COLUMNS * done // self.total)
+            parts += ["━" * full + "─" * (_BAR_COLUMNS - full), f"{done}/{self.total}"]
+        parts += [each for each in (note, f"{now_s - self._begun_s:.0f} s") if each]
+        self._write(" ".join(parts))
+
+    def _write(self, text: str) -> None:
+        if errors.is_terminal:
+            columns = shutil.get_terminal_size().columns
+            errors.stream.write(f"\r\x1b[K{text[: columns - 1]}")
+            errors.stream.flush()

@@ -156,7 +156,7 @@ def past_of(team: Team | None) -> Callable[[Observer], None] | None:
 def print_refusals(refused: list[str]) -> None:
     """The messages of robots that refused their input; one of several robots, once."""
     for text in dict.fromkeys(refused):
-        errors.print(text, soft_wrap=True, markup=False)
+        errors.print(text, soft_wrap=True)
 
 
 def _is_live(show: ShowOptions) -> bool:
@@ -384,7 +384,7 @@ class Session:
                 team.run_dir.write_summary(summary)
                 sign_summary(team.run_dir)
             except InputError as error:
-                errors.print(str(error), soft_wrap=True, markup=False)
+                errors.print(str(error), soft_wrap=True)
         print_summary(summary, self.show.as_json)
         print_refusals(refused)
         if self.guide is not None and team is not None and not self.show.as_json:

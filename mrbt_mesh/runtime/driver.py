@@ -60,7 +60,9 @@ from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import MICRO, Mission
+from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.core.scheduling.problem import Schedule
+from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.actions import ActionRunner, ProgramEffect, RobotIdentity
 from mrbt_mesh.runtime.address_watch import AddressWatch
 from mrbt_mesh.runtime.blocked_loop import loop_watchdog
@@ -155,6 +157,10 @@ class Driver:
         self._logger = setup.log or robot_logger(setup.config.robot)
         self.on_step: Callable[[], None] = lambda: None
         self._agent = Agent(setup.mission, setup.config, boottime_us())
+        # The journal may hold a revision of the mission.
+        declared = self._agent.view.facts.declared
+        if problem := planner_problem(declared, setup.config.lacks_planner):
+            raise InputError(problem)
         self._meter = setup.meter
         self._journal = JournalWriter(
             setup.journal,

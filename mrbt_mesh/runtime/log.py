@@ -1,14 +1,12 @@
-"""structlog, imported without what a robot's process has no use for.
-
-structlog imports rich and pygments where they are installed, for coloured tracebacks: 9 MB in
-every robot. They are hidden while it is imported, and there for everybody else afterwards.
-"""
+"""A robot's log: lines of JSON in its file, readable ones on a terminal."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +15,34 @@ from mrbt_mesh.runtime.run_dir import RunDir
 
 # Events with a `reason` that are printed as well.
 SHOWN = ("no_other_robot_heard", "address_changed")
-_hidden = "rich" not in sys.modules
-if _hidden:
-    sys.modules["rich"] = None  # type: ignore[assignment]
-try:
-    import structlog
-finally:
-    if _hidden:
-        del sys.modules["rich"]
+EVENT_COLUMNS = 30
+
+
+class RobotLog:
+    """Each method writes one event with its fields; `fields` go with all of them."""
+
+    def __init__(self, fields: Mapping[str, Any]) -> None:
+        self._fields = dict(fields)
+
+    def bind(self, **fields: Any) -> RobotLog:
+        """The same log, with more fields in each line."""
+        return RobotLog(self._fields | fields)
+
+    def debug(self, event: str, **fields: Any) -> None:
+        self._write("debug", event, fields)
+
+    def info(self, event: str, **fields: Any) -> None:
+        self._write("info", event, fields)
+
+    def warning(self, event: str, **fields: Any) -> None:
+        self._write("warning", event, fields)
+
+    def error(self, event: str, **fields: Any) -> None:
+        self._write("error", event, fields)
+
+    def _write(self, level: str, event: str, fields: Mapping[str, Any]) -> None:
+        said = self._fields | dict(fields) | {"event": event, "level": level, "timestamp": _now()}
+        _sink(said)
 
 
 def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KEEP_BYTES) -> None:
@@ -33,35 +51,51 @@ def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KE
     Lines that cannot be written are dropped, and counted in the file once it can be written again.
     That a robot does not hear others is printed as well: who starts it looks there first.
     """
+    global _sink
+    if run_dir is None:
+        _sink = _show
+        return
 
-    def show(_: object, __: str, event: Any) -> Any:
-        if event["event"] in SHOWN:
+    def lost(count: int, reason: str) -> str:
+        fields = {"event": "log_lines_lost", "robot": robot, "count": count, "reason": reason}
+        return _json({**fields, "level": "error", "timestamp": _now()})
+
+    file = LimitedLog(RunDir(run_dir).log_path(robot), keep_bytes, lost)
+
+    def write(said: Mapping[str, Any]) -> None:
+        if said["event"] in SHOWN:
             with contextlib.suppress(OSError, ValueError):
-                sys.stdout.write(f"{robot}: {event['reason']}\n")
+                sys.stdout.write(f"{robot}: {said['reason']}\n")
                 sys.stdout.flush()
-        return event
+        file.write(_json(said) + "\n")
 
-    stamp = structlog.processors.TimeStamper(fmt="iso", utc=True)
-    file: Any = sys.stderr
-    if run_dir is not None:
-        renderer: Any = structlog.processors.JSONRenderer()
+    _sink = write
 
-        def lost(count: int, reason: str) -> str:
-            fields = {"event": "log_lines_lost", "robot": robot, "count": count, "reason": reason}
-            return str(renderer(None, "", stamp(None, "", {**fields, "level": "error"})))
 
-        shown = [show]
-        file = LimitedLog(RunDir(run_dir).log_path(robot), keep_bytes, lost)
-    else:
-        shown = []
-        renderer = structlog.dev.ConsoleRenderer(
-            colors=sys.stderr.isatty(), exception_formatter=structlog.dev.plain_traceback
-        )
-    structlog.configure(
-        processors=[*shown, structlog.processors.add_log_level, stamp, renderer],
-        logger_factory=structlog.WriteLoggerFactory(file),
-        cache_logger_on_first_use=True,
-    )
+def _show(said: Mapping[str, Any]) -> None:
+    """A line on standard error."""
+    own = ("event", "level", "timestamp")
+    fields = " ".join(f"{name}={_shown(value)}" for name, value in said.items() if name not in own)
+    line = f"{said['timestamp']} [{said['level']:<7}] {said['event']:<{EVENT_COLUMNS}} {fields}"
+    sys.stderr.write(line.rstrip() + "\n")
+
+
+def _shown(value: object) -> str:
+    """Words as they are, a text with spaces in quotes."""
+    is_word = isinstance(value, str) and value.isprintable() and value.split() == [value]
+    return str(value) if is_word else repr(value)
+
+
+def _json(said: Mapping[str, Any]) -> str:
+    return json.dumps(said, default=repr)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+# What is done with a line; until a process has configured it, it is shown.
+_sink: Callable[[Mapping[str, Any]], None] = _show
 
 
 class StandardLog:
@@ -81,6 +115,6 @@ class StandardLog:
         return log
 
 
-def robot_logger(robot: str) -> Any:
+def robot_logger(robot: str) -> RobotLog:
     """The log of one robot."""
-    return structlog.get_logger().bind(robot=robot)
+    return RobotLog({"robot": robot})

@@ -34,7 +34,7 @@ from mrbt_mesh.runtime.program_loader import load_program, require_program
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.session_config import require_threads
-from mrbt_mesh.runtime.solver_loader import chosen_engine, solver_for
+from mrbt_mesh.runtime.solver_loader import chosen_engine, lacks_planner, solver_for
 from mrbt_mesh.runtime.team_address import keys_of, on_network
 from mrbt_mesh.version import __version__
 
@@ -86,6 +86,7 @@ def robot_setup(
     `guest_log`: where it logs if it is a guest in another program.
     """
     kind, capabilities = robot_of(mission, robot, options.type)
+    solver = solver_for(mission, options.solver)
     require_threads()
     logger = guest_log or robot_logger(robot)
     require_program(program, reference, mission, {robot: capabilities})
@@ -111,7 +112,8 @@ def robot_setup(
         capabilities=dict(capabilities),
         run=address.run,
         nonce=secrets.token_hex(4),
-        solver=solver_for(mission, options.solver),
+        solver=solver,
+        lacks_planner=lacks_planner(),
         plans_apart=is_large,
         engine=engine,
         timing=address.timing,

@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from mrbt_mesh.core.assignment.problem import (
+    PLANNER_MODULES,
     AssignmentProblem,
     Bounds,
     Limit,
@@ -26,12 +27,11 @@ from mrbt_mesh.core.assignment.problem import (
     SolverError,
     supports_constraints,
 )
-from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
-from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.engine import DEFINITIONS, FASTEST, Engine
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.errors import nearest
+from mrbt_mesh.core.mission.planner_need import planner_problem
+from mrbt_mesh.errors import is_installed, nearest
 
 GROUP = "mrbt_mesh.solvers"
 PLAIN_VARIABLE = "MRBT_PLAIN"
@@ -41,24 +41,17 @@ _SPELLED_OUT = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*(?:\.
 def solver_for(mission: Mission, named: str | None = None) -> Solver:
     """The solver named by a command, else by the mission, else the default one.
 
-    Raises SolverError if it cannot be used for this mission.
+    Raises SolverError if it cannot be used for this mission, also for want of libraries.
     """
-    is_small = not may_need_arrays(mission)
+    if problem := planner_problem(mission, lacks_planner(), named):
+        raise SolverError(problem)
+    is_small = not mission.may_need_arrays
     return load_solver(named or mission.solver, bool(mission.constraints), is_small)
 
 
-def may_need_arrays(mission: Mission) -> bool:
-    """Whether the default solver needs its libraries if all is asked for at the same time."""
-    tasks = {task.id: task for task in mission.all_tasks()}
-    nodes = mission.tree.nodes
-
-    def needs(index: int) -> int:
-        node = nodes[index]
-        if node.kind is Kind.ACTION:
-            return len(tasks[node.subject].needs)
-        return sum(map(needs, node.children)) * (node.limit if node.kind is Kind.JOBS else 1)
-
-    return needs_arrays(len(mission.robots), needs(0))
+def lacks_planner() -> bool:
+    """Whether the libraries of large and constrained assignment problems are not installed."""
+    return not all(map(is_installed, PLANNER_MODULES))
 
 
 def load_solver(named: str | None, constrained: bool, is_small: bool = False) -> Solver:

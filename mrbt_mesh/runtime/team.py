@@ -47,7 +47,6 @@ from mrbt_mesh.runtime.settings import (
     WIRELESS,
     default_protocol,
 )
-from mrbt_mesh.runtime.solver_loader import may_need_arrays
 from mrbt_mesh.runtime.team_address import AddressError, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
@@ -193,7 +192,7 @@ class Team:
         for robot in self.info.robots:
             ensure_keys(self.run_dir, self.info, robot)
         arguments = {r: agent_arguments(self.run_dir, self.info, r) for r in self.info.robots}
-        self._forks = RobotForks(self.run_dir, self.environment, may_need_arrays(self.mission))
+        self._forks = RobotForks(self.run_dir, self.environment, self.mission.may_need_arrays)
         for first in range(0, len(arguments), STARTED_AT_ONCE):
             robots, before_ns = list(arguments)[first : first + STARTED_AT_ONCE], time.time_ns()
             self.processes |= await self._fork({robot: arguments[robot] for robot in robots})

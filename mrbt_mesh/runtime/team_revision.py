@@ -22,7 +22,7 @@ from mrbt_mesh.core.planning.revised import (
     facts_under,
     revision_changes,
 )
-from mrbt_mesh.errors import InputError, lone
+from mrbt_mesh.errors import InputError, MissingExtraError, lone
 from mrbt_mesh.plugins import ANALYSES
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import TeamClient
@@ -116,7 +116,10 @@ def survived_losses(watcher: Watcher, mission: Mission) -> Mapping[str, str]:
     }
     if not robots or "tolerance" not in ANALYSES.names():
         return {}
-    return ANALYSES.load("tolerance")(replace(mission, robots=robots))
+    try:
+        return ANALYSES.load("tolerance")(replace(mission, robots=robots))
+    except MissingExtraError as error:
+        return {"": f"not known: {error}"}
 
 
 async def take_up(

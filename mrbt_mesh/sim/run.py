@@ -12,6 +12,7 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.core.agent.agent import Agent
+from mrbt_mesh.core.assignment.problem import require_planner
 from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.membership.keys import Keys
@@ -107,8 +108,10 @@ def simulate(
     shown the observer whenever that has seen something. `record`: the folder in which every robot,
     and the observer, records what it knows and does. `begin`: what has been before. Raises
     ValueError for a robot that the mission does not have and for a router that the network has not,
-    SimulationError if an agent breaks, OSError where nothing can be recorded.
+    SimulationError if an agent breaks, OSError where nothing can be recorded, MissingExtraError.
     """
+    if inspect:
+        require_planner("the simulator, which proves plans,")
     team = tuple(sorted(mission.robots if robots is None else set(robots)))
     steps = tuple(schedule)
     named = {fault.robot for _, fault in steps if isinstance(fault, RobotFault)}

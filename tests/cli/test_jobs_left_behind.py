@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from mrbt_mesh.cli.jobs_left_behind import jobs_left_behind, open_jobs_text
 from mrbt_mesh.cli.options import chosen_robots
+from mrbt_mesh.cli.printing import plain
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.observer.job_rows import JobRow
@@ -97,7 +97,5 @@ def test_the_summary_says_how_many_are_open(
     jobs = {kind: {**each, "open": 0} for kind, each in result.summary["jobs"].items()}
     jobs["inspect"]["open"] = count
     assert sum(each["open"] for each in result.summary["jobs"].values()) == 4
-    console = Console(width=140, record=True)
-    console.print(render_summary({**result.summary, "jobs": jobs}))
-    first = console.export_text().splitlines()[0]
+    first = plain(render_summary({**result.summary, "jobs": jobs}), 140).splitlines()[0]
     assert first.endswith(f"3 robots, 1 fault{text}")

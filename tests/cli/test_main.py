@@ -69,7 +69,7 @@ def test_a_command_that_is_none_is_refused_with_the_nearest_one() -> None:
 
 # -- what is loaded ---------------------------------------------------------------------------
 
-LARGE = {"zenoh", "numpy", "ortools", "pydantic", "ruamel", "cryptography", "structlog"}
+LARGE = {"zenoh", "numpy", "ortools", "pydantic", "ruamel", "cryptography"}
 # Runs a command and writes, however it ends, which packages it has imported.
 SCRIPT = """
 import atexit, os, sys

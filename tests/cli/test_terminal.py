@@ -13,7 +13,7 @@ from mrbt_mesh.cli.terminal import console, note, print_json
 lose_output_rather_than_end()
 for number in range(5_000):
     click.echo(f"line {number}")
-console.print("rich")
+console.print("text")
 print_json({"a": 1})
 note("on stderr")
 end_process(7)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -24,6 +25,19 @@ pytestmark = [pytest.mark.processes, pytest.mark.timeout(900)]
 
 TOUR = ROOT / "tests" / "support" / "tour.py"
 RUNTIME, EVERYTHING = ROOT / "requirements.lock", ROOT / "requirements-dev.lock"
+# What a robot installs besides the project itself: distributions, and MB (10^6 bytes) without
+# bytecode. These may only fall. eclipse-zenoh has 34 MB of them, cryptography with its own 16.
+MAX_DISTRIBUTIONS, MAX_MB = 15, 62.0
+WEIGH = """
+import importlib.metadata, json, os
+found = {}
+for each in importlib.metadata.distributions():
+    files = [each.locate_file(f) for f in each.files or () if f.suffix != ".pyc"]
+    found[each.metadata["Name"].lower()] = sum(os.stat(f).st_size for f in files if f.exists())
+print(json.dumps(found))
+"""
+# Libraries of extras that commands of a robot do without.
+OF_EXTRAS = {"matplotlib", "numpy", "ortools", "pandas", "rich", "starlette", "textual"}
 # What pytest needs here; in the versions of the lock file.
 TOOLS = ("hypothesis", "pytest", "pytest-asyncio", "pytest-timeout")
 FAST = (
@@ -40,6 +54,7 @@ NAMELESS = 54_321
 LATIN_1 = "en_US.ISO-8859-1"
 # These share an environment, which takes longer to make than they do.
 IN_ONE = pytest.mark.xdist_group("at home")
+AS_ROBOT = pytest.mark.xdist_group("robot")
 
 
 def version(python: str) -> str:
@@ -72,7 +87,7 @@ def python_of(wanted: str) -> str:
 
 
 class Installed:
-    """The wheel in an environment of its own, in a folder that every user may read."""
+    """The wheel and all that is locked, in an environment of its own that every user may read."""
 
     def __init__(self, folder: Path, python: str, wheel: Path, packages: Sequence[str]) -> None:
         self.folder, self.bin = folder, folder / "venv" / "bin"
@@ -90,19 +105,40 @@ class Installed:
         options = ("--quiet", "--disable-pip-version-check", "--no-compile")
         run([str(self.bin / "python"), "-m", "pip", "install", *options, *arguments])
 
-    def tour(self, folder: Path, variables: Mapping[str, str], user: int | None = None) -> str:
+    def tour(
+        self, folder: Path, variables: Mapping[str, str], user: int | None = None, *more: str
+    ) -> str:
         """Have a user go through the product; returns what the tour prints."""
         kept = {"PATH": os.environ["PATH"], "PYTHONDONTWRITEBYTECODE": "1"}
         state = {"MRBT_STATE_DIR": str(folder / "state")}
         command = [str(self.bin / "python"), str(self.folder / TOUR.name)]
         shutil.copy(TOUR, self.folder)
-        command += [str(self.bin / "mrbt"), str(folder)]
+        command += [str(self.bin / "mrbt"), str(folder), *more]
         return run(command, kept | state | variables, folder, user)
 
     def tests(self) -> None:
         """A handful of fast tests."""
         command = [str(self.bin / "python"), "-m", "pytest", "-p", "no:cacheprovider", *FAST]
         run(command, os.environ | {"MRBT_TESTS": "quick", "PYTHONDONTWRITEBYTECODE": "1"}, ROOT)
+
+
+class Robot(Installed):
+    """The wheel without extras, in the versions of the lock file."""
+
+    def __init__(self, folder: Path, python: str, wheel: Path) -> None:
+        self.folder, self.bin = folder, folder / "venv" / "bin"
+        make = {"PYTHON": python}
+        run(["sh", str(ROOT / "deploy" / "make-venv"), str(folder / "venv")], os.environ | make)
+        lines = re.findall(r"^(\S+==[^\\\n]+)", RUNTIME.read_text(encoding="utf-8"), re.MULTILINE)
+        constraints = folder / "constraints.txt"
+        constraints.write_text("\n".join(lines), encoding="utf-8")
+        self.pip("-c", str(constraints), str(wheel))
+
+    def weights(self) -> dict[str, int]:
+        """The bytes of each distribution that a robot brings besides the project."""
+        found: dict[str, int] = json.loads(run([str(self.bin / "python"), "-c", WEIGH]))
+        own = ("pip", "setuptools", "mrbt-mesh")
+        return {name: size for name, size in found.items() if name not in own}
 
 
 def run(
@@ -166,6 +202,51 @@ def test_pythons(folder: Path, wheel: Path, wanted: str) -> None:
         raise
     check(installed.tour(empty(installed.folder, "tour"), {"HOME": str(installed.folder)}))
     installed.tests()
+
+
+@pytest.fixture(scope="session")
+def robot(folder: Path, wheel: Path) -> Robot:
+    return Robot(empty(folder, "robot"), sys.executable, wheel)
+
+
+@AS_ROBOT
+def test_a_robot_installs_little(robot: Robot) -> None:
+    found = robot.weights()
+    assert not OF_EXTRAS & found.keys()
+    assert len(found) <= MAX_DISTRIBUTIONS, found
+    assert sum(found.values()) / 1e6 <= MAX_MB, found
+
+
+@AS_ROBOT
+def test_a_plain_mission_runs_with_what_a_robot_installs(robot: Robot) -> None:
+    home = {"HOME": str(robot.folder)}
+    said = robot.tour(empty(robot.folder, "tour"), home, None, "robot")
+    assert all(each in said for each in (*TOURED[:3], "what a robot has not is said")), said
+
+
+@AS_ROBOT
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        ("agent --mission MISSION --robot C1 --insecure --alone", "planner"),
+        ("up MISSION --headless", "planner"),
+        ("plan MISSION", "planner"),
+        ("validate MISSION", "planner"),
+        ("analyze MISSION", "planner"),
+        ("sim run MISSION", "planner"),
+        ("watch --top", "terminal"),
+        ("serve --team x", "web"),
+        ("watch --web", "web"),
+    ],
+)
+def test_what_a_robot_lacks_is_said_with_the_remedy(robot: Robot, words: str, extra: str) -> None:
+    """A mission with jobs for whose assignments plain Python is too slow."""
+    mission = ROOT / "examples" / "deliveries" / "mission.yaml"
+    command = [str(mission) if word == "MISSION" else word for word in words.split()]
+    variables = {"PATH": os.environ["PATH"], "MRBT_STATE_DIR": str(robot.folder / "state")}
+    said = run([str(robot.bin / "mrbt"), *command], variables, robot.folder, status=2)
+    assert f"needs the extra '{extra}': pip install 'mrbt-mesh[{extra}]'" in said, said
+    assert len(said.strip().splitlines()) == 1
 
 
 def test_beside_other_libraries_of_asynchronous_programs(folder: Path, wheel: Path) -> None:

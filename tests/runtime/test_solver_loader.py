@@ -15,7 +15,7 @@ from mrbt_mesh.core.assignment.problem import SolverError
 from mrbt_mesh.core.assignment.solvers import SOLVERS, default_solver
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import compile_mission, load_mission
-from mrbt_mesh.runtime.solver_loader import GROUP, load_solver, may_need_arrays, trial_problems
+from mrbt_mesh.runtime.solver_loader import GROUP, load_solver, trial_problems
 from tests.support.oracle import brute_force
 from tests.support.paths import ROOT, mission_file
 
@@ -195,4 +195,4 @@ def test_all_jobs_that_there_may_be_count() -> None:
     for at_most, is_large in ((1, False), (20, True)):
         changed = text.replace("at_most: 20", f"at_most: {at_most}")
         mission = mission_from_yaml(changed, "m.yaml", mission_file("deliveries").parent)
-        assert may_need_arrays(mission) is is_large
+        assert mission.may_need_arrays is is_large

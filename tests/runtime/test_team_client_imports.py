@@ -8,7 +8,7 @@ import sys
 # The packages of YAML files, solvers, keys, recordings and screens.
 PACKAGES = {
     *("pydantic", "pydantic_core", "ruamel", "numpy", "ortools", "cryptography"),
-    *("fastjsonschema", "sqlite3", "rich", "textual", "structlog", "psutil"),
+    *("sqlite3", "rich", "textual", "psutil"),
 }
 # A robot itself, the launcher of robots, what records.
 PARTS = {

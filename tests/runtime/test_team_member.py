@@ -14,7 +14,6 @@ from typing import Any
 import anyio
 import anyio.abc
 import pytest
-import structlog
 
 import mrbt_mesh
 from mrbt_mesh import (
@@ -26,7 +25,7 @@ from mrbt_mesh import (
     TeamMember,
     join_team,
 )
-from mrbt_mesh.runtime import team_member
+from mrbt_mesh.runtime import log, team_member
 from mrbt_mesh.runtime.team import free_endpoints
 from tests.support.paths import mission_file
 
@@ -70,6 +69,7 @@ async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
             ticks += 1
 
     loop, before = asyncio.get_running_loop(), [signal.getsignal(s) for s in (2, 15)]
+    before_log = log._sink
     selector = loop._selector  # type: ignore[attr-defined]
     beside = asyncio.create_task(other_task())
     async with (
@@ -84,7 +84,7 @@ async def test_two_robots_carry_a_mission_out_beside_other_tasks() -> None:
         assert a.statuses == dict.fromkeys(("T_i", "T_A", "T_G", "T_Li"), "success")
         assert a.command == "resume"
         assert [signal.getsignal(s) for s in (2, 15)] == before
-        assert not structlog.is_configured()
+        assert log._sink is before_log
     assert (a.stopped, b.stopped) == ("left", "left")
     assert loop._selector is selector  # type: ignore[attr-defined]
     assert ticks > 0

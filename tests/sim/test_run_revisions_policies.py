@@ -94,3 +94,25 @@ def test_the_policies_of_a_task_under_way_change(
     )
     facts = [agent.view.facts for agent in result.agents.values()]
     assert {each.declared.revision_number for each in facts} == {2}, result.stops
+
+
+def test_robots_that_cannot_plan_the_revision_in_force_stop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As one does that was away while the others took it up."""
+    first, then = mission("plain", TEAM, 1), mission("exclusive", TEAM, 1)
+    reason = "it needs the extra 'planner'"
+
+    def problem(found: Mission, lacks_planner: bool) -> str:
+        return reason if found.revision_number else ""
+
+    monkeypatch.setattr("mrbt_mesh.core.agent.agent.planner_problem", problem)
+    revise = (4 * S, Revise("R1", compile_mission(then), True, True))
+    program = RobotProgram()
+
+    @program.local_task("*")
+    async def work(task: TaskContext, *arguments: str) -> None:
+        await anyio.sleep(task.simulation.duration_s)
+
+    result = simulate(first, program, seed=1, schedule=[revise], timeout_us=9 * S, inspect=False)
+    assert result.stops == dict.fromkeys(("R1", "R2", "R3"), (2, reason))

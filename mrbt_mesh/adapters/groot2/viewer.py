@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import anyio
 import anyio.lowlevel
 
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import OpenView, ViewerOptions, check_listens, require
+from mrbt_mesh.errors import InputError, require
+from mrbt_mesh.plugins import OpenView, ViewerOptions, check_listens
 
 if TYPE_CHECKING:
     import zmq.asyncio

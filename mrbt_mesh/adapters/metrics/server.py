@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from mrbt_mesh.adapters.metrics.families import Distribution, Family, FamilyKind, gauge
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import MetricsAddress, require
+from mrbt_mesh.errors import InputError, require
+from mrbt_mesh.plugins import MetricsAddress
 
 if TYPE_CHECKING:
     from wsgiref.types import WSGIApplication

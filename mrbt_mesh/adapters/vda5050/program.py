@@ -53,8 +53,7 @@ from mrbt_mesh.adapters.vda5050.vehicle import (
     Send,
     Vehicle,
 )
-from mrbt_mesh.errors import InputError, TaskFailedError
-from mrbt_mesh.plugins import require
+from mrbt_mesh.errors import InputError, TaskFailedError, require
 from mrbt_mesh.runtime.context import RobotContext, TaskContext
 from mrbt_mesh.runtime.log import robot_logger
 from mrbt_mesh.runtime.program import RobotProgram

@@ -6,14 +6,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.text import Text
-
 from mrbt_mesh.analysis.lift.in_units import LiftedUnits
 from mrbt_mesh.analysis.lift.lifter import LiftDecision, Lifted
 from mrbt_mesh.analysis.lift.mission import LiftedMission
 from mrbt_mesh.analysis.lift.unit_tasks import UnitUse
 from mrbt_mesh.analysis.lift.units import Piece
+from mrbt_mesh.cli.printing import Printable, Stack, Styled
 
 
 def lifted_data(found: LiftedMission, output: Path | None) -> dict[str, Any]:
@@ -44,29 +42,29 @@ def _decision_data(decision: LiftDecision) -> dict[str, Any]:
     }
 
 
-def render_lifted(lifted: Lifted) -> RenderableType:
+def render_lifted(lifted: Lifted) -> Printable:
     """Every decision with its reasons, and the largest possible gain."""
     lines = [line for decision in lifted.decisions for line in _decision(decision)]
     serial_s, critical_s = lifted.serial_us / 1e6, lifted.critical_us / 1e6
-    gain = Text.assemble(
+    gain = Styled.assemble(
         f"One robot works {serial_s:g} s; the longest chain is {critical_s:g} s: at most ",
         (f"{lifted.factor:.2f}", "bold"),
         " times faster.",
     )
-    return Group(*lines, Text(), gain)
+    return Stack(*lines, Styled(), gain)
 
 
-def _decision(decision: LiftDecision) -> list[Text]:
+def _decision(decision: LiftDecision) -> list[Styled]:
     mark = ("∥", "bold green") if decision.is_parallel else ("→", "dim")
     lines = [
-        Text.assemble(mark, " ", (decision.path, "bold"), (f"  {decision.kind}", "dim")),
-        Text(f"    {decision.after}", "green" if decision.is_parallel else ""),
+        Styled.assemble(mark, " ", (decision.path, "bold"), (f"  {decision.kind}", "dim")),
+        Styled(f"    {decision.after}", "green" if decision.is_parallel else ""),
     ]
     for dependence in decision.dependences:
         style = "yellow" if dependence.is_added else "dim"
         pair = f"{dependence.first} before {dependence.second}: {dependence.reason}"
-        lines.append(Text(f"      {pair}", style))
-    lines += [Text(f"      {note}", "yellow") for note in decision.notes]
+        lines.append(Styled(f"      {pair}", style))
+    lines += [Styled(f"      {note}", "yellow") for note in decision.notes]
     return lines
 
 
@@ -97,29 +95,29 @@ def _cuts(found: LiftedUnits) -> Iterator[tuple[str, str, str, str]]:
             yield piece.nodes[0].path, first, second, reason
 
 
-def render_units(found: LiftedUnits) -> RenderableType:
+def render_units(found: LiftedUnits) -> Printable:
     """Every unit with why it stays together, and every cut with why it can be made."""
     count = len(found.tasks.uses)
     units = f"{count} units, each" if count != 1 else "1 unit,"
-    lines = [Text(f"{units} carried out by one robot with a blackboard of its own:", "bold")]
+    lines = [Styled(f"{units} carried out by one robot with a blackboard of its own:", "bold")]
     for use in found.tasks.uses:
         (first, *_) = use.piece.nodes
         names = f"  {first.path}:{first.line}"
-        lines.append(Text.assemble(("■", "bold cyan"), " ", (use.call, "bold"), (names, "dim")))
+        lines.append(Styled.assemble(("■", "bold cyan"), " ", (use.call, "bold"), (names, "dim")))
         if len(use.piece.nodes) > 1:
             inside = ", ".join(node.name for node in use.piece.nodes)
-            lines.append(Text(f"      {inside}"))
-        lines += [Text(f"      together: {reason}", "dim") for reason in use.piece.reasons]
+            lines.append(Styled(f"      {inside}"))
+        lines += [Styled(f"      together: {reason}", "dim") for reason in use.piece.reasons]
     calls = {id(use.piece): use.call for use in found.tasks.uses}
     cuts = [line for piece in found.split.walk() for line in _cut_lines(piece, calls)]
     if cuts:
-        lines += [Text(), Text("Cut apart, for different robots:", "bold"), *cuts]
+        lines += [Styled(), Styled("Cut apart, for different robots:", "bold"), *cuts]
     if found.mission.lifted.decisions:
-        lines += [Text(), Text("Between them:", "bold")]
-    return Group(*lines)
+        lines += [Styled(), Styled("Between them:", "bold")]
+    return Stack(*lines)
 
 
-def _cut_lines(piece: Piece, calls: Mapping[int, str]) -> Iterator[Text]:
+def _cut_lines(piece: Piece, calls: Mapping[int, str]) -> Iterator[Styled]:
     """The children of one node, with each reason once."""
     path = piece.nodes[0].path
     names = [calls.get(id(child), child.label) for child in piece.children]
@@ -134,4 +132,4 @@ def _cut_lines(piece: Piece, calls: Mapping[int, str]) -> Iterator[Text]:
         for run in runs:
             if len(run) > 1:
                 pair = " | ".join(run)
-                yield Text.assemble(("✂", "green"), " ", pair, (f"  {path}: {reason}", "dim"))
+                yield Styled.assemble(("✂", "green"), " ", pair, (f"  {path}: {reason}", "dim"))

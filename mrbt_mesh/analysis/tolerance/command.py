@@ -29,6 +29,9 @@ def analyze(mission: Path, costs: Path | None, limit: float, as_json: bool) -> N
 
     Example: mrbt analyze examples/vehicle_repair/mission.yaml
     """
+    from mrbt_mesh.core.assignment.problem import require_planner
+
+    require_planner("mrbt analyze")
     from mrbt_mesh.analysis.tolerance.analyse import analyse
     from mrbt_mesh.analysis.tolerance.jobs import analyse_jobs
     from mrbt_mesh.analysis.tolerance.render import render_analysis, render_jobs

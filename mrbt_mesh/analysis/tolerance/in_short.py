@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from mrbt_mesh.analysis.tolerance.jobs import single_jobs
-from mrbt_mesh.analysis.tolerance.readings import serial
-from mrbt_mesh.analysis.tolerance.render import grouped, shortened
-from mrbt_mesh.analysis.tolerance.requirement import TooLargeError
-from mrbt_mesh.analysis.tolerance.service import Fault, capability_faults, robot_faults
+from mrbt_mesh.core.assignment.problem import require_planner
 from mrbt_mesh.core.mission.mission import Mission
+
+if TYPE_CHECKING:
+    from mrbt_mesh.analysis.tolerance.service import Fault
 
 
 def survived_losses(mission: Mission) -> dict[str, str]:
     """Which single faults are survived, in words: by type of jobs, or under "" those of a mission
-    without jobs. Of a type with several kinds of arguments: with each of them.
+    without jobs. Of a type with several kinds of arguments: with each of them. Raises
+    MissingExtraError.
     """
+    require_planner("the analysis of a mission")
+    from mrbt_mesh.analysis.tolerance.jobs import single_jobs
+    from mrbt_mesh.analysis.tolerance.requirement import TooLargeError
+
     try:
         if not mission.jobs:
             return {"": _in_words([mission])}
@@ -28,6 +33,10 @@ def survived_losses(mission: Mission) -> dict[str, str]:
 
 
 def _in_words(missions: Iterable[Mission]) -> str:
+    from mrbt_mesh.analysis.tolerance.readings import serial
+    from mrbt_mesh.analysis.tolerance.render import grouped, shortened
+    from mrbt_mesh.analysis.tolerance.service import capability_faults, robot_faults
+
     fatal: list[dict[Fault, None]] = [{}, {}]
     for mission in missions:
         question = serial(mission)

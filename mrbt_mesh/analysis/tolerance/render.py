@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from rich.console import Group, RenderableType
-from rich.panel import Panel
-from rich.text import Text
-
 from mrbt_mesh.analysis.tolerance.advice import Additions
 from mrbt_mesh.analysis.tolerance.analyse import (
     ASSUMPTIONS,
@@ -21,6 +17,7 @@ from mrbt_mesh.analysis.tolerance.analyse import (
 from mrbt_mesh.analysis.tolerance.jobs import JobAnalysis
 from mrbt_mesh.analysis.tolerance.model import Answer
 from mrbt_mesh.analysis.tolerance.service import Fault
+from mrbt_mesh.cli.printing import Panel, Printable, Stack, Styled
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.names import type_name
@@ -114,32 +111,32 @@ def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
     ]
 
 
-def render_analysis(analysis: Analysis) -> RenderableType:
+def render_analysis(analysis: Analysis) -> Printable:
     """The whole report."""
-    parts: list[RenderableType] = [_headline(analysis)]
+    parts: list[Printable] = [_headline(analysis)]
     assumed = assumptions(analysis.mission)
-    remarks = [Text(assumed[0], "yellow")] if assumed is not ASSUMPTIONS else []
+    remarks = [Styled(assumed[0], "yellow")] if assumed is not ASSUMPTIONS else []
     for name, result in analysis.readings.items():
         if result.question.obstacle:
-            remarks.append(Text(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
-    sections: dict[str, list[RenderableType]] = {
+            remarks.append(Styled(f"{READING_NAMES[name]}: {result.question.obstacle}", "red"))
+    sections: dict[str, list[Printable]] = {
         "How many faults": [_figures(analysis), *remarks],
         "Which faults": [_examples(analysis.main)],
         "Slack: robots that a global task can lose, whichever they are": [_tasks(analysis)],
         "Advice: what to add": [_advice(analysis)],
-        "Cautions": [Text(f"- {line}", "yellow") for line in analysis.cautions],
-        "Assumed": [Text(f"- {line}", "dim") for line in assumed],
+        "Cautions": [Styled(f"- {line}", "yellow") for line in analysis.cautions],
+        "Assumed": [Styled(f"- {line}", "dim") for line in assumed],
     }
     for title, rows in sections.items():
         if rows:
-            parts += ["", Text(title, "bold"), *rows]
+            parts += ["", Styled(title, "bold"), *rows]
     if not analysis.is_complete:
         text = "Time ran out: ranges hold the true figures; a larger --limit narrows them."
-        parts += ["", Text(text, "yellow")]
-    return Group(*parts)
+        parts += ["", Styled(text, "yellow")]
+    return Stack(*parts)
 
 
-def render_jobs(mission: str, jobs: Sequence[JobAnalysis]) -> RenderableType:
+def render_jobs(mission: str, jobs: Sequence[JobAnalysis]) -> Printable:
     """What a job of each type survives, in short, and the report of each."""
     heading = (
         "a job of type",
@@ -156,19 +153,19 @@ def render_jobs(mission: str, jobs: Sequence[JobAnalysis]) -> RenderableType:
         short.add_row(each.type, *marks, fatal, shortened(each.scarce))
     text = f"{mission}: each type of jobs on its own, with the arguments that survive least"
     reports = [part for each in jobs for part in ("", render_analysis(each.analysis))]
-    return Group(Text(text, "bold"), short, *reports)
+    return Stack(Styled(text, "bold"), short, *reports)
 
 
-def _mark(value: bool | None) -> Text:
+def _mark(value: bool | None) -> Styled:
     if value is None:
-        return Text("not known", "yellow")
-    return Text("yes", "bold green") if value else Text("no", "bold red")
+        return Styled("not known", "yellow")
+    return Styled("yes", "bold green") if value else Styled("no", "bold red")
 
 
-def _headline(analysis: Analysis) -> RenderableType:
+def _headline(analysis: Analysis) -> Printable:
     main = analysis.main
     capabilities = main.minor.total
-    text = Text.assemble(
+    text = Styled.assemble(
         (analysis.mission.name, "bold"),
         f"   {len(analysis.mission.robots)} robots, {capabilities} capabilities\n",
         "survives the loss of any one capability (weakly fault tolerant)  ",
@@ -176,10 +173,10 @@ def _headline(analysis: Analysis) -> RenderableType:
         "\nsurvives the loss of any one robot (strongly fault tolerant)     ",
         _mark(main.is_strong),
     )
-    return Panel(text, expand=False, border_style="green" if main.is_strong else "red")
+    return Panel(text, "green" if main.is_strong else "red")
 
 
-def _figures(analysis: Analysis) -> RenderableType:
+def _figures(analysis: Analysis) -> Printable:
     rows = table("the mission ...", "faults", "of", "survives", "fatal from", right=range(2, 5))
     for name, result in analysis.readings.items():
         for kind, found in (("robots", result.major), ("capabilities", result.minor)):
@@ -187,13 +184,13 @@ def _figures(analysis: Analysis) -> RenderableType:
                 READING_NAMES[name] if kind == "robots" else "",
                 kind,
                 str(found.total),
-                Text(figure(found.max_tolerated, True), "green"),
-                Text(figure(found.min_fatal, False), "red"),
+                Styled(figure(found.max_tolerated, True), "green"),
+                Styled(figure(found.min_fatal, False), "red"),
             )
     return rows
 
 
-def _examples(main: ReadingResult) -> RenderableType:
+def _examples(main: ReadingResult) -> Printable:
     rows = table("", "robots", "capabilities")
     for title, major, minor in (
         ("fatal alone", main.major.critical, main.minor.critical),
@@ -208,7 +205,7 @@ def _examples(main: ReadingResult) -> RenderableType:
     return rows
 
 
-def _tasks(analysis: Analysis) -> RenderableType:
+def _tasks(analysis: Analysis) -> Printable:
     listed = table("global task", "slack", "needs (of capable robots)", "", right=(1,))
     rows = sorted(task_groups(analysis.tasks), key=lambda row: row[1].slack)
     for name, each in rows[:MAX_TASKS]:
@@ -218,13 +215,13 @@ def _tasks(analysis: Analysis) -> RenderableType:
         if each.is_exclusive:
             robots = analysis.mission.robots
             notes.append(f"exclusive: {majority(robots)} of {len(robots)} robots grant it")
-        listed.add_row(name, Text(str(each.slack), style), needs, Text(", ".join(notes), "dim"))
+        listed.add_row(name, Styled(str(each.slack), style), needs, Styled(", ".join(notes), "dim"))
     if len(rows) > MAX_TASKS:
-        listed.add_row(Text(f"and {len(rows) - MAX_TASKS} more rows: --json", "dim"))
+        listed.add_row(Styled(f"and {len(rows) - MAX_TASKS} more rows: --json", "dim"))
     return listed
 
 
-def _advice(analysis: Analysis) -> RenderableType:
+def _advice(analysis: Analysis) -> Printable:
     rows = table("to make it", "", "add", "cost")
     for name, advice in (("weakly", analysis.weak_advice), ("strongly", analysis.strong_advice)):
         for number, (way, addition, cost) in enumerate(advice_rows(advice)):

@@ -12,8 +12,7 @@ from mrbt_mesh.cli.options import json_option
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from mrbt_mesh.cli.printing import Console
     from mrbt_mesh.drills.drill_file import Drill
     from mrbt_mesh.drills.model import Profile
     from mrbt_mesh.drills.runner import DrillRun
@@ -55,6 +54,7 @@ def drill(
     """
     import anyio
 
+    from mrbt_mesh.cli.printing import Styled
     from mrbt_mesh.cli.terminal import check_folder, console, errors, print_json, write_file
     from mrbt_mesh.cli.views.drill_view import render_list, render_total
     from mrbt_mesh.drills.report import junit_text, report_data
@@ -80,7 +80,7 @@ def drill(
     else:
         console.print(render_total(runs))
         if stopped:
-            errors.print("stopped by the operator before the end", style="red")
+            errors.print(Styled("stopped by the operator before the end", "red"))
     raise SystemExit(FAILURE if stopped or not all(run.is_green for run in runs) else SUCCESS)
 
 
@@ -132,8 +132,7 @@ class _Session:
         import shutil
         from datetime import datetime
 
-        from rich.text import Text
-
+        from mrbt_mesh.cli.printing import Styled
         from mrbt_mesh.cli.views.drill_view import headline, line_text, result_text, takeover_text
         from mrbt_mesh.drills.judge import DrillResult
         from mrbt_mesh.drills.namespaces import NamespaceError
@@ -141,11 +140,11 @@ class _Session:
         from mrbt_mesh.drills.runner import DrillRun, run_drill
         from mrbt_mesh.runtime.run_dir import state_dir
 
-        def show(*lines: str | Text) -> None:
+        def show(*lines: str | Styled) -> None:
             for line in lines:
                 self._output.print(line, soft_wrap=True)
 
-        title = Text.assemble(
+        title = Styled.assemble(
             (f"{number}/{len(self._plan)} ", "dim"), (found.label, "bold"), (f"  {profile}", "dim")
         )
         if not self._brief:
@@ -163,14 +162,14 @@ class _Session:
                 failed = DrillResult("the team could be run", False, str(error))
                 run = DrillRun(found.label, profile, results=[failed])
         if self._brief:
-            show(Text.assemble(title, "  ", headline(run)))
+            show(Styled.assemble(title, "  ", headline(run)))
             show(*map(line_text, () if run.is_green else run.timeline))
         if not self._brief or not run.is_green:
             show(*map(takeover_text, run.takeovers), *map(result_text, run.results))
-            show(Text.assemble("  ", headline(run)))
+            show(Styled.assemble("  ", headline(run)))
         if run.is_green and not self._keep:
             shutil.rmtree(folder, ignore_errors=True)
             run.run_dir = None
         elif run.run_dir is not None:
-            self._output.print(f"  kept: {run.run_dir}", style="dim", soft_wrap=True)
+            self._output.print(Styled(f"  kept: {run.run_dir}", "dim"), soft_wrap=True)
         return run

@@ -51,7 +51,14 @@ def validate(
 
     Example: mrbt validate examples/vehicle_repair/mission.yaml
     """
-    from mrbt_mesh.cli.terminal import check_outputs, console, labelled, print_json, write_file
+    from mrbt_mesh.cli.terminal import (
+        check_outputs,
+        console,
+        labelled,
+        print_done,
+        print_json,
+        write_file,
+    )
     from mrbt_mesh.errors import FileError, InputError
     from mrbt_mesh.formats.cautions import cautions
     from mrbt_mesh.formats.mission_file import compile_mission, load_mission, mission_warnings
@@ -97,7 +104,7 @@ def validate(
         for name, count in counts.items()
     )
     listed += ", no program named" if reference is None else ""
-    console.print(f"[bold green]valid[/] {loaded.name}: {listed}")
+    print_done("valid", f"{loaded.name}: {listed}")
     for warning in warnings:
         console.print(labelled("warning", "yellow", warning), soft_wrap=True)
 

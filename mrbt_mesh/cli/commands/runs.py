@@ -52,7 +52,7 @@ def ls(as_json: bool) -> None:
     for row in rows:
         robots = f"{row['alive']}/{row['robots']}"
         found.add_row(row["team"], _since(row["started_unix_s"]), robots, row["result"])
-    console.print(found, highlight=False)
+    console.print(found)
 
 
 def _since(unix_s: float | None) -> str:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Printable, Stack, Styled
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.sim.chaos.campaign import CRASH
 
@@ -28,7 +26,7 @@ INVARIANTS = {
 
 def render_campaign(
     totals: Mapping[str, Any], reports: Iterable[Mapping[str, Any]], failed: int
-) -> RenderableType:
+) -> Printable:
     """The totals that `mrbt sim chaos --json` prints; reports of some of the `failed` seeds."""
     results = ", ".join(f"{number} {name}" for name, number in sorted(totals["results"].items()))
     rate = totals["seeds"] / max(0.001, totals["took_s"])
@@ -44,25 +42,25 @@ def render_campaign(
     for name, checked in totals["checks"].items():
         seeds = totals["seeds_checked"][name]
         checks.add_row(name, INVARIANTS.get(name, ""), f"{checked:,}", f"{seeds:,}")
-    return Group(
-        Text.assemble(mark, f"  {line}"),
+    return Stack(
+        Styled.assemble(mark, f"  {line}"),
         checks,
-        Text(twice, "dim"),
+        Styled(twice, "dim"),
         *(line for report in reports for line in _failure(report)),
     )
 
 
-def _failure(report: Mapping[str, Any]) -> Iterator[Text]:
+def _failure(report: Mapping[str, Any]) -> Iterator[Styled]:
     """The broken invariants, the faults needed, and how to see it again."""
-    yield Text(f"\nseed {report['seed']}", "bold red")
+    yield Styled(f"\nseed {report['seed']}", "bold red")
     for violation in report["violations"][:3]:
         name = violation.partition(" ")[0]
-        yield Text.assemble(f"  {violation} ", (f"({INVARIANTS.get(name, name)})", "dim"))
+        yield Styled.assemble(f"  {violation} ", (f"({INVARIANTS.get(name, name)})", "dim"))
     if "minimised" in report:
         word = "" if report["is_minimal"] else ", time was up"
         text = f"of {report['of']} faults these {len(report['minimised'])} are enough"
-        yield Text.assemble("  ", (text, "bold"), f" ({report['runs']} runs{word}):")
+        yield Styled.assemble("  ", (text, "bold"), f" ({report['runs']} runs{word}):")
         for at_s, fault in report["minimised"]:
-            yield Text(f"  {at_s:12.6f} s  {fault}")
-    yield Text(f"  replay: {report['replay']}")
-    yield Text(f"  command: {report['command']}")
+            yield Styled(f"  {at_s:12.6f} s  {fault}")
+    yield Styled(f"  replay: {report['replay']}")
+    yield Styled(f"  command: {report['command']}")

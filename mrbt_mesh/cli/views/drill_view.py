@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Styled, Table
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.summary_view import takeover_after
 from mrbt_mesh.drills.drill_file import Drill
@@ -26,64 +24,64 @@ def render_list(drills: Sequence[Drill]) -> Table:
     for group in by_file.values():
         model = group[0].model
         listed.add_row(
-            Text(model.name, "bold"),
+            Styled(model.name, "bold"),
             str(len(group) * len(model.profiles)),
             model.network if model.network != "loopback" else "",
             "quick" if model.quick else "",
-            Text(" ".join(model.description.split()).partition(". ")[0].rstrip(".")),
+            Styled(" ".join(model.description.split()).partition(". ")[0].rstrip(".")),
         )
     return listed
 
 
-def line_text(line: TimelineEntry) -> Text:
+def line_text(line: TimelineEntry) -> Styled:
     """One line of a drill's timeline."""
     style = "red" if line.is_fault or line.text == "is dead" else ""
-    return Text.assemble(
+    return Styled.assemble(
         (f"{line.at_s:9.3f}  ", "dim"), (f"{line.robot:5} ", "bold"), (line.text, style)
     )
 
 
-def takeover_text(takeover: Mapping[str, Any]) -> Text:
+def takeover_text(takeover: Mapping[str, Any]) -> Styled:
     """How a robot was missed and replaced."""
-    line = Text.assemble("  ", ("↻ ", "yellow"), (str(takeover["robot"]), "bold"))
+    line = Styled.assemble("  ", ("↻ ", "yellow"), (str(takeover["robot"]), "bold"))
     if not takeover["inflicted"]:
-        return line.append(f" held dead by others at {takeover['at_s']:.3f} s", "not bold")
-    line.append(f" lost at {takeover['at_s']:.3f} s", "not bold")
-    line.append(f", detected after {takeover_after(takeover, 'detected_s')}", "not bold")
+        return line.append(f" held dead by others at {takeover['at_s']:.3f} s")
+    line.append(f" lost at {takeover['at_s']:.3f} s")
+    line.append(f", detected after {takeover_after(takeover, 'detected_s')}")
     if takeover["held"]:
-        line.append(f", while on {takeover['held']}", "not bold")
+        line.append(f", while on {takeover['held']}")
     if takeover["replacement"]:
         after = takeover_after(takeover, "reassigned_s")
-        line.append(f", taken over by {takeover['replacement']} after {after}", "not bold")
+        line.append(f", taken over by {takeover['replacement']} after {after}")
     return line
 
 
-def result_text(result: DrillResult) -> Text:
+def result_text(result: DrillResult) -> Styled:
     """An expectation and whether it held."""
     sign, style = ("✔", "green") if result.holds else ("✘", "bold red")
-    return Text.assemble(
+    return Styled.assemble(
         "  ", (f"{sign} ", style), (result.expected, "" if result.holds else "red"),
         (f": {result.found}", "dim" if result.holds else "red"),
     )  # fmt: skip
 
 
-def headline(run: DrillRun) -> Text:
+def headline(run: DrillRun) -> Styled:
     """A run in one line."""
     if run.skipped is not None:
-        return Text(f"skipped: {run.skipped}", "yellow")
-    text = Text("green", "bold green") if run.is_green else Text("red", "bold red")
-    text.append(f" in {run.duration_s:.1f} s", "not bold dim")
+        return Styled(f"skipped: {run.skipped}", "yellow")
+    text = Styled("green", "bold green") if run.is_green else Styled("red", "bold red")
+    text.append(f" in {run.duration_s:.1f} s", "dim")
     wrong = [result for result in run.results if not result.holds]
     for result in wrong:
-        text.append(f"; {result.expected}: {result.found}", "not bold red")
+        text.append(f"; {result.expected}: {result.found}", "red")
     return text
 
 
-def render_total(runs: Sequence[DrillRun]) -> Text:
+def render_total(runs: Sequence[DrillRun]) -> Styled:
     """How all runs went, in one line."""
     data = report_data(runs)
     seconds = sum(run.duration_s for run in runs)
-    return Text.assemble(
+    return Styled.assemble(
         (f"{data['green']} green", "bold green"),
         (f", {data['red']} red", "bold red" if data["red"] else "dim"),
         (f", {data['skipped']} skipped", "yellow" if data["skipped"] else "dim"),

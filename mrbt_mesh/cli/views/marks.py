@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Styled
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.mission.names import name_order
 
@@ -38,10 +37,10 @@ LEVEL_MARKS = {
 }
 
 
-def statement_text(statement: Mapping[str, str]) -> Text:
+def statement_text(statement: Mapping[str, str]) -> Styled:
     """A statement of a headline, as plain data, with its sign and colour."""
     sign, style = LEVEL_MARKS[statement["level"]]
-    return Text(f"{sign} {statement['text']}", style)
+    return Styled(f"{sign} {statement['text']}", style)
 
 
 def by_urgency(robots: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Printable, Stack, Styled, Table
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.tree_view import render_tree
 from mrbt_mesh.core.bt.evaluation import Request
@@ -21,7 +18,7 @@ from mrbt_mesh.core.planning.plan import (
 )
 
 
-def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> RenderableType:
+def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Printable:
     """The whole plan for a terminal. `problem`: its `bounds`, `objective` and `forecast`."""
     workers: dict[str, list[str]] = {}
     for robot, own in plan.assignments.items():
@@ -32,29 +29,29 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Ren
         if request.activation in waiting:
             blocked = waiting[request.activation].is_blocked
             style = "red" if blocked else "yellow"
-            notes[request.node] = Text(waiting[request.activation].reason, style=style)
+            notes[request.node] = Styled(waiting[request.activation].reason, style=style)
         else:
             robots = ", ".join(workers.get(request.activation, []))
-            notes[request.node] = Text(robots, style="bold") if robots else _later(plan, request)
-    parts: list[RenderableType] = [_lines(plan)]
+            notes[request.node] = Styled(robots, "bold") if robots else _later(plan, request)
+    parts: list[Printable] = [_lines(plan)]
     if plan.demands:
         parts += ["", render_bounds(problem["bounds"])]
-        parts.append(Text(f"objective, the sum of p(i, l): {problem['objective']:g}", "dim"))
+        parts.append(Styled(f"objective, the sum of p(i, l): {problem['objective']:g}", "dim"))
     if plan.biddings:
         parts += ["", _bids(plan)]
     if problem["forecast"] is not None:
         parts += ["", render_forecast(problem["forecast"])]
-    result = Text(f"mission: {plan.result.name.lower()}", style="bold")
+    result = Styled(f"mission: {plan.result.name.lower()}", "bold")
     tree = render_tree(plan.evaluation.tree, plan.evaluation, notes)
-    return Group(tree, "", *parts, "", result)
+    return Stack(tree, "", *parts, "", result)
 
 
-def _later(plan: Plan, request: Request) -> Text:
+def _later(plan: Plan, request: Request) -> Styled:
     """The robots that a schedule has on a request later."""
     step = plan.ahead.step_of(request.activation) if plan.ahead is not None else None
     if plan.ahead is None or step is None:
-        return Text()
-    return Text(f"later: {', '.join(plan.ahead.members(step))}", "dim")
+        return Styled()
+    return Styled(f"later: {', '.join(plan.ahead.members(step))}", "dim")
 
 
 def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
@@ -62,23 +59,25 @@ def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
     performances = ["p(i, l)"] if any("performances" in row for row in bounds) else []
     rows = table("local task", "for", "a_j", "b_j", "robots", *performances)
     for row in bounds:
-        robots = ", ".join(row["robots"]) or Text("nobody", style="dim")
+        robots = ", ".join(row["robots"]) or Styled("nobody", "dim")
         numbers = str(row["lower"]), str(row["upper"])
         values = row.get("performances", {})
         able = ", ".join(f"{robot} {p:g}" for robot, p in values.items())
-        more = [Text(able, "dim")] if performances else []
+        more = [Styled(able, "dim")] if performances else []
         rows.add_row(row["local_task"], row["global_task"], *numbers, robots, *more)
     return rows
 
 
-def render_forecast(forecast: Mapping[str, Any]) -> RenderableType:
+def render_forecast(forecast: Mapping[str, Any]) -> Printable:
     """Where each robot is, and what is next (`Forecast.to_json`)."""
     rows = table("robot", "is at", "next")
     for name, robot in forecast["robots"].items():
-        rows.add_row(Text(name, "bold"), robot["where"], robot["next"] or Text("nothing", "dim"))
+        rows.add_row(
+            Styled(name, "bold"), robot["where"], robot["next"] or Styled("nothing", "dim")
+        )
     left_out = [f"not scheduled: {x['global_task']}: {x['reason']}" for x in forecast["left_out"]]
-    texts = [Text(forecast["text"]), *(Text(each, "yellow") for each in left_out)]
-    return Group(rows, *texts)
+    texts = [Styled(forecast["text"]), *(Styled(each, "yellow") for each in left_out)]
+    return Stack(rows, *texts)
 
 
 def _lines(plan: Plan) -> Table:
@@ -87,10 +86,10 @@ def _lines(plan: Plan) -> Table:
     for robot in sorted({*plan.assignments, *plan.idle}):
         line = plan.assignments.get(robot)
         if line is None:
-            rows.add_row(robot, Text("nothing", style="dim"), "", Text(plan.idle[robot], "dim"))
+            rows.add_row(robot, Styled("nothing", "dim"), "", Styled(plan.idle[robot], "dim"))
             continue
         why = assignment_reason(plan, robot)
-        rows.add_row(Text(robot, "bold"), line.local_task, line.global_task, Text(why, "dim"))
+        rows.add_row(Styled(robot, "bold"), line.local_task, line.global_task, Styled(why, "dim"))
     return rows
 
 
@@ -100,16 +99,16 @@ def _bids(plan: Plan) -> Table:
     for bidding in plan.biddings:
         made = {robot: bid for robot, bid in bidding.bids.items() if bid is not None}
         texts = [
-            Text(f"{robot} {made[robot] / MICRO:g}", _style(plan.assignments.get(robot), bidding))
+            Styled(f"{robot} {made[robot] / MICRO:g}", _style(plan.assignments.get(robot), bidding))
             for robot in sorted(made, key=lambda robot: (-made[robot], robot))
         ]
         none = [robot for robot, bid in bidding.bids.items() if bid is None]
         if none:
-            texts.append(Text(f"none of {', '.join(none)}", "dim"))
+            texts.append(Styled(f"none of {', '.join(none)}", "dim"))
         if bidding.silent:
             word = "waiting for" if bidding.is_open else "nothing from"
-            texts.append(Text(f"{word} {', '.join(bidding.silent)}", "yellow"))
-        rows.add_row(bidding.local_task, bidding.global_task, Text(", ").join(texts))
+            texts.append(Styled(f"{word} {', '.join(bidding.silent)}", "yellow"))
+        rows.add_row(bidding.local_task, bidding.global_task, Styled(", ").join(texts))
     return rows
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Printable, Stack, Styled
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.marks import STATE_MARKS
 from mrbt_mesh.core.facts.records import problem_text
@@ -30,55 +28,55 @@ MOST_FAILURES = 20
 STATUSES = {"success": "green", "failure": "red", "running": "yellow"}
 
 
-def render_summary(summary: Mapping[str, Any]) -> RenderableType:
+def render_summary(summary: Mapping[str, Any]) -> Printable:
     """The summary that `mrbt up --json` prints, for a terminal."""
     tasks = summary.get("global_tasks", {})
     robots = table("robot", "type", "state", "lost or changed", "took part in")
     for robot, known in summary.get("robots", {}).items():
         state = known.get("state") or "?"
         robots.add_row(
-            Text(robot, "bold"),
+            Styled(robot, "bold"),
             known.get("type") or "",
-            Text(state, STATE_MARKS.get(state, ("", ""))[1]),
+            Styled(state, STATE_MARKS.get(state, ("", ""))[1]),
             capability_changes(known),
-            Text(", ".join(name for name, task in tasks.items() if robot in task["robots"])),
+            Styled(", ".join(name for name, task in tasks.items() if robot in task["robots"])),
         )
-    parts: list[RenderableType] = [_headline(summary), Text(), robots, Text()]
+    parts: list[Printable] = [_headline(summary), Styled(), robots, Styled()]
     older = summary.get("older", {})
     if summary.get("rounds"):
         rounds = table("round", "from", "took", "result", "robots", right=range(3))
         for number, each in enumerate(summary["rounds"], start=1 + older.get("rounds", 0)):
             result = each["result"] or "running"
             times = _seconds(each["from_s"]), _seconds(each["duration_s"])
-            robots_then = Text(", ".join(each["robots"]))
-            rounds.add_row(str(number), *times, Text(result, STATUSES[result]), robots_then)
-        parts += [rounds, Text()]
+            robots_then = Styled(", ".join(each["robots"]))
+            rounds.add_row(str(number), *times, Styled(result, STATUSES[result]), robots_then)
+        parts += [rounds, Styled()]
     listed, idle = table("global task", "status", "robots"), 0
     for name, task in tasks.items():
         status = str(task.get("status"))
         if status == "idle" and not task["robots"]:
             idle += 1
             continue
-        status_text = Text(status, STATUSES.get(status, "dim"))
-        listed.add_row(Text(name), status_text, Text(", ".join(task["robots"])))
+        status_text = Styled(status, STATUSES.get(status, "dim"))
+        listed.add_row(Styled(name), status_text, Styled(", ".join(task["robots"])))
     if listed.row_count or not summary.get("jobs"):
         parts.append(listed)
     if idle:
-        parts.append(Text(f"and {_count(idle, 'global task')} that never became due", "dim"))
+        parts.append(Styled(f"and {_count(idle, 'global task')} that never became due", "dim"))
     if summary.get("jobs"):
-        parts += [*([Text()] if listed.row_count or idle else []), _jobs(summary["jobs"])]
+        parts += [*([Styled()] if listed.row_count or idle else []), _jobs(summary["jobs"])]
     if summary.get("bids"):
-        parts += [Text(), _bids(summary["bids"], older.get("bids", 0))]
+        parts += [Styled(), _bids(summary["bids"], older.get("bids", 0))]
     story = sorted(_story(summary), key=lambda item: item[0])
     if story:
         events = table("at", "what happened", right=(0,))
         for at_s, line in story:
             events.add_row(_seconds(at_s), line)
-        parts += [Text(), events]
-    return Group(*parts)
+        parts += [Styled(), events]
+    return Stack(*parts)
 
 
-def _headline(summary: Mapping[str, Any]) -> Text:
+def _headline(summary: Mapping[str, Any]) -> Styled:
     result = str(summary.get("result"))
     mark, style, words = RESULTS.get(result, ("?", "bold", result))
     if summary.get("ended_because") == ABORTED:
@@ -87,7 +85,7 @@ def _headline(summary: Mapping[str, Any]) -> Text:
         words = _standing_by(summary["rounds"], summary.get("older", {}).get("rounds", 0))
     faults = len(summary.get("faults", ()))
     still_open = sum(each["open"] for each in summary.get("jobs", {}).values())
-    return Text.assemble(
+    return Styled.assemble(
         (f"{mark} {words}", style),
         (f"  {summary['mission']}" if summary.get("mission") else "", "bold"),
         f"  {_seconds(summary.get('duration_s'))}",
@@ -107,22 +105,22 @@ def _standing_by(rounds: Sequence[Mapping[str, Any]], older: int) -> str:
     return f"stood by: {_count(older + len(ended), 'round')}, the last one {words}{on_its_way}"
 
 
-def capability_changes(known: Mapping[str, Any]) -> Text:
+def capability_changes(known: Mapping[str, Any]) -> Styled:
     """A robot's lost and pending capabilities with the reasons, and its changed performances."""
     lost = known.get("lost", {})
     lines = [
-        Text(lost_text(names, reason), "red") for reason, names in texts_by_reason(lost).items()
+        Styled(lost_text(names, reason), "red") for reason, names in texts_by_reason(lost).items()
     ]
     for reason, names in texts_by_reason(known.get("pending", {})).items():
-        lines.append(Text(f"cannot use {', '.join(names)} now: {reason}", "yellow"))
+        lines.append(Styled(f"cannot use {', '.join(names)} now: {reason}", "yellow"))
     performances = known.get("performances", {}).items()
     changed = [f"{name} {value:g}" for name, value in performances if name not in lost]
     if changed:
-        lines.append(Text(", ".join(changed), "yellow"))
-    return Text("\n").join(lines)
+        lines.append(Styled(", ".join(changed), "yellow"))
+    return Styled("\n").join(lines)
 
 
-def _jobs(jobs: Mapping[str, Mapping[str, Any]]) -> RenderableType:
+def _jobs(jobs: Mapping[str, Mapping[str, Any]]) -> Printable:
     """What came of the jobs of each type."""
     rows = table("jobs", "ends", "waited", "worked", "robots")
     for kind, each in jobs.items():
@@ -130,8 +128,8 @@ def _jobs(jobs: Mapping[str, Mapping[str, Any]]) -> RenderableType:
         if each["late"]:
             ends.append(f"{each['late']} of them late by {_mean(each['late_s'])}")
         robots = ", ".join(f"{robot} {count}" for robot, count in each["robots"].items())
-        times = [Text(_mean(each[key]), no_wrap=True) for key in ("waited_s", "worked_s")]
-        rows.add_row(Text(kind), ", ".join(ends), *times, Text(robots))
+        times = [Styled(_mean(each[key]), no_wrap=True) for key in ("waited_s", "worked_s")]
+        rows.add_row(Styled(kind), ", ".join(ends), *times, Styled(robots))
     return rows
 
 
@@ -143,37 +141,37 @@ def _mean(times: Mapping[str, float | None]) -> str:
     return mean if mean == most else f"{mean} (most {most})"
 
 
-def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> RenderableType:
+def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> Printable:
     """The bids, the best first, and in bold those of the robots that did the task."""
     rows = table("local task", "bids")
     for bidding in biddings[:MOST_BIDS]:
         bids = bidding["bids"]
         order = sorted(bids, key=lambda r: (bids[r] is None, -(bids[r] or 0), r))
         texts = [
-            Text(
+            Styled(
                 f"{robot} none" if bids[robot] is None else f"{robot} {bids[robot]:g}",
                 "bold" if robot in bidding["robots"] else "dim",
             )
             for robot in order
         ]
-        rows.add_row(Text(bidding["local_task"]), Text(", ").join(texts))
+        rows.add_row(Styled(bidding["local_task"]), Styled(", ").join(texts))
     more = max(0, len(biddings) - MOST_BIDS) + older
     if more <= 0:
         return rows
-    return Group(rows, Text(f"and bids for {_count(more, 'other')}", "dim"))
+    return Stack(rows, Styled(f"and bids for {_count(more, 'other')}", "dim"))
 
 
-def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Text]]:
+def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Styled]]:
     """(seconds, text) of faults, failures, problems and blocked episodes."""
     takeovers = {(t["robot"], t.get("at_s")): t for t in summary.get("takeovers", ())}
     for fault in summary.get("faults", ()):
         robot, at_s = (fault["robot"], "bold"), fault.get("at_s")
         if fault.get("kind") == "minor":
             lost = lost_text(fault["local_tasks"], fault["reason"])
-            line, end = Text.assemble(robot, (f" {lost}", "yellow")), "had it again"
+            line, end = Styled.assemble(robot, (f" {lost}", "yellow")), "had it again"
         else:
             takeover = _takeover(takeovers.get((fault["robot"], at_s), {}))
-            line, end = Text.assemble(robot, (" died", "red"), takeover), "was back"
+            line, end = Styled.assemble(robot, (" died", "red"), takeover), "was back"
         if fault.get("until_s") is not None:
             line.append(f"; {end} at {_seconds(fault['until_s'])}", "green")
         yield at_s or 0.0, line
@@ -183,30 +181,33 @@ def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Text]]:
     more = max(0, len(failures) - MOST_FAILURES) + summary.get("older", {}).get("failures", 0)
     if more:
         at_s = failures[:MOST_FAILURES][-1].get("at_s") or 0.0
-        yield at_s, Text(f"and {_count(more, 'other failure')}", "dim")
+        yield at_s, Styled(f"and {_count(more, 'other failure')}", "dim")
     for each in summary.get("problems", ()):
         yield each.get("at_s") or 0.0, problem_line(each)
     for episode in summary.get("blocked", ()):
         to_s = episode.get("to")
         until = ", to the end" if to_s is None else f", until {_seconds(to_s)}"
         reason = (f" {episode['reason']}", "yellow")
-        yield episode.get("from") or 0.0, Text.assemble((episode["request"], "bold"), reason, until)
+        yield (
+            episode.get("from") or 0.0,
+            Styled.assemble((episode["request"], "bold"), reason, until),
+        )
 
 
-def problem_line(problem: Mapping[str, Any]) -> Text:
+def problem_line(problem: Mapping[str, Any]) -> Styled:
     """A problem of a robot's program or journal, and its end if it has one."""
     until_s = problem.get("until_s")
-    return Text.assemble(
+    return Styled.assemble(
         (problem["robot"], "bold"),
         (f": {problem_text(problem['subject'], problem['problem'])}", "red"),
         ("" if until_s is None else f"; until {_seconds(until_s)}", "green"),
     )
 
 
-def failure_line(end: Mapping[str, Any]) -> Text:
+def failure_line(end: Mapping[str, Any]) -> Styled:
     """The robot and the task that failed, with the reason if the program gave one."""
     whole = "" if end["local_task"] == end["global_task"] else f" for {end['global_task']}"
-    return Text.assemble(
+    return Styled.assemble(
         (end["robot"], "bold"),
         (f" failed at {end['local_task']}{whole}", "red"),
         f": {end['reason']}" if end["reason"] else "",

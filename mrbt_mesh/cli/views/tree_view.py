@@ -4,33 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rich.text import Text
-from rich.tree import Tree as RichTree
-
+from mrbt_mesh.cli.printing import PrintedTree, Styled
 from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.evaluation import Evaluation
 from mrbt_mesh.core.bt.tree import LEAVES, Kind, Node, Status, Tree
 
 
-def mark(status: Status, text: str = "") -> Text:
+def mark(status: Status, text: str = "") -> Styled:
     """A status mark with a text in the status's colour."""
     sign, style = MARKS[status]
-    return Text.assemble((sign, style), " ", (text, "dim" if status is Status.IDLE else ""))
+    return Styled.assemble((sign, style), " ", (text, "dim" if status is Status.IDLE else ""))
 
 
-def render_tree(tree: Tree, evaluation: Evaluation, notes: Mapping[int, Text]) -> RichTree:
+def render_tree(tree: Tree, evaluation: Evaluation, notes: Mapping[int, Styled]) -> PrintedTree:
     """The tree with a mark per node, open below those that run.
 
     `notes` adds a text behind a node's label.
     """
 
-    def add(node: Node, parent: RichTree | None) -> RichTree:
+    def add(node: Node, parent: PrintedTree | None) -> PrintedTree:
         status = evaluation.status_of(node.index)
         label = mark(status, node.label)
         if node.index in notes:
             label.append("  ")
             label.append_text(notes[node.index])
-        branch = RichTree(label, guide_style="dim") if parent is None else parent.add(label)
+        branch = PrintedTree(label) if parent is None else parent.add(label)
         if node.kind is Kind.SUBTREE:
             # Its one child has the same status, and a less useful name.
             node = tree.nodes[node.children[0]]

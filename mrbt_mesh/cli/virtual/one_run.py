@@ -9,6 +9,7 @@ from typing import NoReturn
 
 from mrbt_mesh.cli.command import EXIT_OF_RESULT, FAILURE, fail
 from mrbt_mesh.cli.plugged import exporting
+from mrbt_mesh.cli.printing import Styled
 from mrbt_mesh.cli.terminal import (
     console,
     errors,
@@ -61,7 +62,8 @@ def run_and_print(
         print_json({**result.summary, **extra, "violations": result.violations})
     else:
         console.print(render_summary(result.summary))
-        console.print(f"[dim] seed {result.seed}, effect log {result.effect_log_digest}[/]")
+        seed = f" seed {result.seed}, effect log {result.effect_log_digest}"
+        console.print(Styled(seed, "dim"))
     for text in missed(named, result.duration_us):
         note(text)
     for violation in result.violations:

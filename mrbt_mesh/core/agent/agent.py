@@ -51,6 +51,7 @@ from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
+from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 
 # Any other input is always followed up.
@@ -187,11 +188,15 @@ class Agent:
         self._reviser.follow(now_us)
         if self._context.facts.declared is not self._mission:
             self._take_up_revision(now_us)
-            self._reviser.follow(now_us)
+            if not self._context.has_stopped:
+                self._reviser.follow(now_us)
 
     def _take_up_revision(self, now_us: int) -> None:
         """Another revision of the mission is in force: compose what it needs, and go on."""
         context, mission = self._context, self._context.facts.declared
+        if problem := planner_problem(mission, context.config.lacks_planner):
+            context.stop(2, problem)
+            return
         self._was_named |= context.me in self._mission.robots
         claim, robot = context.work.claim, mission.robots.get(context.me)
         is_dropped = claim is not None and context.facts.task_of(claim.activation) is None
@@ -316,6 +321,8 @@ class Agent:
             self._leave_if_removed(now_us)
         if context.facts.is_revised and context.joining is None:
             self._follow_revisions(now_us)
+        if context.has_stopped:
+            return
         if context.joining is None:
             self._plan_and_perform(events, now_us)
         self._ask_who_is_due(now_us)

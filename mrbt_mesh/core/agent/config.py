@@ -39,7 +39,8 @@ class AgentConfig:
     mission's result; otherwise it serves latecomers. `restored`: the entries of its journal;
     `keeps_journal`: it has one; `journal_problem`: why that cannot be written, empty if it can;
     `recording_problem`: the same of its recording. `plans_apart`: plans are made
-    outside of `Agent.handle` (`deferred_inputs`). With `keys` only messages that a member has
+    outside of `Agent.handle` (`deferred_inputs`). `lacks_planner`: it takes part in no mission that
+    needs the extra of this name. With `keys` only messages that a member has
     signed are accepted; `life` is then greater than that of every earlier process of this robot
     (see `membership.envelope`). `resumed`: it goes on with a life that was recorded, without
     joining anew (the simulator's what-if).
@@ -67,6 +68,7 @@ class AgentConfig:
     recording_problem: str = ""
     engine: Engine = FASTEST
     plans_apart: bool = False
+    lacks_planner: bool = False
     keys: Keys | None = None
     life: int = 0
     resumed: ResumedLife | None = None

@@ -28,6 +28,7 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import Mission
+from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.core.planning.objections import objections
 from mrbt_mesh.core.planning.revised import revision_changes
 from mrbt_mesh.errors import FileError
@@ -102,7 +103,7 @@ class Reviser:
             mission = read_mission(argument)
         except FileError as error:
             return False, f"this is no mission: {one_line(str(error))}"
-        problem = "" if self._context.me not in mission.robots else self._program_problem(mission)
+        problem = self._own_problem(mission)
         return True, json.dumps({"problem": problem})
 
     def _check_withdrawal(self, entry: Entry, _: int) -> None:
@@ -179,7 +180,17 @@ class Reviser:
         )
         if reasons:
             return reasons[0]
-        return "" if context.me not in mission.robots else self._program_problem(mission)
+        return self._own_problem(mission)
+
+    def _own_problem(self, mission: Mission) -> str | None:
+        """Why this robot cannot take part in a mission; None until the runtime has answered."""
+        context = self._context
+        is_named = context.me in mission.robots
+        if not is_named and context.me in context.mission.robots:
+            return ""  # it leaves
+        if problem := planner_problem(mission, context.config.lacks_planner):
+            return problem
+        return self._program_problem(mission) if is_named else ""
 
     def _program_problem(self, mission: Mission) -> str | None:
         """Why the robot's program cannot do a mission; None until the runtime has answered."""

@@ -13,13 +13,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, require
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
 UNASSIGNED = -1
+PLANNER = "planner"
+PLANNER_MODULES = ("numpy", "ortools")
 
 Integers: TypeAlias = "npt.NDArray[np.int64]"
 
@@ -51,6 +53,11 @@ class Shared:
 
 
 SideConstraint: TypeAlias = Limit | Shared
+
+
+def require_planner(what: str = "planning by min-cost flow or CP-SAT") -> None:
+    """Raise MissingExtraError unless the libraries of large and constrained problems are there."""
+    require(what, PLANNER, *PLANNER_MODULES)
 
 
 def integers(values: Iterable[int]) -> Integers:

@@ -10,7 +10,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mrbt_mesh.core.assignment.named import NamedProblem
-from mrbt_mesh.core.assignment.problem import UNASSIGNED, SideConstraint, Solver
+from mrbt_mesh.core.assignment.problem import (
+    UNASSIGNED,
+    SideConstraint,
+    Solver,
+    require_planner,
+)
 from mrbt_mesh.core.assignment.solvers import default_solver
 
 # Robots times demands up to which `of_few` takes less than 3 ms. From some 100 on arrays would be
@@ -19,21 +24,26 @@ FEW = 300
 
 
 def needs_arrays(robots: int, demands: int) -> bool:
-    """Whether the default solver may have to use arrays for this size, and not `of_few`."""
+    """Whether arrays are the faster way for this size, and not `of_few`."""
     return demands > 1 and robots * demands > FEW
 
 
-def optimum(team: NamedProblem, solver: Solver) -> dict[str, str] | None:
+def optimum(
+    team: NamedProblem, solver: Solver, may_use_arrays: bool = True
+) -> dict[str, str] | None:
     """Robot -> demand, without the idle robots; None if infeasible.
 
-    A solver of the user's is asked whenever there is a choice between demands. Raises SolverError
-    as `canonical.solve`.
+    A solver of the user's is asked whenever there is a choice between demands. Without
+    `may_use_arrays` the default one never is: robots that lack its libraries plan the mission as
+    well. Raises SolverError as `canonical.solve`.
     """
     if len(team.demands) == 1:
         return of_one(team)
-    if solver is default_solver and not needs_arrays(len(team.robots), len(team.demands)):
+    is_large = may_use_arrays and needs_arrays(len(team.robots), len(team.demands))
+    if solver is default_solver and not is_large:
         return of_few(team)
     # Loaded here: the libraries make up a third of a robot's process.
+    require_planner()
     from mrbt_mesh.core.assignment.canonical import solve
 
     return named(team, solve(team.problem(), solver))
@@ -43,6 +53,7 @@ def within(
     problem: NamedProblem, limits: tuple[SideConstraint, ...], solver: Solver
 ) -> dict[str, str] | None:
     """`optimum` within side constraints."""
+    require_planner()
     from mrbt_mesh.core.assignment.canonical import solve
 
     return named(problem, solve(replace(problem.problem(), constraints=limits), solver))

@@ -16,8 +16,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
+from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.evaluator import Evaluator
-from mrbt_mesh.core.bt.tree import Tree, build_tree, spec_from_json, spec_to_json
+from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
@@ -560,6 +561,21 @@ class Mission:
         yield from self.global_tasks.values()
         for known in self.jobs.values():
             yield from known.global_tasks.values()
+
+    @cached_property
+    def may_need_arrays(self) -> bool:
+        """Whether assignments may get so large that arrays are faster, if all is asked for at the
+        same time. Robots that join without being named here do not change it.
+        """
+        tasks, nodes = {task.id: task for task in self.all_tasks()}, self.tree.nodes
+
+        def needs(index: int) -> int:
+            node = nodes[index]
+            if node.kind is Kind.ACTION:
+                return len(tasks[node.subject].needs)
+            return sum(map(needs, node.children)) * (node.limit if node.kind is Kind.JOBS else 1)
+
+        return needs_arrays(len(self.robots), needs(0))
 
     @cached_property
     def has_bids(self) -> bool:

@@ -277,7 +277,10 @@ def _assign(
     limits: tuple[SideConstraint, ...] = ()
     if mission.constraints:
         limits = side_constraints(mission.constraints, free, list(wanted.values()), at_work)
-    assigned = within(problem, limits, solver) if limits else optimum(problem, solver)
+    if limits:
+        assigned = within(problem, limits, solver)
+    else:
+        assigned = optimum(problem, solver, mission.may_need_arrays)
     if assigned is None:
         return None
     return {robot: _assignment(robot, wanted[name], False) for robot, name in assigned.items()}

@@ -17,6 +17,7 @@ from mrbt_mesh.core.assignment.problem import (
     Limit,
     Shared,
     SideConstraint,
+    require_planner,
 )
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
 from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
@@ -98,6 +99,7 @@ def feasibility(
 ) -> Feasibility:
     """What decides which of the requests with these demands can be kept."""
     if constraints:
+        require_planner()
         return SideConstraintCheck(constraints, robots, demands)
     return Consistency(robots)
 

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem, Integers
 from mrbt_mesh.core.facts.jobs import COUNTED_ENDS
 from mrbt_mesh.core.facts.records import Claim, Phase
@@ -42,6 +41,9 @@ def optimal_assignment(run: RunFindings, agent: AgentView) -> None:
 
     The best is found by `first_of_the_best`.
     """
+    # Loaded here: it needs an extra.
+    from mrbt_mesh.core.assignment.canonical import solve
+
     problems: list[AssignmentProblem] = []
 
     def noting(problem: AssignmentProblem) -> Sequence[int] | Integers | None:

@@ -26,7 +26,7 @@ from mrbt_mesh.cli.options import (
     seed_option,
     virtual_timeout_option,
 )
-from mrbt_mesh.plugins import require
+from mrbt_mesh.errors import require
 
 file_argument = click.argument("file", metavar="FILE.mcap", type=PATH, help="A recording.")
 GAPS = ("unsigned", "robot", "observer", "named", "end", "summary", "commands")

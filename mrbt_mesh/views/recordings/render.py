@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.table import Table
-from rich.text import Text
-
+from mrbt_mesh.cli.printing import Printable, Stack, Styled
+from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.views.replay.findings import ON_TRUST, Verification
 
 # Findings that are printed; `--json` has all.
@@ -28,74 +26,70 @@ _COUNTED = {
 }
 
 
-def render_verdict(verdict: Verification, accepted: Collection[str]) -> RenderableType:
+def render_verdict(verdict: Verification, accepted: Collection[str]) -> Printable:
     """Counts, takeovers with their causes, what is proved, what is not, and by which key."""
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(justify="right")
-    table.add_column()
+    counts = table("", "", right=(0,))
     for name, text in _COUNTED.items():
         if name in verdict.counts:
-            table.add_row(str(verdict.counts[name]), text)
-    parts: list[RenderableType] = [_basis(verdict), table]
+            counts.add_row(str(verdict.counts[name]), text)
+    parts: list[Printable] = [_basis(verdict), counts]
     for each in verdict.takeovers:
         text = f"{each.at_us / 1e6:.3f} s: {each.robot} took over {each.local_task} of {each.of}"
-        parts.append(Text(f"{text}: {each.cause}"))
-    parts += [Text(f"proved: {each}", "green") for each in verdict.proved]
+        parts.append(Styled(f"{text}: {each.cause}"))
+    parts += [Styled(f"proved: {each}", "green") for each in verdict.proved]
     for gap in verdict.gaps:
         word = "accepted" if gap.kind in accepted else "not proved"
-        parts.append(Text(f"{word}: {gap}", "yellow"))
-    parts += [Text(f"note: {each}", "yellow") for each in verdict.notes]
+        parts.append(Styled(f"{word}: {gap}", "yellow"))
+    parts += [Styled(f"note: {each}", "yellow") for each in verdict.notes]
     if verdict.no_evidence:
         listed = ", ".join(verdict.no_evidence)
-        parts.append(Text(f"no evidence, as nothing signs them: {listed}", "dim"))
-    parts += [Text(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
+        parts.append(Styled(f"no evidence, as nothing signs them: {listed}", "dim"))
+    parts += [Styled(str(finding), "red") for finding in verdict.findings[:MOST_FINDINGS]]
     more = len(verdict.findings) - MOST_FINDINGS
     if more > 0:
-        parts.append(Text(f"and {more} more: --json has all", "red"))
+        parts.append(Styled(f"and {more} more: --json has all", "red"))
     files = f"{len(verdict.files)} recordings"
     if verdict.is_proved:
-        last = Text(f"proved: what the team did, by {files}; {ON_TRUST}", "bold green")
+        last = Styled(f"proved: what the team did, by {files}; {ON_TRUST}", "bold green")
     elif verdict.holds(accepted):
-        last = Text(f"{files} agree; what was accepted above is not proved", "bold")
+        last = Styled(f"{files} agree; what was accepted above is not proved", "bold")
     else:
         gaps = sum(gap.kind not in accepted for gap in verdict.gaps)
         counted = f"{len(verdict.findings)} contradictions, {gaps} gaps"
-        last = Text(f"not proved: {counted} in {files}", "bold red")
-    return Group(*parts, last)
+        last = Styled(f"not proved: {counted} in {files}", "bold red")
+    return Stack(*parts, last)
 
 
-def _basis(verdict: Verification) -> Text:
+def _basis(verdict: Verification) -> Styled:
     """What all signatures depend on."""
     if not verdict.team_key:
-        return Text("Without keys everything can be forged: this proves nothing.", "bold yellow")
+        return Styled("Without keys everything can be forged: this proves nothing.", "bold yellow")
     compare = "compare it with your own: `mrbt keys show`"
-    return Text(f"signed by the team whose key is {verdict.team_key[:16]}: {compare}")
+    return Styled(f"signed by the team whose key is {verdict.team_key[:16]}: {compare}")
 
 
-def render_what_if(data: Mapping[str, Any]) -> RenderableType:
+def render_what_if(data: Mapping[str, Any]) -> Printable:
     """The recorded run beside its simulated continuation, and the assumptions."""
-    table = Table(box=None, header_style="dim")
-    for heading in ("", "what happened", "what if"):
-        table.add_column(heading)
-    rows = (data["recorded"], data["what_if"])
-    table.add_row("result", *(Text(row["result"], "bold") for row in rows))
-    table.add_row("over", *(_time(row["over_at_s"]) for row in rows))
+    rows = table("", "what happened", "what if")
+    both = (data["recorded"], data["what_if"])
+    rows.add_row("result", *(Styled(row["result"], "bold") for row in both))
+    rows.add_row("over", *(_time(row["over_at_s"]) for row in both))
     for state in _TASK_STATES:
         counts = [
-            sum(task["status"] == state for task in row["global_tasks"].values()) for row in rows
+            sum(task["status"] == state for task in row["global_tasks"].values()) for row in both
         ]
         if any(counts):
-            table.add_row(f"tasks: {state}", *map(str, counts))
-    table.add_row("blocked", *("; ".join(_blocked(row)) or "nothing" for row in rows))
+            rows.add_row(f"tasks: {state}", *map(str, counts))
+    rows.add_row("blocked", *("; ".join(_blocked(row)) or "nothing" for row in both))
     faults = ", ".join(data["faults"]) or "no other fault"
     if data["without_recorded_faults"]:
         faults += ", without the recorded ones"
     under_way = ", ".join(f"{robot}: {task}" for robot, task in data["under_way"].items())
-    return Group(
-        Text(f"from {data['at_s']:g} s on: {faults}", "bold"),
-        Text(f"under way then: {under_way or 'nothing'}"),
-        table,
-        *(Text(f"assumed: {text}", "dim") for text in data["assumed"]),
+    return Stack(
+        Styled(f"from {data['at_s']:g} s on: {faults}", "bold"),
+        Styled(f"under way then: {under_way or 'nothing'}"),
+        rows,
+        *(Styled(f"assumed: {text}", "dim") for text in data["assumed"]),
     )
 
 

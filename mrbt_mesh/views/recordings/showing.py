@@ -85,7 +85,7 @@ def compare(player: Player, other: Player, as_json: bool) -> None:
             for name, sign in (("first", ""), ("second", ""), ("difference", "+"))
         )
         rows.add_row(row["figure"], first, second, difference)
-    console.print(rows, highlight=False)
+    console.print(rows)
     for name, text in zip(names, torn, strict=True):
         if text is not None:
             click.echo(f"{name}: {text}")

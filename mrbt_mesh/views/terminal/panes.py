@@ -51,7 +51,9 @@ def head_text(shown: ShownTeam) -> Text:
     text.append(f" {shown.mission['name']} ", "bold reverse")
     text.append(f" {shown.now_s:.1f} s  " if team["started"] else " not begun  ")
     for statement in shown.headline:
-        text.append_text(statement_text(statement)).append("  ")
+        for part, style in statement_text(statement).spans:
+            text.append(part, style)
+        text.append("  ")
     if team["rounds"] > 1:
         text.append(f"round {team['rounds']}  ")
     text.right_crop(2)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from mrbt_mesh.errors import InputError
+from mrbt_mesh.errors import InputError, require
 from mrbt_mesh.plugins import OpenView, ViewerOptions
 
 if TYPE_CHECKING:
@@ -23,7 +23,8 @@ class TopViewer:
     summary = "Show the team in this terminal, by keys: tree, robots, timeline, and why; q ends it."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without a terminal."""
+        """Raises InputError without a terminal, or without textual."""
+        require("the view by keys", "terminal", "textual")
         # textual draws on standard error.
         if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
             raise InputError("the view by keys needs a terminal; --headless prints lines")

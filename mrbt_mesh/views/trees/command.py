@@ -50,7 +50,7 @@ def show(file: Path, mermaid: bool, robot: str | None, only: str | None, as_json
         sys.stdout.write(render_mermaid(shapes))
     else:
         for number, shape in enumerate(shapes):
-            console.print(*([""] if number else []), render_text(shape), sep="\n", highlight=False)
+            console.print(*([""] if number else []), render_text(shape))
 
 
 @tree.command("check")

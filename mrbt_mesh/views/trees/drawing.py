@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.text import Text
-from rich.tree import Tree as RichTree
-
+from mrbt_mesh.cli.printing import PrintedTree, Styled
 from mrbt_mesh.views.trees.shapes import Shape
 
 # Look -> style in a terminal, fill and border of a flowchart.
@@ -20,12 +18,12 @@ COLOURS = {
 }
 
 
-def render_text(shape: Shape, parent: RichTree | None = None) -> RichTree:
+def render_text(shape: Shape, parent: PrintedTree | None = None) -> PrintedTree:
     """A tree for the terminal."""
-    text = Text(f"{shape.symbol} {shape.label}", COLOURS[shape.look][0])
+    text = Styled(f"{shape.symbol} {shape.label}", COLOURS[shape.look][0])
     if shape.notes:
-        text = Text.assemble(text, ("  " + ", ".join(shape.notes), "dim"))
-    branch = RichTree(text, guide_style="dim") if parent is None else parent.add(text)
+        text = Styled.assemble(text, ("  " + ", ".join(shape.notes), "dim"))
+    branch = PrintedTree(text) if parent is None else parent.add(text)
     for child in shape.children:
         render_text(child, branch)
     return branch

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from mrbt_mesh.plugins import OpenView, ViewerOptions, require
+from mrbt_mesh.errors import require
+from mrbt_mesh.plugins import OpenView, ViewerOptions
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp

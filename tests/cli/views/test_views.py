@@ -7,10 +7,10 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from rich.console import Console, RenderableType
 
 from mrbt_mesh.cli.commands.status import status_data
 from mrbt_mesh.cli.launching import overload_text
+from mrbt_mesh.cli.printing import Printable, plain
 from mrbt_mesh.cli.views.marks import by_urgency
 from mrbt_mesh.cli.views.status_view import render_status
 from mrbt_mesh.cli.views.summary_view import capability_changes, render_summary
@@ -37,11 +37,8 @@ def run(
     return simulate(mission, program, seed=1, schedule=schedule, timeout_us=timeout_us)
 
 
-def drawn(view: RenderableType, height: int = 40, width: int = 140) -> str:
-    console = Console(width=width, height=height, record=True, file=None, force_terminal=False)
-    with console.capture() as captured:
-        console.print(view)
-    return captured.get()
+def drawn(view: Printable, width: int = 140) -> str:
+    return plain(view, width)
 
 
 def line_of(text: str, part: str) -> str:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import re
+from dataclasses import replace
+
 import pytest
 
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
+from mrbt_mesh.core.agent.effects import CheckMission
 from mrbt_mesh.core.agent.operator_messages import (
     CONFLICT,
     NOT_READY,
@@ -12,12 +17,24 @@ from mrbt_mesh.core.agent.operator_messages import (
     command_version,
     operate_body,
 )
+from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.facts.records import HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.mission.revisions import revise
+from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import compile_mission
 from tests.support.one_robot import MISSION, desk
+from tests.support.paths import mission_file
+
+FILE = mission_file("deliveries")
+# Without D1, whose desk it is.
+OTHERS = replace(
+    mission_from_yaml(
+        re.sub(r"D1: \w+, ", "", FILE.read_text(encoding="utf-8")), "m.yaml", FILE.parent
+    ),
+    solver="cp_sat",
+)
 
 
 @pytest.mark.parametrize(("number", "cause"), [(1, NOT_READY), (3, CONFLICT), (2, None)])
@@ -35,3 +52,31 @@ def test_a_revision_of_which_only_the_number_is_known_may_be_the_one_proposed(
     answer = robot.take(operate_body(CommandStep.CHECK, entry), 0)
     assert not isinstance(answer, AwaitedAnswer)
     assert answer.get("cause") == cause, answer
+
+
+@pytest.mark.parametrize("is_named", [True, False])
+def test_a_robot_that_cannot_plan_a_revision_refuses_it_though_its_program_fits(
+    is_named: bool,
+) -> None:
+    """Also one that has joined without being named, since it plans as all do."""
+    _, context = desk()
+    context.config = replace(context.config, lacks_planner=True)
+    if not is_named:
+        context.mission = OTHERS
+    mission = MISSION if is_named else OTHERS
+    good, answer = Reviser(context).check(compile_mission(mission), 0)
+    assert good
+    assert "pip install 'mrbt-mesh[planner]'" in json.loads(answer)["problem"]
+    assert not context.take_effects()
+
+
+def test_a_robot_that_leaves_by_a_revision_need_not_plan_it() -> None:
+    _, context = desk()
+    context.config = replace(context.config, lacks_planner=True)
+    assert Reviser(context).check(compile_mission(OTHERS), 0) == (True, json.dumps({"problem": ""}))
+
+
+def test_with_the_libraries_its_program_is_asked() -> None:
+    _, context = desk()
+    Reviser(context).check(compile_mission(MISSION), 0)
+    assert [type(effect) for effect in context.take_effects()] == [CheckMission]
