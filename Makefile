@@ -157,7 +157,6 @@ test-docker: $(READY)
 .PHONY: parts-interop parts-vda5050 parts-ros2 parts-world
 parts-interop: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[interop]'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps py_trees_js
 
 INTEROP_TESTS := tests/adapters tests/processes/test_foxglove.py tests/btcpp/executor/test_tree_with_others.py \
 	tests/btcpp/files/test_*_as_the_library.py tests/analysis/test_*_as_the_library.py

@@ -137,21 +137,6 @@ class MachineViewer(Protocol):
         """The address at which they are shown until the context ends."""
 
 
-class Export(Protocol):
-    """Writes a file for another program while a team is watched or simulated: `--NAME FILE`."""
-
-    summary: str
-    suffix: str
-
-    def start(
-        self, mission: Mission, began_us: int, began_unix_us: int
-    ) -> tuple[bytes, Callable[[Observer, int], bytes]]:
-        """The file's header, and what returns the bytes to append at a time.
-
-        `began_us` is the time on the observer's clock that is the Unix time `began_unix_us`.
-        """
-
-
 @dataclass(frozen=True)
 class MetricsAddress:
     """Where metrics are served: the port, and the address of the interface."""
@@ -277,7 +262,6 @@ class TreeFormat(Protocol):
 # A command of `mrbt`, or a group of them; "tree.lift" is added to the group "tree".
 COMMANDS: Group[click.Command] = Group("mrbt_mesh.commands", "command")
 VIEWS: Group[Viewer] = Group("mrbt_mesh.views", "view")
-ADAPTERS: Group[Export] = Group("mrbt_mesh.adapters", "adapter")
 # What is survived of a mission's robots and capabilities, in words: by type of jobs, or by "".
 ANALYSES: Group[Callable[[Mission], Mapping[str, str]]] = Group("mrbt_mesh.analyses", "analysis")
 METRICS: Group[Metrics] = Group("mrbt_mesh.metrics", "kind of metrics")

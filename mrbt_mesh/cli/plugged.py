@@ -1,30 +1,22 @@
-"""Options that installed plug-ins add to `watch`, `up` and `sim run`: views and exports."""
+"""Options that installed views add to `watch` and `up`."""
 
 from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import click
 
-from mrbt_mesh.cli.command import PATH, PORT, refuse, with_options
+from mrbt_mesh.cli.command import PORT, refuse, with_options
 from mrbt_mesh.cli.options import chosen_robots
-from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import ADAPTERS, VIEWS, Viewer, ViewerOptions
+from mrbt_mesh.plugins import VIEWS, Viewer, ViewerOptions
 
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.core.observer.observer import Observer
-
-# Is called whenever something may have changed, with the time on the observer's clock.
-LookOn: TypeAlias = "Callable[[Observer, int], None]"
-
 
 # What a proxy of this machine may be reached at.
 _PUBLIC_URL = re.compile(r"https?://[A-Za-z0-9.\[\]:-]+(/[A-Za-z0-9._~/-]*)?")
@@ -51,9 +43,6 @@ def public_url_option(what: str) -> Callable[..., Any]:
     """The option for the address at which a proxy serves `what`."""
     text = f"Address at which a proxy serves the {what}: https://..."
     return click.option("--public-url", type=PublicUrl(), metavar="URL", help=text)
-
-
-# -- views ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -104,85 +93,3 @@ def view_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--robot", metavar="ID", help="Show the tree of this robot in the view."),
     ]
     return with_options(call, flags)
-
-
-# -- files for other programs -----------------------------------------------------------------
-
-
-def export_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """An option for each installed export; the command gets the files by name, as `exports`."""
-    names = ADAPTERS.names()
-
-    @functools.wraps(function)
-    def call(**values: Any) -> Any:
-        files = {name: values.pop(name.replace("-", "_")) for name in names}
-        exports = {name: path for name, path in files.items() if path is not None}
-        return function(**values, exports=exports)
-
-    plugins = {name: ADAPTERS.load(name) for name in names}
-    options = [
-        click.option(f"--{name}", type=PATH, metavar=f"FILE{each.suffix}", help=each.summary)
-        for name, each in plugins.items()
-    ]
-    return with_options(call, options)
-
-
-def check_exports(exports: Mapping[str, Path]) -> None:
-    """Raise InputError for files that cannot be written, or have another format's ending."""
-    from mrbt_mesh.cli.terminal import check_outputs
-
-    check_outputs(None, {f"--{name}": path for name, path in exports.items()})
-    for name, path in exports.items():
-        suffix = ADAPTERS.load(name).suffix
-        if path.suffix != suffix:
-            raise InputError(f"--{name} {path}: the name has to end in {suffix}")
-
-
-@contextmanager
-def exporting(
-    exports: Mapping[str, Path], mission: Mission, began_us: int, began_unix_us: int
-) -> Iterator[LookOn]:
-    """Open the files; yields the function that writes to them.
-
-    `began_us`: the time on the observer's clock that is the Unix time `began_unix_us`. Raises
-    InputError for files that cannot be written.
-    """
-    with ExitStack() as stack:
-        writers = []
-        for name, path in exports.items():
-            header, changes = ADAPTERS.load(name).start(mission, began_us, began_unix_us)
-            file = stack.enter_context(_opened(path))
-            _write(file, header)
-            writers.append((file, changes))
-
-        def look_on(observer: Observer, now_us: int) -> None:
-            for file, changes in writers:
-                _write(file, changes(observer, now_us))
-
-        yield look_on
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
-    from mrbt_mesh.cli.terminal import reason
-
-    try:
-        # Unbuffered, so that nothing is lost however the process ends.
-        file = path.open("wb", buffering=0)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {reason(error)}") from None
-    with file:
-        yield file
-
-
-def _write(file: BinaryIO, data: bytes) -> None:
-    """Write it; a full disk ends the file, not the run."""
-    from mrbt_mesh.cli.terminal import note, reason
-
-    if file.closed or not data:
-        return
-    try:
-        file.write(data)
-    except OSError as error:
-        note(f"{file.name}: ends here: {reason(error)}")
-        file.close()

@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit, urlunsplit
@@ -21,7 +21,7 @@ from mrbt_mesh.cli.finished import print_summary
 from mrbt_mesh.cli.guide import Guide
 from mrbt_mesh.cli.operator_end import with_operator_end
 from mrbt_mesh.cli.options import ShowOptions
-from mrbt_mesh.cli.plugged import ChosenViews, LookOn, exporting
+from mrbt_mesh.cli.plugged import ChosenViews
 from mrbt_mesh.cli.terminal import errors, print_json
 from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.observer.summary import run_summary
@@ -186,7 +186,6 @@ class Session:
     team: Team | None
     show: ShowOptions
     views: ChosenViews
-    exports: Mapping[str, Path] = field(default_factory=dict)
     metrics: MetricsAddress | None = None
     record: RecordTo | None = None
     overload: Overload | None = None
@@ -201,7 +200,7 @@ class Session:
         status. Views that stay are then shown on, until time is up or Ctrl-C.
         """
         deadline = self._deadline()
-        async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
+        async with self._opened() as (watcher, opened), anyio.create_task_group() as group:
             for line in _address_lines(opened, self.views.options):
                 click.echo(line, err=self.show.as_json)
             if self.team is not None:
@@ -209,7 +208,7 @@ class Session:
             if self.guide is not None and self.team is not None:
                 group.start_soon(self.guide.kill_one, watcher, self.team)
             async with self._display(watcher, opened) as refresh:
-                why = await self._until_over(watcher, opened, look_on, refresh, deadline)
+                why = await self._until_over(watcher, opened, refresh, deadline)
             stay = {name: view for name, view in opened.items() if view.stays}
             if why not in (STOPPED, TIME_IS_UP) and self.end_team is not None and stay:
                 status = self._report(watcher, why)
@@ -217,7 +216,7 @@ class Session:
                 for line in _address_lines(stay, self.views.options):
                     click.echo(f"{line} stays until Ctrl-C", err=self.show.as_json)
                 sys.stdout.flush()
-                how = (watcher, stay, look_on, lambda: None, deadline)
+                how = (watcher, stay, lambda: None, deadline)
                 await self._until_over(*how, is_endless=True)
                 group.cancel_scope.cancel()
                 return status
@@ -232,7 +231,7 @@ class Session:
 
     async def follow(self) -> int:
         """Show the views until one is closed, time is up, or Ctrl-C; returns the exit status."""
-        async with self._opened() as (watcher, opened, look_on), anyio.create_task_group() as group:
+        async with self._opened() as (watcher, opened), anyio.create_task_group() as group:
             if self.team is not None:
                 if not self.team.living():
                     # The run is over, and only its journals are left.
@@ -245,14 +244,14 @@ class Session:
                 for line in _address_lines(opened, self.views.options):
                     click.echo(line)
             sys.stdout.flush()
-            how = (watcher, opened, look_on, lambda: None, self._deadline())
+            how = (watcher, opened, lambda: None, self._deadline())
             await self._until_over(*how, is_endless=True)
             group.cancel_scope.cancel()
         return SUCCESS
 
     @contextlib.asynccontextmanager
-    async def _opened(self) -> AsyncIterator[tuple[Watcher, dict[str, OpenView], LookOn]]:
-        """The watcher, the open views by name, and the function that writes exported files."""
+    async def _opened(self) -> AsyncIterator[tuple[Watcher, dict[str, OpenView]]]:
+        """The watcher, and the open views by name."""
         async with contextlib.AsyncExitStack() as stack:
             watcher = await stack.enter_async_context(
                 watching(self.address, self.record, tell_past=self.past, batch_s=BATCH_S)
@@ -265,10 +264,7 @@ class Session:
                 )
                 for name, viewer in self.views.viewers.items()
             }
-            now_us, unix_us = boottime_us(), time.time_ns() // 1_000
-            mission = watcher.observer.mission
-            look_on = stack.enter_context(exporting(self.exports, mission, now_us, unix_us))
-            yield watcher, opened, look_on
+            yield watcher, opened
 
     @contextlib.asynccontextmanager
     async def _display(
@@ -313,7 +309,6 @@ class Session:
         self,
         watcher: Watcher,
         opened: Mapping[str, OpenView],
-        look_on: LookOn,
         refresh: Callable[[], None],
         deadline: float,
         is_endless: bool = False,
@@ -329,7 +324,6 @@ class Session:
                     watcher.changed.set()
 
         def update() -> None:
-            look_on(watcher.observer, boottime_us())
             for view in opened.values():
                 view.update()
             refresh()

@@ -167,7 +167,6 @@ def run_scenario(
     engine: Engine | None = None,
     keep_log: bool = False,
     record: Path | None = None,
-    look_on: LookOn | None = None,
     keys: Mapping[str, Keys] | None = None,
 ) -> SimulationResult:
     """`simulate` with the faults, the network and the robots of a scenario; `keys`: as in
@@ -191,7 +190,6 @@ def run_scenario(
         speed=scenario.speed,
         keep_log=keep_log,
         record=record,
-        look_on=look_on,
     )
 
 

@@ -9,7 +9,6 @@ import struct
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 
 import anyio
 import zmq
@@ -92,34 +91,6 @@ def served(monitored: MonitoredTree) -> Iterator[int]:
     finally:
         anyio.from_thread.run_sync(scopes[0].cancel, token=tokens[0])
         thread.join()
-
-
-@dataclass(frozen=True)
-class LogFile:
-    """A .btlog file as it was read: `changes` are (microseconds, uid, status)."""
-
-    xml: bytes
-    began_unix_us: int
-    changes: list[tuple[int, int, int]]
-
-
-def read_btlog(data: bytes) -> LogFile:
-    """Read a file as its format is described, and see that nothing is left over."""
-    magic = b"BTCPP4-FileLogger2"
-    assert data[: len(magic)] == magic
-    at = len(magic)
-    assert data[at] == 1
-    (length,) = struct.unpack_from("<i", data, at + 1)
-    xml = data[at + 5 : at + 5 + length]
-    at += 5 + length
-    (began,) = struct.unpack_from("<q", data, at)
-    rest = data[at + 8 :]
-    assert len(rest) % 9 == 0
-    changes = [
-        (int.from_bytes(rest[n : n + 6], "little"), *struct.unpack_from("<HB", rest, n + 6))
-        for n in range(0, len(rest), 9)
-    ]
-    return LogFile(xml, began, changes)
 
 
 class Monitor:

@@ -1,1 +1,1 @@
-"""Groot2 and BehaviorTree.CPP's other monitors: their protocol over ZeroMQ, and .btlog files."""
+"""Groot2 and BehaviorTree.CPP's other monitors: their protocol over ZeroMQ."""

@@ -93,7 +93,7 @@ def shown(before: int, status: int) -> int:
 
 
 def transition(at_us: int, uid: int, status: int) -> bytes:
-    """One change of a status, as in recordings and in .btlog files: 9 bytes.
+    """One change of a status, as in recordings: 9 bytes.
 
     `at_us`: since the recording began, modulo 2**48.
     """

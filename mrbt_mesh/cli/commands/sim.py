@@ -23,9 +23,7 @@ from mrbt_mesh.cli.options import (
     speed_option,
     virtual_timeout_option,
 )
-from mrbt_mesh.cli.plugged import check_exports, export_options
 from mrbt_mesh.errors import InputError
-from mrbt_mesh.plugins import ADAPTERS
 
 if TYPE_CHECKING:
     from mrbt_mesh.sim.world.network import NetworkKnobs
@@ -71,7 +69,6 @@ share_option = partial(click.option, type=FiniteNumber(0, 1), default=0.0)
 @click.option("--events", type=PATH, metavar="FILE", help="Write the robots' actions (JSON lines).")
 @click.option("--log", type=PATH, metavar="FILE", help="Write every effect of every agent.")
 @click.option("--record", type=PATH, metavar="DIR", help="Record all that robots know and do.")
-@export_options
 @json_option
 def run(
     *,
@@ -87,7 +84,6 @@ def run(
     events: Path | None,
     log: Path | None,
     record: Path | None,
-    exports: dict[str, Path],
     as_json: bool,
     **options: Any,
 ) -> None:
@@ -117,17 +113,14 @@ def run(
     from mrbt_mesh.sim.world.named_faults import check_faults
     from mrbt_mesh.sim.world.setup import AgentOptions
 
-    outputs = {"--events": events, "--log": log}
-    check_outputs(mission, outputs | {f"--{name}": path for name, path in exports.items()})
+    check_outputs(mission, {"--events": events, "--log": log})
     check_new_folder("--record", record)
-    check_exports(exports)
-    files = RunFiles(events, log, record, exports)
+    files = RunFiles(events, log, record)
     if schedule is not None:
-        files_options = ("--events", "--log", "--record", *(f"--{n}" for n in ADAPTERS.names()))
-        own = {"MISSION", "--schedule", "--program", "--json", *files_options}
+        own = {"MISSION", "--schedule", "--program", "--json", "--events", "--log", "--record"}
         refuse("not with --schedule, whose file has it", *({*used()} - own))
         read = read_schedule(schedule, mission, program)
-        run_and_print(partial(run_scenario, *read), read[0], (), files, as_json)
+        run_and_print(partial(run_scenario, *read), (), files, as_json)
     if mission is None:
         raise InputError("give a MISSION, or the --schedule of a run to repeat")
     loaded = load_mission(mission)
@@ -147,7 +140,7 @@ def run(
         noise_permille=round(noise * 1_000),
         agents=AgentOptions(solver=solver_for(loaded, solver)),
     )
-    run_and_print(once, loaded, named, files, as_json)
+    run_and_print(once, named, files, as_json)
 
 
 def _knobs(

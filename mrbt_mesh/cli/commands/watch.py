@@ -14,7 +14,7 @@ from mrbt_mesh.cli.command import (
 )
 from mrbt_mesh.cli.commands.agent import METRICS
 from mrbt_mesh.cli.options import ShowOptions, record_beats_option, show_options
-from mrbt_mesh.cli.plugged import ChosenViews, check_exports, export_options, view_options
+from mrbt_mesh.cli.plugged import ChosenViews, view_options
 from mrbt_mesh.cli.team_options import TeamOptions, team_options
 
 
@@ -22,7 +22,6 @@ from mrbt_mesh.cli.team_options import TeamOptions, team_options
 @show_options
 @team_options
 @view_options
-@export_options
 @click.option("--record", type=PATH, metavar="FILE.mcap", help="Record all that is heard.")
 @record_beats_option
 @METRICS[0]
@@ -31,7 +30,6 @@ def watch(
     show: ShowOptions,
     team: TeamOptions,
     views: ChosenViews,
-    exports: dict[str, Path],
     record: Path | None,
     record_beats: bool,
     metrics_port: int | None,
@@ -59,7 +57,6 @@ def watch(
     from mrbt_mesh.runtime.observer_recording import RecordTo
     from mrbt_mesh.runtime.team import Team
 
-    check_exports(exports)
     views.check()
     if metrics_port is None:
         refuse("give --metrics-port too", "--metrics-host")
@@ -67,7 +64,7 @@ def watch(
     if record is None:
         refuse("of a recording: give --record as well", "--record-beats")
     if team.run_dir is None and team.mission is None:
-        if not (exports or metrics or record) and (name := watching.machine_view(views)):
+        if not (metrics or record) and (name := watching.machine_view(views)):
             raise SystemExit(anyio.run(watching.show_machine, name, views, show))
         watching.wait_for_a_run()
     found = team.run_directory()
@@ -85,7 +82,6 @@ def watch(
         processes,
         show,
         views,
-        exports=exports,
         metrics=metrics,
         record=RecordTo(record, record_beats) if record is not None else None,
         past=watching.past_of(processes),

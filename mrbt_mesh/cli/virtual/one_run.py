@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 from mrbt_mesh.cli.command import EXIT_OF_RESULT, FAILURE, fail
-from mrbt_mesh.cli.plugged import exporting
 from mrbt_mesh.cli.printing import Styled
 from mrbt_mesh.cli.terminal import (
     console,
@@ -20,7 +19,6 @@ from mrbt_mesh.cli.terminal import (
     reason,
 )
 from mrbt_mesh.cli.views.summary_view import render_summary
-from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.sim.run import SimulationError, SimulationResult
@@ -34,24 +32,20 @@ class RunFiles:
     events: Path | None
     log: Path | None
     record: Path | None
-    exports: Mapping[str, Path]
 
 
 def run_and_print(
     run: Callable[..., SimulationResult],
-    mission: Mission,
     named: Sequence[NamedFault],
     files: RunFiles,
     as_json: bool,
 ) -> NoReturn:
     """Make a run, write its files, print its summary, and end with its exit status.
 
-    `run` takes `keep_log`, `look_on` and `record`. Times in exported files count from 0. Raises
-    InputError for files that cannot be written.
+    `run` takes `keep_log` and `record`. Raises InputError for files that cannot be written.
     """
     try:
-        with exporting(files.exports, mission, 0, 0) as look_on:
-            result = run(keep_log=files.log is not None, look_on=look_on, record=files.record)
+        result = run(keep_log=files.log is not None, record=files.record)
     except OSError as error:
         raise InputError(f"--record {files.record}: cannot be written: {reason(error)}") from None
     except SimulationError as error:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import socket
 import struct
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,7 +19,7 @@ from mrbt_mesh.adapters.groot2.monitor import FullTree
 from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.formats.mission_file import load_mission
-from tests.support.groot2 import Desk, Monitor, monitoring, read_btlog, served
+from tests.support.groot2 import Desk, Monitor, monitoring, served
 from tests.support.paths import EXAMPLES
 
 INSTALL = "not installed: make test-interop"
@@ -116,36 +115,6 @@ def test_its_publisher_and_ours_answer_alike() -> None:
             [struct.pack("<BBI", 2, ord("Z"), 1)],
         ):
             assert theirs.raw(*parts) == ours.raw(*parts)
-
-
-def test_its_files_are_those_that_we_describe(tmp_path: Path) -> None:
-    """A file that BehaviorTree.CPP itself has written, read as ours are in other tests."""
-    btcpp = pytest.importorskip("behaviortreepy", reason=f"BehaviorTree.CPP is {INSTALL}")
-    tree = """<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence name="s">
-      <AlwaysSuccess/><Sleep msec="1"/></Sequence></BehaviorTree></root>"""
-    factory = btcpp.BehaviorTreeFactory()  # its trees point into it
-    made = factory.create_tree_from_text(tree)
-    path = tmp_path / "theirs.btlog"
-    log = btcpp.FileLogger(made, str(path))
-    made.tick_while_running()
-    # Idle is plainly 0 here, unlike in what monitors are shown.
-    begun, ended = [(1, 1), (2, 2), (3, 1), (3, 2)], {(1, 0), (1, 2), (2, 0), (3, 0)}
-    deadline_s = time.monotonic() + 30
-    # Its thread drops what it has not written when the logger ends; its head may come late as well.
-    found = None
-    while found is None or len(found.changes) < len(begun) + len(ended):
-        assert time.monotonic() < deadline_s, found
-        time.sleep(0.01)
-        with suppress(struct.error):
-            found = read_btlog(path.read_bytes())
-    del log
-    names = [e.get("name") for e in ElementTree.fromstring(found.xml).iter() if "_uid" in e.attrib]
-    assert names == ["s", "AlwaysSuccess", "Sleep"]
-    changes = [(uid, status) for _, uid, status in found.changes]
-    assert changes[: len(begun)] == begun
-    assert set(changes[len(begun) :]) == ended
-    assert found.began_unix_us > 1_600_000_000_000_000
-    assert found.changes[-1][0] < 60_000_000
 
 
 def test_an_open_monitor_shows_the_team() -> None:
