@@ -35,18 +35,17 @@ KILLED_US = 12_500_000
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """Recordings of a run in which A1 dies at work, and of one in which B1 does, earlier."""
-    folders = tmp_path_factory.mktemp("one"), tmp_path_factory.mktemp("two")
-    for folder, kill in zip(folders, ((KILLED_US, "A1"), (9_000_000, "B1")), strict=True):
-        record_example(folder, "vehicle_repair", 7, [(kill[0], Kill(kill[1]))])
-    return observer_file(folders[0]), observer_file(folders[1])
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recording of a run in which A1 dies at work."""
+    folder = tmp_path_factory.mktemp("one")
+    record_example(folder, "vehicle_repair", 7, [(KILLED_US, Kill("A1"))])
+    return observer_file(folder)
 
 
 @pytest.fixture(scope="module")
-def url(runs: tuple[Path, Path]) -> Iterator[str]:
-    """The page of the first run, shown from its 8th second."""
-    with served(runs[0], "--at", "8") as found:
+def url(recorded: Path) -> Iterator[str]:
+    """The page of the run, shown from its 8th second."""
+    with served(recorded, "--at", "8") as found:
         yield found
 
 
@@ -159,38 +158,3 @@ def test_everybody_can_use_it(url: str, browser: Browser) -> None:
         assert accessibility_violations(page) == []
         assert problems == []
         page.close()
-
-
-@pytest.mark.slow
-def test_a_second_run_below_the_first(runs: tuple[Path, Path], browser: Browser) -> None:
-    with served(runs[0], "--at", "8", "--beside", str(runs[1])) as url:
-        for size, scheme in ((WIDE, "light"), (LAPTOP, "dark"), (PHONE, "light"), (PHONE, "dark")):
-            page, problems = opened(browser, url, size, scheme)
-            page.wait_for_selector('#beside th:has-text("two0/run.mcap")')
-            assert accessibility_violations(page) == []
-            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-            picture(page, f"beside-{size[0]}-{scheme}")
-            page.close()
-        page, problems = opened(browser, url)
-        deaths = page.inner_text('#beside tr:has-text("deaths") >> nth=0').split("\t")
-        assert deaths == ["deaths", "1", "1", "0"]
-        # Aligned there, B1's death is below A1's, which came 3.5 s later in its own run.
-        page.select_option("#beside select", "death")
-        x = 80
-        while "A1 died at 12.5 s: " not in tip(page, x, A1_ROW):
-            x += 4
-            assert x < WIDE[0], "its death is nowhere"
-        assert "② B1 died at 9.0 s: " in tip(page, x, B1_ROW_OF_THE_OTHER)
-        assert problems == []
-
-
-# Of lanes of 16 pixels each.
-A1_ROW, B1_ROW_OF_THE_OTHER = 10, 8 * 16 + 10
-
-
-def tip(page: Page, x: float, y: float) -> str:
-    """What is said of a point of the timeline, which moves while the page opens its drawer."""
-    box = page.locator("#spans").bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + x, box["y"] + y)
-    return page.inner_text("#tip")

@@ -51,12 +51,6 @@ def recording() -> None:
 @click.option("--host", default="127.0.0.1", metavar="IP", help="Address of the page.")
 @click.option("--port", type=PORT, metavar="PORT", default=0, help="Port of the page; 0: any.")
 @click.option(
-    "--beside",
-    type=PATH,
-    metavar="FILE.mcap",
-    help="Compare with this run: --web draws it below, else the differences are printed.",
-)
-@click.option(
     "--export",
     type=PATH,
     metavar="DIR",
@@ -70,7 +64,6 @@ def replay(
     web: bool,
     host: str,
     port: int,
-    beside: Path | None,
     export: Path | None,
     as_json: bool,
 ) -> None:
@@ -83,7 +76,6 @@ def replay(
     \b
     Example: mrbt recording replay run.mcap --web
              mrbt recording replay recordings/A1.mcap --at 12.5 --json
-             mrbt recording replay run.mcap --beside other/run.mcap --web
              mrbt recording replay run.mcap --export files
     """
     import anyio
@@ -92,7 +84,6 @@ def replay(
     from mrbt_mesh.recording.player import Player
     from mrbt_mesh.recording.reader import open_recording
     from mrbt_mesh.views.recordings.showing import (
-        compare,
         export_recording,
         serve,
         show_lines,
@@ -101,13 +92,12 @@ def replay(
     )
 
     if export is not None:
-        refuse("--export writes files and shows nothing", "--web", "--beside", "--at", "--speed")
+        refuse("--export writes files and shows nothing", "--web", "--at", "--speed")
     if web:
         require("the page", "web", "starlette", "uvicorn")
     else:
         refuse("of the page: give --web as well", "--port", "--host")
     player = Player(open_recording(file))
-    other = Player(open_recording(beside)) if beside is not None else None
     if export is not None:
         written = [str(path) for path in export_recording(player, export)]
         if as_json:
@@ -115,11 +105,8 @@ def replay(
         else:
             click.echo("\n".join(f"wrote {path}" for path in written))
     elif web:
-        anyio.run(serve, player, other, at or 0.0, speed, host, port, as_json)
+        anyio.run(serve, player, at or 0.0, speed, host, port, as_json)
         raise SystemExit(SUCCESS)
-    elif other is not None:
-        refuse("--beside compares whole runs: give --web as well", "--at", "--speed")
-        compare(player, other, as_json)
     elif as_json:
         refuse("--json prints one state, without delay", "--speed")
         print_json(state_data(player, at))

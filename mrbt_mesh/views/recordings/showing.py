@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from mrbt_mesh.cli.terminal import console, print_json, reason, table
+from mrbt_mesh.cli.terminal import reason
 from mrbt_mesh.cli.watching import say_if_large, served_until_interrupted
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
@@ -63,37 +63,8 @@ def export_recording(player: Player, folder: Path) -> list[Path]:
         raise InputError(f"--export {folder}: cannot be written: {reason(error)}") from None
 
 
-def compare(player: Player, other: Player, as_json: bool) -> None:
-    """Print the figures of two recorded runs, and their differences."""
-    from mrbt_mesh.views.replay.comparison import called, compared
-
-    say_if_large([player.recording.path, other.recording.path])
-    for each in (player, other):
-        for _ in each.play_to(each.end_us):
-            pass
-    names = [called(each.recording.path) for each in (player, other)]
-    torn = [each.recording.torn or None for each in (player, other)]
-    found = compared(player.observer.record, other.observer.record)
-    if as_json:
-        print_json({"files": names, "torn": torn, **found})
-        return
-    rows = table("", *names, "difference")
-    rows.add_row("result", *found["results"], "")
-    for row in found["figures"]:
-        first, second, difference = (
-            "-" if row[name] is None else f"{row[name]:{sign if row[name] else ''}g} {row['unit']}"
-            for name, sign in (("first", ""), ("second", ""), ("difference", "+"))
-        )
-        rows.add_row(row["figure"], first, second, difference)
-    console.print(rows)
-    for name, text in zip(names, torn, strict=True):
-        if text is not None:
-            click.echo(f"{name}: {text}")
-
-
 async def serve(
     player: Player,
-    other: Player | None,
     at_s: float,
     speed: float,
     host: str,
@@ -105,6 +76,5 @@ async def serve(
     from mrbt_mesh.views.web.projector import showing_recording
 
     shown = ShownRecording(player, time_of(player, at_s), speed)
-    below = ShownRecording(other, other.begin_us, 1.0) if other is not None else None
-    async with showing_recording(shown, ViewerOptions(host, port), below) as page:
+    async with showing_recording(shown, ViewerOptions(host, port)) as page:
         await served_until_interrupted("page", page, as_json)

@@ -11,7 +11,6 @@ from typing import Any
 import anyio
 
 from mrbt_mesh.plugins import ViewerOptions
-from mrbt_mesh.views.replay.comparison import beside
 from mrbt_mesh.views.replay.shown_recording import ShownRecording
 from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.feed import FRAME_US, Feed
@@ -22,17 +21,16 @@ STEP_RECORDS = 20
 
 
 class RecordingProjector:
-    """Plays while a page is open. `feed`: what pages follow. `other` is a run to compare with."""
+    """Plays while a page is open. `feed`: what pages follow."""
 
-    def __init__(self, shown: ShownRecording, other: ShownRecording | None = None) -> None:
+    def __init__(self, shown: ShownRecording) -> None:
         self._shown = shown
-        self._beside = beside(shown, other) if other is not None else None
         self.feed = Feed(shown, lambda: shown.playback.at_us)
         self._is_wished = anyio.Event()
 
     def to_json(self) -> Mapping[str, Any]:
         """What does not change about the recording."""
-        return self._shown.to_json() | {"beside": self._beside}
+        return self._shown.to_json()
 
     def carry_out(self, wish: Any) -> None:
         """`paused`, `at_s` (from the start of the run) and `speed`, or some of them.
@@ -88,11 +86,9 @@ def _number(wish: Mapping[str, Any], name: str) -> float | None:
 
 
 @asynccontextmanager
-async def showing_recording(
-    shown: ShownRecording, options: ViewerOptions, other: ShownRecording | None = None
-) -> AsyncIterator[str]:
+async def showing_recording(shown: ShownRecording, options: ViewerOptions) -> AsyncIterator[str]:
     """The address of a recording's page, while it is served and played. Raises PageError."""
-    projector = RecordingProjector(shown, other)
+    projector = RecordingProjector(shown)
     page = lambda own: Page(projector.feed, own, projector=projector).application()  # noqa: E731
     async with (
         served(options, projector.feed.close, page) as address,

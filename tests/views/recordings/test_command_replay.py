@@ -88,14 +88,3 @@ def test_timeline_events_and_assignments_as_files(folder: Path, tmp_path: Path) 
     refused_because = refused(recording("replay", file, "--export", to))
     assert f"--export {to}: cannot be written" in refused_because
     assert "shows nothing" in refused(recording("replay", file, "--export", to, "--at", "1"))
-
-
-def test_two_runs_in_numbers(folder: Path) -> None:
-    file = str(folder / "run.mcap")
-    code, output, _ = recording("replay", file, "--beside", file, "--json")
-    assert (code, json.loads(output)["results"]) == (0, ["success", "success"])
-    assert {row["difference"] for row in json.loads(output)["figures"]} == {0, None}
-    lines = recording("replay", file, "--beside", file)[1].splitlines()
-    assert lines[0].split() == ["run/run.mcap", "run/run.mcap", "difference"]
-    assert lines[3].split() == ["deaths", "0", "0", "0"]
-    assert "--web as well" in refused(recording("replay", file, "--beside", file, "--at", "1"))

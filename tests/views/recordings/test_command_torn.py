@@ -39,12 +39,6 @@ def test_replay_and_its_exports(folder: Path, tmp_path: Path) -> None:
     assert any(TORN in path.read_text() for path in tmp_path.iterdir())
 
 
-def test_beside_another_run(folder: Path) -> None:
-    files = (str(folder / "run" / "run.mcap"), "--beside", str(folder / "torn" / "run.mcap"))
-    assert TORN in done(recording("replay", *files))
-    assert json.loads(done(recording("replay", *files, "--json")))["torn"][0] is None
-
-
 def test_report(folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     done(recording("report", str(folder / "torn"), "-o", str(page)))

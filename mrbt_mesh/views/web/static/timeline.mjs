@@ -3,7 +3,6 @@
 import { ticks } from "d3-array";
 import { select } from "d3-selection";
 import { zoom, zoomIdentity } from "d3-zoom";
-import { Beside } from "./beside.mjs";
 import { ENDS, STATES, byId, byName, contains, element, knownAt, lostText, rankOf, seconds, setText, timelineLegend } from "./text.mjs";
 
 const HATCH = 9;
@@ -28,7 +27,6 @@ export class TimelineView {
     this._ranks = new Map();
     this._all = [];
     this._wanted = "";
-    this._beside = recording?.beside ? new Beside(recording.beside, () => { this._whole(); this.draw(); }) : null;
     this._isFollowing = !recording;
     this._span = recording ? [this._begin(), this._end() * 1.03] : [0, FOLLOWED_S];
     this._gutter = LEAST_GUTTER;
@@ -90,8 +88,8 @@ export class TimelineView {
     const works = this._items("work").map(([, work]) => work);
     const fits = (robot) => contains(robot, this._wanted) || works.some((work) => work.robot === robot && contains(workName(work), this._wanted));
     this._all.sort((a, b) => this._rank(a) - this._rank(b) || byName(a, b));
-    const all = [...this._all, ...this._beside?.robots ?? []], found = all.filter(fits);
-    this._robots = found.length ? found : all;
+    const found = this._all.filter(fits);
+    this._robots = found.length ? found : [...this._all];
   }
 
   search(wanted) {
@@ -115,8 +113,8 @@ export class TimelineView {
 
   get _lane() { return this._robots.length > FEW ? LOW_LANE : LANE; }
 
-  // Those of the team, by name, and those of a run beside it.
-  _items(kind) { return [...this._store.all(kind), ...(this._beside?.items(kind) ?? []).map((item) => [null, item])]; }
+  // Those of the team, by name.
+  _items(kind) { return [...this._store.all(kind)]; }
 
   // What is expected of a running team, if it travels.
   get _forecast() { return this._store.state === "over" || this._store.get("team")?.ended ? null : this._store.get("forecast"); }
@@ -128,18 +126,9 @@ export class TimelineView {
   }
 
   // Until when there is something to see; what has not ended goes on until then.
-  _end() { return this._recording ? Math.max(this._recording.to_s, this._beside?.to ?? 0) : this._store.now(); }
+  _end() { return this._recording ? this._recording.to_s : this._store.now(); }
 
-  _begin() { return Math.min(this._recording?.from_s ?? 0, this._beside?.from ?? 0); }
-
-  // What has not ended goes on until the end of its own run.
-  _endOf(item, end) { return item.beside ? this._beside.to : this._recording?.to_s ?? end; }
-
-  // Where the lanes of the run beside the team's begin.
-  _ownHeight(height) {
-    const lane = this._robots.findIndex((robot) => this._beside?.robots.includes(robot));
-    return lane < 0 ? height : lane * this._lane + 2;
-  }
+  _begin() { return Math.min(this._recording?.from_s ?? 0, 0); }
 
   // Called every frame; it draws only when time has moved by a pixel.
   tick() {
@@ -201,14 +190,12 @@ export class TimelineView {
     this._measureNames(context);
     this._paintAxis(now);
     this._paintLanes(context, now, height);
-    const own = this._ownHeight(height);
-    for (const [, time] of this._items("unwatched")) this._paintUnwatched(context, time, time.beside ? own : 0, time.beside ? height : own);
-    for (const [, work] of this._items("work")) this._paintWork(context, work, this._endOf(work, end));
+    for (const [, time] of this._items("unwatched")) this._paintUnwatched(context, time, height);
+    for (const [, work] of this._items("work")) this._paintWork(context, work, end);
     for (const [, loss] of this._items("loss")) this._paintLoss(context, loss);
-    for (const [name, fault] of this._items("fault")) this._paintFault(context, name, fault, this._endOf(fault, end));
-    if (this._recording) this._paintAhead(context, now, own);
-    this._paintForecast(context, now, own);
-    if (own < height) { context.fillStyle = this._colours.muted; context.fillRect(0, own - 1, this._width, 2); }
+    for (const [name, fault] of this._items("fault")) this._paintFault(context, name, fault, end);
+    if (this._recording) this._paintAhead(context, now, height);
+    this._paintForecast(context, now, height);
     context.fillStyle = this._colours.panel;
     context.fillRect(0, this._top, this._gutter - 4, seen);
     context.textBaseline = "middle";
@@ -268,22 +255,21 @@ export class TimelineView {
   }
 
   // A time of which nothing is known: hatched, so that nobody takes it for idle.
-  _paintUnwatched(context, { from_s, to_s }, top, bottom) {
-    const height = bottom - top;
+  _paintUnwatched(context, { from_s, to_s }, height) {
     const from = Math.max(this._gutter, from_s === null ? this._gutter : this._x(from_s)), to = Math.min(this._width, this._x(to_s));
     if (to - from < 1) return;
     context.save();
-    context.beginPath(); context.rect(from, top, to - from, height); context.clip();
+    context.beginPath(); context.rect(from, 0, to - from, height); context.clip();
     context.strokeStyle = this._colours.idle;
     context.globalAlpha = 0.4;
     context.lineWidth = 1;
     context.beginPath();
     // The hatching keeps to the time, so that it moves with what it covers.
     const first = this._x(to_s) - Math.ceil((this._x(to_s) - from + height) / HATCH) * HATCH;
-    for (let x = first; x < to; x += HATCH) { context.moveTo(x, bottom); context.lineTo(x + height, top); }
+    for (let x = first; x < to; x += HATCH) { context.moveTo(x, height); context.lineTo(x + height, 0); }
     context.stroke();
     context.restore();
-    this._hits.push({ x: from, y: top, wide: to - from, height, unwatched: true });
+    this._hits.push({ x: from, y: 0, wide: to - from, height, unwatched: true });
   }
 
   // What is yet to come in a recording is pale.
@@ -496,7 +482,6 @@ export class TimelineView {
     this._canvas.addEventListener("pointerleave", () => { byId("tip").hidden = true; });
     this._canvas.addEventListener("click", (event) => {
       const hit = this._hitAt(event);
-      if (hit?.work?.beside || hit?.fault?.beside || hit?.loss?.beside) return;
       if (hit?.fault) this._chooseFault(hit.name, hit.fault);
       else if (hit?.work) this._choose({ kind: "task", name: hit.work.global_task });
       else if (hit?.loss) {
@@ -567,7 +552,7 @@ export class TimelineView {
     const tip = byId("tip"), hit = this._hitAt(event);
     tip.hidden = !hit;
     if (!hit) return;
-    setText(tip, hit.text ? hit.text : hit.work ? workText(hit.work, this._endOf(hit.work, this._end())) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.own_s ?? hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
+    setText(tip, hit.text ? hit.text : hit.work ? workText(hit.work, this._end()) : hit.fault ? `${hit.fault.robot} died ${hit.fault.older ? "before" : "at"} ${seconds(hit.fault.at_s)}: ${faultNumbers(hit.fault)}`
       : hit.unwatched ? "Not watched: nothing is known of this time." : `${hit.loss.robot} ${lostText(hit.loss.local_tasks, hit.loss.reason)}`);
     const box = byId("timeline").getBoundingClientRect();
     tip.style.left = `${Math.max(8, Math.min(event.clientX - box.left + 12, box.width - tip.offsetWidth - 8))}px`;
