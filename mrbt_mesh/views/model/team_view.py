@@ -360,9 +360,6 @@ class Shown(Protocol):
     def seconds(self, at_us: int) -> float | None:
         """A time of the clock as seconds from the start of the run; None: it has not begun."""
 
-    def ends_s(self, now_us: int) -> float:
-        """The end of the timeline in seconds from the start of the run; 0: it has not begun."""
-
 
 class TeamView:
     """Follows one observer of a running team. `changes` has the items of `TeamState`,
@@ -400,10 +397,3 @@ class TeamView:
     def seconds(self, at_us: int) -> float | None:
         """A time of the observer's clock in seconds from the start of the run."""
         return self.observer.record.seconds(at_us)
-
-    def ends_s(self, now_us: int) -> float:
-        """The end of the run, or now."""
-        ended_us, end = self.observer.record.ended_us, self.observer.ended
-        if ended_us is None and end is not None:
-            ended_us = end.at_us
-        return self.seconds(now_us if ended_us is None else ended_us) or 0.0

@@ -50,12 +50,6 @@ def recording() -> None:
 @click.option("--web", is_flag=True, help="Show it in the browser, until Ctrl-C.")
 @click.option("--host", default="127.0.0.1", metavar="IP", help="Address of the page.")
 @click.option("--port", type=PORT, metavar="PORT", default=0, help="Port of the page; 0: any.")
-@click.option(
-    "--export",
-    type=PATH,
-    metavar="DIR",
-    help="Write the timeline as SVG, events and assignments as CSV, and show nothing.",
-)
 @json_option
 def replay(
     file: Path,
@@ -64,7 +58,6 @@ def replay(
     web: bool,
     host: str,
     port: int,
-    export: Path | None,
     as_json: bool,
 ) -> None:
     """Show a recorded run again, at any speed, forwards and back.
@@ -76,7 +69,6 @@ def replay(
     \b
     Example: mrbt recording replay run.mcap --web
              mrbt recording replay recordings/A1.mcap --at 12.5 --json
-             mrbt recording replay run.mcap --export files
     """
     import anyio
 
@@ -84,30 +76,21 @@ def replay(
     from mrbt_mesh.recording.player import Player
     from mrbt_mesh.recording.reader import open_recording
     from mrbt_mesh.views.recordings.showing import (
-        export_recording,
         serve,
         show_lines,
         state_data,
         time_of,
     )
 
-    if export is not None:
-        refuse("--export writes files and shows nothing", "--web", "--at", "--speed")
     if web:
         require("the page", "web", "starlette", "uvicorn")
     else:
         refuse("of the page: give --web as well", "--port", "--host")
     player = Player(open_recording(file))
-    if export is not None:
-        written = [str(path) for path in export_recording(player, export)]
-        if as_json:
-            print_json({"written": written})
-        else:
-            click.echo("\n".join(f"wrote {path}" for path in written))
-    elif web:
+    if web:
         anyio.run(serve, player, at or 0.0, speed, host, port, as_json)
         raise SystemExit(SUCCESS)
-    elif as_json:
+    if as_json:
         refuse("--json prints one state, without delay", "--speed")
         print_json(state_data(player, at))
     elif sys.stdin.isatty() and sys.stdout.isatty():
@@ -175,12 +158,11 @@ def verify(
 
 @recording.command()
 @click.argument(
-    "paths",
-    metavar="[FILE|RUN_DIR]...",
+    "path",
+    metavar="[FILE.mcap|RUN_DIR]",
     type=PATH,
-    nargs=-1,
-    help="Recordings, run directories, and the output of sim, up or drill with --json. Default: "
-    "the run of the team that runs, or the newest.",
+    required=False,
+    help="A recording, or a run directory. Default: the run of the team that runs, or the newest.",
 )
 @click.option(
     "--output",
@@ -191,12 +173,12 @@ def verify(
     help="Write the page to this file.",
 )
 @json_option
-def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
-    """Report on runs: results, who worked and waited when, faults and takeovers, what operators
+def report(path: Path | None, output: Path, as_json: bool) -> None:
+    """Report on a run: its result, who worked and waited when, faults and takeovers, what operators
     commanded, and what `mrbt recording verify` finds.
 
-    It writes one HTML page that needs nothing else, and that any browser prints; several runs are
-    compared. With --json it prints the figures instead.
+    It writes one HTML page that needs nothing else, and that any browser prints. With --json it
+    prints the figures instead.
 
     Example: mrbt recording report RUN_DIR -o report.html
     """
@@ -209,7 +191,7 @@ def report(paths: tuple[Path, ...], output: Path, as_json: bool) -> None:
     if not as_json:
         check_outputs(None, {"-o": output})
 
-    found = read_report(paths or (find_run(None, "RUN_DIR").path,), lambda path: verified((path,)))
+    found = read_report(path or find_run(None, "RUN_DIR").path, lambda path: verified((path,)))
     if as_json:
         print_json(found.to_json())
     else:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
-from mrbt_mesh.cli.terminal import reason
-from mrbt_mesh.cli.watching import say_if_large, served_until_interrupted
+from mrbt_mesh.cli.watching import served_until_interrupted
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.plugins import ViewerOptions
@@ -47,20 +45,6 @@ def show_lines(player: Player, at_s: float) -> None:
             if at_us >= from_us:
                 click.echo(f"{(at_us - player.begin_us) / SECOND_US:8.2f}  {text}")
         printed = len(timeline)
-
-
-def export_recording(player: Player, folder: Path) -> list[Path]:
-    """Write its timeline, events and assignments into a folder. Raises InputError."""
-    from mrbt_mesh.views.replay.shown_recording import ShownRecording
-    from mrbt_mesh.views.report.exports import write_exports
-
-    say_if_large([player.recording.path])
-    shown = ShownRecording(player, player.end_us, 1.0)
-    shown.read_all()
-    try:
-        return write_exports(folder, shown, shown.ends_s(player.end_us))
-    except OSError as error:
-        raise InputError(f"--export {folder}: cannot be written: {reason(error)}") from None
 
 
 async def serve(

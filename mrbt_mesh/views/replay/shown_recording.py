@@ -125,11 +125,6 @@ class ShownRecording:
         """A time of the recording as seconds from the start of the run."""
         return round((at_us - self._start_us) / SECOND_US, 6)
 
-    def ends_s(self, now_us: int) -> float:
-        """The end of the timeline: that of the recording, once all of it is read."""
-        read_s = self.read_s
-        return self.seconds(self.playback.player.end_us) if read_s is None else read_s
-
     def go_to(self, at_s: float) -> None:
         """Go to a time in seconds from the start of the run."""
         self.playback.go_to(self._start_us + round(at_s * SECOND_US))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from html import escape
-from pathlib import Path
 
 from mrbt_mesh.core.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.model import ReportedFault, ReportedWork, RunReport
@@ -14,7 +12,6 @@ LEFT, WIDTH, LANE, BAR, TOP = 74, 1000, 30, 20, 26
 # Text is 11 px high; a letter takes about so much.
 LETTER = 6.7
 HUES = 8
-LEGEND_LINE = 18
 ENDS = {"failed": "✘ failed", "died": "✝ died with its robot", "dropped": "┤ not needed any more"}
 _STEPS = (1, 2, 5)
 
@@ -24,27 +21,6 @@ def gantt(run: RunReport) -> str:
     if not run.work or run.duration_s <= 0:
         return ""
     return _Gantt(run).svg()
-
-
-def gantt_file(run: RunReport) -> str:
-    """The chart as a file of its own, with its colours, a legend and a title."""
-    css = Path(__file__).with_name("style.css").read_text(encoding="utf-8")
-    # Not every program that reads SVG knows variables.
-    light = dict(re.findall(r"--([\w-]+): ([^;]+);", css[: css.index("@media")]))
-    rules = "".join(re.findall(r"\.gantt \.[^{}]*\{[^}]*\}", css))
-    rules = re.sub(r"var\(--([\w-]+)\)", lambda found: light[found[1]], rules)
-    chart = _Gantt(run)
-    keys = list(chart.keys())
-    height = chart.height + LEGEND_LINE * (keys[-1][1] + 1) + 8
-    size = f'width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}"'
-    font = 'font-family="system-ui, DejaVu Sans, sans-serif" font-size="11"'
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="gantt" {size} {font}>',
-        f"<style>{rules}</style>",
-        f"<title>{escape(run.title)}</title>",
-        f'<rect width="{WIDTH}" height="{height}" fill="{light["panel"]}"/>',
-    )
-    return "\n".join([*head, *chart.parts(), *(text for text, _ in keys), "</svg>\n"])
 
 
 def kinds(run: RunReport) -> list[str]:
@@ -75,30 +51,12 @@ class _Gantt:
         self.height = TOP + LANE * len(self.robots) + 4
 
     def svg(self) -> str:
+        parts = [*self._grid(), *self._works(), *self._faults()]
         label = f"Gantt chart of {self.run.title}: who worked on what when"
         return (
             f'<svg class="gantt" role="img" aria-label="{escape(label)}" '
-            f'viewBox="0 0 {WIDTH} {self.height}">\n' + "\n".join(self.parts()) + "\n</svg>"
+            f'viewBox="0 0 {WIDTH} {self.height}">\n' + "\n".join(parts) + "\n</svg>"
         )
-
-    def parts(self) -> list[str]:
-        """What is drawn."""
-        return [*self._grid(), *self._works(), *self._faults()]
-
-    def keys(self) -> Iterator[tuple[str, int]]:
-        """The legend below: colours of local tasks, signs, the title; each with its line."""
-        signs = "✝ died  ✘ failed  ┤ not needed any more  ▲ lost a capability"
-        x, line = LEFT, 0
-        for hue, text in [*((hue, kind) for kind, hue in self.hues.items()), (None, signs)]:
-            wide = LETTER * len(text) + 40
-            if x + wide > WIDTH and x > LEFT:
-                x, line = LEFT, line + 1
-            y = self.height + LEGEND_LINE * line + 12
-            key = "" if hue is None else _rect(f"h{hue}", x, y - 9, 14, 10)
-            yield f'{key}<text class="tick" x="{x + 18:g}" y="{y}">{escape(text)}</text>', line
-            x += round(wide)
-        y = self.height + LEGEND_LINE * (line + 1) + 12
-        yield f'<text class="tick" x="2" y="{y}">{escape(self.run.title)}</text>', line + 1
 
     def _x(self, at_s: float) -> float:
         share = min(1.0, max(0.0, at_s / self.run.duration_s))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any
 
@@ -164,15 +164,6 @@ class ScheduledTask:
 
 
 @dataclass(frozen=True)
-class Expectation:
-    """What a drill expected, and what was found."""
-
-    expected: str
-    holds: bool
-    found: str
-
-
-@dataclass(frozen=True)
 class ReportedCommand:
     """What an operator commanded, `by` which command or view; `at_s` None: the clock is unknown.
 
@@ -227,7 +218,7 @@ class RunReport:
 
     `identity`, `proof` and `commands` are those of a recorded run, `scheduled` of one that travels.
 
-    `verdict`: a drill's. `notes`: what the figures do not have, and why.
+    `notes`: what the figures do not have, and why.
     """
 
     title: str
@@ -241,8 +232,6 @@ class RunReport:
     waits: tuple[Wait, ...] | None = None
     plans: tuple[ReportedPlan, ...] | None = None
     differences: tuple[Disagreement, ...] | None = None
-    verdict: str | None = None
-    expectations: tuple[Expectation, ...] = ()
     notes: tuple[str, ...] = ()
     failures: tuple[ReportedFailure, ...] = ()
     identity: RunIdentity | None = None
@@ -292,30 +281,14 @@ class RunReport:
 
 
 @dataclass(frozen=True)
-class CampaignReport:
-    """Findings of `mrbt sim chaos`: `results`, `checks` by name; `failures` of seeds."""
-
-    title: str
-    seeds: int
-    took_s: float
-    results: dict[str, int]
-    checks: dict[str, int]
-    failures: dict[int, tuple[str, ...]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class RunsReport:
-    """All that was given, in that order."""
+class RunParts:
+    """A run; if it was continued, what each of its observers saw, in that order."""
 
     runs: tuple[RunReport, ...]
-    campaigns: tuple[CampaignReport, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain data."""
-        return {
-            "runs": [run.to_json() for run in self.runs],
-            "campaigns": [asdict(each) for each in self.campaigns],
-        }
+        return {"runs": [run.to_json() for run in self.runs]}
 
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:

@@ -12,12 +12,11 @@ from typing import Any, TypeVar
 from mrbt_mesh.core.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
-    CampaignReport,
     Disagreement,
     ReportedFault,
     ReportedPlan,
+    RunParts,
     RunReport,
-    RunsReport,
     Wait,
     WaitKind,
     spread,
@@ -32,22 +31,19 @@ WAITS = {
     WaitKind.START: "Robots with a claim that they could not start",
     WaitKind.IDLE: "Robots without a task",
 }
-CHIPS = {"success": "good", "green": "good", "failure": "bad", "red": "bad"}
+CHIPS = {"success": "good", "failure": "bad"}
 SIGNS = {"good": "✔", "bad": "✘", "": "…"}
 # Columns of sentences; one that is longer than `LONGEST` letters gets a wider column.
-SENTENCES, LONGEST = ("why", "who could", "found"), 100
+SENTENCES, LONGEST = ("why", "who could"), 100
 # Cells of a table that begin with a bar: (row, column) -> its length, 0 to 1.
 Bars = Mapping[tuple[int, int], float]
 _Lasting = TypeVar("_Lasting", Wait, Disagreement)
 
 
-def report_html(report: RunsReport) -> str:
+def report_html(report: RunParts) -> str:
     """The whole page."""
-    titles = [run.title for run in report.runs] + [each.title for each in report.campaigns]
-    title = titles[0] if len(titles) == 1 else f"{len(titles)} reports"
-    parts = [_comparison(report.runs)] if len(report.runs) > 1 else []
-    parts += [_campaign(each) for each in report.campaigns]
-    parts += [_run(run) for run in report.runs]
+    title = report.runs[0].title
+    parts = map(_run, report.runs)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -57,39 +53,13 @@ def report_html(report: RunsReport) -> str:
     )
 
 
-def _comparison(runs: tuple[RunReport, ...]) -> str:
-    """Several runs side by side."""
-    longest_s = max(run.duration_s for run in runs) or 1.0
-    rows = [
-        (
-            run.title,
-            run.mission,
-            run.result if run.verdict is None else f"{run.result}, {run.verdict}",
-            _seconds(run.duration_s),
-            str(len(run.deaths)),
-            _detected(run),
-            _taken_over(run),
-            _percent(run.utilisation),
-            _seconds(run.waited_s(WaitKind.TASK)),
-            _agreed_share(run),
-        )
-        for run in runs
-    ]
-    head = ("run", "mission", "result", "duration", "deaths", "detected after", "taken over after")
-    bars = {(n, 3): run.duration_s / longest_s for n, run in enumerate(runs)}
-    table = _table((*head, "utilisation", "tasks waited", "one plan"), rows, bars=bars)
-    return f"{_header(f'{len(runs)} runs')}{_section('Comparison', table)}"
-
-
 def _run(run: RunReport) -> str:
     about = "" if run.title == run.mission else f'<span class="soft">{escape(run.mission)}</span>'
-    verdict = "" if run.verdict in (None, run.result) else _chip(run.verdict or "")
     parts = [
-        _header(run.title, about + _chip(run.result) + verdict),
+        _header(run.title, about + _chip(run.result)),
         "".join(f'<p class="soft">Note: {escape(note)}.</p>' for note in run.notes),
         _identity(run),
         _cards(run),
-        _section("What the drill expected", _expectations(run)),
         _section("Who did what when", _chart(run)),
         _section("Faults", _faults(run) or _none("No robot died or lost a capability.")),
         _section("What operators commanded", _commands(run)),
@@ -186,16 +156,6 @@ def _cards(run: RunReport) -> str:
         for value, text in cards
     )
     return f'<div class="cards">{listed}</div>'
-
-
-def _expectations(run: RunReport) -> str:
-    rows = "".join(
-        f'<tr><td class="{"good" if e.holds else "bad"}">{"✔" if e.holds else "✘"}</td>'
-        f'<td>{escape(e.expected)}</td><td class="long">{escape(e.found)}</td></tr>'
-        for e in run.expectations
-    )
-    head = "<tr><th></th><th>expected</th><th>found</th></tr>"
-    return _wide(f"<table>{head}{rows}</table>", "Expected") if rows else ""
 
 
 def _chart(run: RunReport) -> str:
@@ -401,22 +361,6 @@ def _differences(run: RunReport) -> str:
     return _table(("from", "for", "who differed"), rows, note)
 
 
-def _campaign(each: CampaignReport) -> str:
-    failed = len(each.failures)
-    words = f"{failed} {'seed' if failed == 1 else 'seeds'} failed"
-    chip = _chip(words if failed else "no invariant broken", "bad" if failed else "good")
-    results = ", ".join(f"{count} {name}" for name, count in sorted(each.results.items()))
-    text = f"<p>{each.seeds} seeds in {each.took_s:.1f} s: {escape(results)}.</p>"
-    broken = ((str(seed), text) for seed, texts in each.failures.items() for text in texts)
-    checks = ((name, f"{count:,}") for name, count in each.checks.items())
-    return (
-        _header(each.title, chip)
-        + text
-        + _section("Broken", _table(("seed", "found"), broken))
-        + _section("Checks", _table(("invariant", "checks"), checks))
-    )
-
-
 def _agreeing_s(plan: ReportedPlan) -> float:
     return math.inf if plan.agreed_s is None else plan.agreed_s - plan.from_s
 
@@ -474,8 +418,8 @@ def _header(title: str, chips: str = "") -> str:
     return f'<header class="run"><h1>{escape(title)}</h1>{chips}</header>'
 
 
-def _chip(words: str, kind: str | None = None) -> str:
-    kind = CHIPS.get(words, "") if kind is None else kind
+def _chip(words: str) -> str:
+    kind = CHIPS.get(words, "")
     return f'<span class="chip {kind}">{SIGNS[kind]} {escape(words)}</span>'
 
 

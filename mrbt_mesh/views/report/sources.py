@@ -1,11 +1,11 @@
-"""What a report is made of: recordings, run directories, and the JSON that commands print."""
+"""What a report is made of: a recording, or a run directory."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -16,48 +16,27 @@ from mrbt_mesh.recording.reader import Recording, open_recording
 from mrbt_mesh.runtime.run_dir import SUMMARY_FILE
 from mrbt_mesh.views.replay.findings import Verification
 from mrbt_mesh.views.report.model import (
-    CampaignReport,
     Proof,
     ReportedCommand,
+    RunParts,
     RunReport,
-    RunsReport,
 )
 from mrbt_mesh.views.report.recorded import report_recording
-from mrbt_mesh.views.report.summaries import (
-    drill_expectations,
-    report_campaign,
-    report_drill,
-    report_summary,
-)
+from mrbt_mesh.views.report.summaries import report_summary
 
-NOT_OURS = "is not what `mrbt sim run`, `up` or `drill` print with --json"
 MOST_BYTES = 1 << 28
 Verify: TypeAlias = Callable[[Path], Verification]
 
 
-def read_report(paths: Iterable[Path], verify: Verify) -> RunsReport:
-    """Recordings, run directories, and the output of commands; raises InputError.
+def read_report(path: Path, verify: Verify) -> RunParts:
+    """The run of a recording or of a run directory, whose recordings `verify` verifies.
 
-    `verify` verifies the recordings of a path.
+    Raises InputError.
     """
-    runs: list[RunReport] = []
-    campaigns: list[CampaignReport] = []
-    for path in paths:
-        if path.is_dir():
-            runs += _run_dir(path, verify)
-        elif path.suffix == ".mcap":
-            found = report_recording(open_recording(path), path.stem)
-            runs.append(replace(found, proof=_proof(verify(path))))
-        else:
-            data = _json_object(path)
-            with _refusing(f"{path}: {NOT_OURS}"):
-                if "runs" in data and "green" in data:
-                    runs += map(_drill, data["runs"])
-                elif "checks" in data and "seeds" in data:
-                    campaigns.append(report_campaign(data, path.stem))
-                else:
-                    runs.append(report_summary(data, path.stem))
-    return RunsReport(tuple(_named_apart(runs)), tuple(campaigns))
+    if path.is_dir():
+        return RunParts(tuple(_run_dir(path, verify)))
+    found = report_recording(open_recording(path), path.stem)
+    return RunParts((replace(found, proof=_proof(verify(path))),))
 
 
 def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
@@ -113,16 +92,6 @@ def _recordings_of(run_dir: Path) -> list[Path]:
     return first_parts(sorted(files, key=lambda file: file.stat().st_mtime_ns)[-1:])
 
 
-def _drill(data: Mapping[str, Any]) -> RunReport:
-    """A drill's run, by its recording where that is still there."""
-    title = f"{data['drill']} ({data['transport']})"
-    files = _recordings_of(Path(data["run_dir"])) if data["run_dir"] else []
-    if not files:
-        return report_drill(data, title)
-    found = report_recording(open_recording(files[-1]), title)
-    return replace(found, verdict=str(data["color"]), expectations=drill_expectations(data))
-
-
 @contextlib.contextmanager
 def _refusing(what: str) -> Iterator[None]:
     """Raise InputError for data that lacks what it should have."""
@@ -142,14 +111,7 @@ def _json_object(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is neither a recording (.mcap) nor JSON: {error}") from None
+        raise InputError(f"{path}: is no JSON: {error}") from None
     if not isinstance(data, dict):
-        raise InputError(f"{path}: {NOT_OURS}")
+        raise InputError(f"{path}: is no summary of a run")
     return data
-
-
-def _named_apart(runs: list[RunReport]) -> Iterator[RunReport]:
-    seen: dict[str, int] = {}
-    for run in runs:
-        seen[run.title] = number = seen.get(run.title, 0) + 1
-        yield run if number == 1 else replace(run, title=f"{run.title} ({number})")

@@ -1,4 +1,4 @@
-"""The figures in what `mrbt sim run`, `up`, `drill` and `chaos` print with --json.
+"""The figures in the summary of a run.
 
 All functions raise KeyError, TypeError, ValueError or AttributeError for other data.
 """
@@ -9,8 +9,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from mrbt_mesh.views.report.model import (
-    CampaignReport,
-    Expectation,
     ReportedFailure,
     ReportedFault,
     RobotUse,
@@ -69,40 +67,6 @@ def reported_failures(data: Mapping[str, Any]) -> tuple[ReportedFailure, ...]:
             str(each["reason"]),
         )
         for each in data.get("failures", ())
-    )
-
-
-def report_drill(data: Mapping[str, Any], title: str) -> RunReport:
-    """One run of `mrbt drill --json`, without its recording."""
-    return RunReport(
-        title,
-        str(data["drill"]),
-        str(data["result"] or data["color"]),
-        seconds(data["duration_s"]) or 0.0,
-        faults=tuple(_takeover(each, None) for each in data["takeovers"]),
-        verdict=str(data["color"]),
-        expectations=drill_expectations(data),
-        notes=(str(data["skipped"]) if data["skipped"] else NO_RECORDING,),
-    )
-
-
-def drill_expectations(data: Mapping[str, Any]) -> tuple[Expectation, ...]:
-    """What one run of a drill had to show."""
-    return tuple(
-        Expectation(str(each["expected"]), bool(each["holds"]), str(each["found"]))
-        for each in data["expectations"]
-    )
-
-
-def report_campaign(data: Mapping[str, Any], title: str) -> CampaignReport:
-    """What `mrbt sim chaos --json` prints."""
-    return CampaignReport(
-        title,
-        int(data["seeds"]),
-        seconds(data["took_s"]) or 0.0,
-        {str(name): int(count) for name, count in data["results"].items()},
-        {str(name): int(count) for name, count in data["checks"].items()},
-        {int(each["seed"]): _names(each["violations"]) for each in data["failures"]},
     )
 
 

@@ -33,7 +33,6 @@ from mrbt_mesh.views.model.next_steps import (
 )
 from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.model.why import why_job, why_robot, why_task
-from mrbt_mesh.views.report.exports import EXPORTS, exported, file_name
 from mrbt_mesh.views.web.access import page_access
 from mrbt_mesh.views.web.api import Api, events
 from mrbt_mesh.views.web.bodies import json_body
@@ -100,7 +99,6 @@ class Page:
             Route("/trees/{name}", self._about(own_trees)),
             Route("/drills", self._drills),
             Route("/commands", self._command, methods=["POST"]),
-            Route("/export/{name}", self._export),
             Route("/metrics", self._metrics),
             Route("/playback", self._playback, methods=["POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
@@ -157,16 +155,6 @@ class Page:
             return {**explain(observer, name), "next": steps_to_json(found)}
 
         return answer
-
-    async def _export(self, request: Request) -> Response:
-        """A file of the run, named after it: its timeline, events or assignments."""
-        name, shown = request.path_params["name"], self._feed.view
-        if name not in EXPORTS:
-            raise HTTPException(404, f"there is no file {name[:80]}")
-        saved_as = f'attachment; filename="{file_name(name, shown.observer)}"'
-        media_type = "image/svg+xml" if name.endswith(".svg") else "text/csv"
-        text = exported(name, shown, self._feed.shown_until_s)
-        return Response(text, media_type=media_type, headers={"content-disposition": saved_as})
 
     async def _metrics(self, request: Request) -> Response:
         """The team for Prometheus; a recording is past, and nothing to be measured."""

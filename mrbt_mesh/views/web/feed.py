@@ -61,11 +61,6 @@ class Feed:
         """How many follow."""
         return len(self._pages)
 
-    @property
-    def shown_until_s(self) -> float:
-        """When the timeline that is shown ends: of a running team now."""
-        return self.view.ends_s(self._clock_us())
-
     def update(self) -> None:
         """Look at the observer, which is up to date, and send changes; call it often."""
         now_us = self._clock_us()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
@@ -62,29 +60,3 @@ def test_the_page_begins_within_the_recording(folder: Path) -> None:
 
 def test_no_orders_are_given_to_what_is_past(folder: Path) -> None:
     assert recording("replay", str(folder / "run.mcap"), "--web", "--control")[0] == 2
-
-
-def test_timeline_events_and_assignments_as_files(folder: Path, tmp_path: Path) -> None:
-    file = str(folder / "run.mcap")
-    to = str(tmp_path / "files")
-    code, output, _ = recording("replay", file, "--export", to, "--json")
-    assert code == 0
-    svg, events, assignments = (Path(path) for path in json.loads(output)["written"])
-    assert svg.name == "explore-sim3-timeline.svg"
-    drawn = ElementTree.parse(svg).getroot()
-    titles = [each.text or "" for each in drawn.iter("{http://www.w3.org/2000/svg}title")]
-    assert titles[0] == "explore, run sim3"
-    with assignments.open(newline="") as opened:
-        rows = list(csv.DictReader(opened))
-    assert len(rows) == sum("explore(" in title for title in titles) > 0
-    assert {row["end"] for row in rows} <= {"done", "dropped"}
-    lines = recording("replay", file)[1].splitlines()
-    with events.open(newline="") as opened:
-        texts = [row["text"] for row in csv.DictReader(opened)]
-    assert texts == [line.split(maxsplit=1)[1] for line in lines]
-    assert b"\r\n" in events.read_bytes(), "as RFC 4180 has it"
-    svg.unlink()
-    Path(to, svg.name).mkdir()
-    refused_because = refused(recording("replay", file, "--export", to))
-    assert f"--export {to}: cannot be written" in refused_because
-    assert "shows nothing" in refused(recording("replay", file, "--export", to, "--at", "1"))

@@ -1,4 +1,4 @@
-"""mrbt recording report, on runs of mrbt sim run --record and on what commands told."""
+"""mrbt recording report, on runs of mrbt sim run --record."""
 
 from __future__ import annotations
 
@@ -57,11 +57,16 @@ def test_a_page_is_one_file_that_needs_nothing(folder: Path) -> None:
 
 
 def test_the_figures_as_json_are_those_of_the_summary(folder: Path) -> None:
-    output = done(recording("report", str(folder / "run"), str(folder / "sim.json"), "--json"))
-    recorded, told = json.loads(output)["runs"]
+    alone = folder / "alone"
+    alone.mkdir()
+    shutil.copy(folder / "run" / "summary.json", alone)
+    (recorded,), (told,) = (
+        json.loads(done(recording("report", str(each), "--json")))["runs"]
+        for each in (folder / "run", alone)
+    )
     summary = json.loads((folder / "sim.json").read_text())
     assert recorded["result"] == told["result"] == summary["result"]
-    assert (recorded["title"], told["title"]) == ("run", "sim")
+    assert (recorded["title"], told["title"]) == ("run", "alone")
     assert recorded["detected_us"] == told["detected_us"]
     (takeover,) = summary["takeovers"]
     assert recorded["detected_us"]["most"] == round(1e6 * takeover["detected_s"])
@@ -69,64 +74,29 @@ def test_the_figures_as_json_are_those_of_the_summary(folder: Path) -> None:
     assert told["work"] is None
 
 
-def test_runs_are_compared(folder: Path) -> None:
-    page = folder / "both.html"
-    given = (str(folder / "run"), str(folder / "run" / "run.mcap"))
-    assert recording("report", *given, "-o", str(page))[0] == 0
-    text = page.read_text()
-    assert "<h1>2 runs</h1>" in text
-    assert "<h1>run</h1>" in text
-    assert "<h1>run (2)</h1>" in text
-
-
-def test_drills_and_chaos(folder: Path) -> None:
-    takeover = {"robot": "R1", "at_s": 1, "detected_s": 0.2, "reassigned_s": 0.3}
-    run = {
-        "drill": "a<b>",
-        "transport": "direct",
-        "color": "green",
-        "result": "success",
-        "duration_s": 2.0,
-        "skipped": None,
-        "run_dir": str(folder / "run"),
-        "expectations": [{"expected": "ends", "holds": True, "found": "<script>"}],
-        "takeovers": [{**takeover, "held": "scan", "replacement": "R2", "exact": True}],
-    }
-    gone = {**run, "run_dir": None, "color": "red"}
-    (folder / "drills.json").write_text(json.dumps({"green": 1, "runs": [run, gone]}))
-    chaos = {"seeds": 2, "took_s": 1, "results": {}, "checks": {"I1": 3}, "failures": []}
-    (folder / "chaos.json").write_text(json.dumps(chaos))
-    page = folder / "all.html"
-    given = (str(folder / "drills.json"), str(folder / "chaos.json"))
-    assert recording("report", *given, "-o", str(page))[0] == 0
-    text = page.read_text()
-    assert "a&lt;b&gt; (direct)" in text
-    assert "&lt;script&gt;" in text
-    assert "<script" not in text
-    assert text.count("<svg") == 1, "only one of both has its recording still"
-    assert "no invariant broken" in text
-    assert "all robots agreed on" in text, "a drill's too, where its recording is still there"
-    assert text.count("<h2>Agreement") == 1
-
-
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("{", "is neither a recording (.mcap) nor JSON"),
-        ("[]", "is not what `mrbt sim run"),
-        ("{}", "is not what `mrbt sim run"),
-        ('{"green": 1, "runs": [3]}', "is not what `mrbt sim run"),
-        ('{"seeds": 1, "checks": 3}', "is not what `mrbt sim run"),
-        ('{"duration_s": NaN}', "is neither a recording (.mcap) nor JSON"),
-        ('{"mission": "\\ud800"}', "is neither a recording (.mcap) nor JSON"),
+        ("{", "is no JSON"),
+        ("[]", "is no summary of a run"),
+        ("{}", "is no summary of a run"),
+        ('{"duration_s": NaN}', "is no JSON"),
+        ('{"mission": "\\ud800"}', "is no JSON"),
     ],
 )
-def test_what_is_no_finding_ends_with_status_2(tmp_path: Path, content: str, problem: str) -> None:
-    path = tmp_path / "told.json"
-    path.write_text(content)
-    problems = refused(recording("report", str(path)))
-    assert "told.json" in problems
-    assert problem in " ".join(problems.split())
+def test_what_is_no_summary_ends_with_status_2(tmp_path: Path, content: str, problem: str) -> None:
+    (tmp_path / "summary.json").write_text(content)
+    problems = " ".join(refused(recording("report", str(tmp_path))).split())
+    assert "summary.json" in problems
+    assert problem in problems
+
+
+def test_of_one_run_alone(folder: Path) -> None:
+    both = (str(folder / "run"), str(folder / "run" / "run.mcap"))
+    assert "run.mcap" in refused(recording("report", *both))
+    assert "is no recording" in " ".join(
+        refused(recording("report", str(folder / "sim.json"))).split()
+    )
 
 
 def test_each_part_of_a_run_that_was_continued_is_reported(folder: Path, tmp_path: Path) -> None:
@@ -148,7 +118,7 @@ def test_each_part_of_a_run_that_was_continued_is_reported(folder: Path, tmp_pat
 def test_what_cannot_be_read_or_written_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
     for given, problem in (
         ([str(tmp_path)], "holds neither recordings nor summary.json"),
-        ([str(tmp_path / "none.json")], "cannot be read"),
+        ([str(tmp_path / "none.mcap")], "cannot be read"),
         ([str(folder / "run"), "-o", str(tmp_path / "no" / "report.html")], "there is no folder"),
     ):
         assert problem in " ".join(refused(recording("report", *given)).split())

@@ -20,8 +20,8 @@ from mrbt_mesh.views.report.model import (
     ReportedWork,
     RobotUse,
     RunIdentity,
+    RunParts,
     RunReport,
-    RunsReport,
     TaskEnd,
 )
 from mrbt_mesh.views.report.page import report_html
@@ -96,11 +96,10 @@ def test_names_from_files_mean_nothing_to_html() -> None:
         (ReportedFault(HOSTILE, 1.0, None, (), None, None, HOSTILE, HOSTILE, HOSTILE),),
         (TaskEnd(HOSTILE, HOSTILE, (HOSTILE,)),),
         (ReportedWork(HOSTILE, HOSTILE, HOSTILE, 5.0, 6.0, 10.0, "died"),),
-        verdict=HOSTILE,
         notes=(HOSTILE,),
         failures=(ReportedFailure(HOSTILE, HOSTILE, HOSTILE, 7.0, HOSTILE),),
     )
-    report = RunsReport((run, run))
+    report = RunParts((run, run))
     page = report_html(report)
     assert "<b onload" not in page
     ElementTree.fromstring(page[page.index("<main>") : page.index("</main>") + 7])
@@ -113,7 +112,7 @@ def test_who_agreed_on_which_plan_when() -> None:
         ReportedPlan(3, "2a2b2c2d", 10.1, 10.15, 20.0, {"A1": 10.1, "B1": 10.15}),
     )
     run = replace(RUN, plans=plans, differences=(Disagreement(10.0, 10.15, ("A1",)),))
-    text = report_html(RunsReport((run,))).split("<h2>Agreement")[1]
+    text = report_html(RunParts((run,))).split("<h2>Agreement")[1]
     rows = [re.sub("<[^>]+>", "|", row) for row in text.split("<tr>")]
     assert "3 plans; all robots agreed on 2 of them, after 25 ms (≤ 50 ms)" in text
     for row in (
@@ -123,7 +122,7 @@ def test_who_agreed_on_which_plan_when() -> None:
     ):
         assert any(each.startswith(row) for each in rows), row
     # Where nobody recorded what robots reported, there is no such section.
-    assert "<h2>Agreement" not in report_html(RunsReport((RUN,)))
+    assert "<h2>Agreement" not in report_html(RunParts((RUN,)))
 
 
 def test_an_incident_has_its_date_clock_version_digest_commands_and_verification() -> None:
@@ -135,7 +134,7 @@ def test_an_incident_has_its_date_clock_version_digest_commands_and_verification
         ReportedCommand(7.0, "mrbt kill", "D2 killed", ""),
     )
     run = replace(RUN, identity=identity, proof=proof, commands=commands)
-    text = report_html(RunsReport((run,)))
+    text = report_html(RunParts((run,)))
     for wanted in (
         "2026-11-25 21:13:28.552 to 21:13:48.552 UTC",
         *("64cf970d", "5c96016d", "0.1.0", "CONTRADICTED: 1 findings"),
@@ -147,6 +146,6 @@ def test_an_incident_has_its_date_clock_version_digest_commands_and_verification
     ):
         assert wanted in text, wanted
     gaps = replace(run, proof=replace(proof, findings=()))
-    assert "not contradicted, and not all is proved: gaps: 1" in report_html(RunsReport((gaps,)))
+    assert "not contradicted, and not all is proved: gaps: 1" in report_html(RunParts((gaps,)))
     simulated = replace(run, identity=replace(identity, began_unix_s=None))
-    assert "simulated, in virtual time" in report_html(RunsReport((simulated,)))
+    assert "simulated, in virtual time" in report_html(RunParts((simulated,)))

@@ -13,7 +13,7 @@ from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.sim import Kill, Restart, Schedule, SimulationResult, simulate
-from mrbt_mesh.views.report.model import ReportedWork, RunReport, RunsReport, WaitKind
+from mrbt_mesh.views.report.model import ReportedWork, RunParts, RunReport, WaitKind
 from mrbt_mesh.views.report.page import report_html
 from mrbt_mesh.views.report.recorded import report_recording, without
 from mrbt_mesh.views.report.summaries import report_summary
@@ -217,7 +217,7 @@ def test_failures_are_told_with_their_reasons(tmp_path: Path) -> None:
     report = report_recording(read_recording(observer_file(tmp_path)), "run")
     assert {each.reason for each in report.failures} >= {"the large screwdriver does not fit"}
     assert report.failures == report_summary(result.summary, "run").failures
-    assert "the large screwdriver does not fit" in report_html(RunsReport((report,)))
+    assert "the large screwdriver does not fit" in report_html(RunParts((report,)))
 
 
 def test_what_was_scheduled_is_held_against_what_was_done(tmp_path: Path) -> None:
@@ -238,4 +238,4 @@ def test_what_was_scheduled_is_held_against_what_was_done(tmp_path: Path) -> Non
             assert "R2" not in each.robots
             assert each.ends_s == pytest.approx(each.ended_s, abs=0.2)
     assert any(each.known_s > 4.5 for each in report.scheduled)
-    assert "Scheduled and done" in report_html(RunsReport((report,)))
+    assert "Scheduled and done" in report_html(RunParts((report,)))

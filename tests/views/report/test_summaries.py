@@ -1,4 +1,4 @@
-"""Figures of what commands told, on hand-written cases."""
+"""Figures of a summary, on hand-written cases."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.views.report.model import spread
-from mrbt_mesh.views.report.summaries import report_campaign, report_drill, report_summary
+from mrbt_mesh.views.report.summaries import report_summary
 
 TAKEOVER: dict[str, Any] = {
     "robot": "A1",
@@ -70,40 +70,6 @@ def test_names_are_text() -> None:
     report = report_summary({**SUMMARY, "global_tasks": tasks, "takeovers": [takeover]}, "here")
     assert (report.tasks[0].status, report.tasks[0].robots) == ("1", ("2",))
     assert (report.deaths[0].held, report.deaths[0].replacement) == ("3", "4")
-
-
-def test_a_drill() -> None:
-    told = {
-        "drill": "kill",
-        "transport": "direct",
-        "color": "red",
-        "result": "success",
-        "duration_s": 3.0,
-        "expectations": [{"expected": "ends", "holds": False, "found": "never"}],
-        "takeovers": [TAKEOVER],
-        "skipped": None,
-    }
-    report = report_drill(told, "kill (direct)")
-    assert (report.verdict, report.result) == ("red", "success")
-    assert [(e.expected, e.holds, e.found) for e in report.expectations] == [
-        ("ends", False, "never")
-    ]
-    skipped = report_drill({**told, "result": None, "skipped": "no network", "takeovers": []}, "k")
-    assert (skipped.result, skipped.notes) == ("red", ("no network",))
-
-
-def test_a_campaign() -> None:
-    told = {
-        "seeds": 3,
-        "took_s": 1.5,
-        "results": {"success": 3},
-        "checks": {"I1": 7},
-        "failures": [{"seed": 2, "violations": ["I1 at 3 s"]}],
-    }
-    report = report_campaign(told, "chaos")
-    assert report.failures == {2: ("I1 at 3 s",)}
-    with pytest.raises(KeyError):
-        report_campaign({"seeds": 1}, "chaos")
 
 
 def test_small_figures() -> None:

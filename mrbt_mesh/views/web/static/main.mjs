@@ -6,7 +6,6 @@ import { JobsView } from "./jobs.mjs";
 import { MapView } from "./map.mjs";
 import { PlaybackView } from "./playback.mjs";
 import { RobotsView } from "./robots.mjs";
-import { offerFiles } from "./save.mjs";
 import { Store } from "./store.mjs";
 import { LEVEL_SIGN, allSigns, byId, dialog, element, seconds, setData, setText, withCommands } from "./text.mjs";
 import { TimelineView } from "./timeline.mjs";
@@ -135,7 +134,6 @@ async function begin() {
   store.onChange(follow);
   search([robots, ...jobs, tree, timeline]);
   linkMoments(timeline, playback);
-  offerFiles();
   byId("signs-body").replaceChildren(...allSigns());
   dialog("signs", byId("signs-open"));
   store.connect();
