@@ -13,7 +13,7 @@ APT_INSTALL := apt-get update -qq && apt-get -o DPkg::Lock::Timeout=600 install 
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills soak \
+.PHONY: help setup demo test test-kernel test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
 	bench-membership bench-submissions bench-history bench-jobs bench-order bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
@@ -22,6 +22,7 @@ help:
 	@echo "make setup           .venv with everything from requirements-dev.lock, as the others do first"
 	@echo "make test            checks and tests, in about five minutes on two idle cores"
 	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
+	@echo "make test-kernel     the kernel's tests where features and the periphery are deleted"
 	@echo "make test-mesh       the mesh's own tests where analysis, views, adapters and btcpp are deleted"
 	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-browser    the live page in headless Chromium; as root, installs Debian's if missing"
@@ -111,6 +112,9 @@ smoke: $(READY)
 	$(BIN)/pytest -n 3 -m "smoke and not slow" tests/processes
 
 # tests/structure/test_wall.py runs some of them.
+test-kernel: $(READY)
+	$(BIN)/pytest -m "slow or not slow" tests/structure/test_rooms.py
+
 test-mesh: $(READY)
 	$(BIN)/python -m tests.support.mesh_alone
 

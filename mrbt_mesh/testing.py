@@ -29,6 +29,7 @@ from typing import Any, Literal, Protocol, TypeAlias
 from mrbt_mesh.core.mission.mission import MICRO, Mission, micro_performance
 from mrbt_mesh.core.mission.names import ALL, type_name
 from mrbt_mesh.errors import InputError, nearest
+from mrbt_mesh.features.contact.commands import Borrow, Return
 from mrbt_mesh.formats.expand import call_text
 from mrbt_mesh.formats.mission_file import load_mission
 from mrbt_mesh.runtime.program import RobotProgram, functions_of
@@ -59,13 +60,11 @@ from mrbt_mesh.sim.world.named_faults import (
 )
 from mrbt_mesh.sim.world.team_commands import (
     AbortMission,
-    Borrow,
     CancelJob,
     HoldJob,
     PauseTeam,
     ReleaseJob,
     ResumeTeam,
-    Return,
     SetPriority,
     Submit,
 )

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Kind, Tree, TreeError, build_tree
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.constraints import Constraint
-from mrbt_mesh.core.mission.contact import MAX_MAJORITY, ContactOf, LostContact, OnLostContact
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
     MAX_GLOBAL_TASKS,
@@ -25,7 +25,6 @@ from mrbt_mesh.core.mission.mission import (
     Recorded,
     Robot,
     SameRobotAs,
-    performance,
 )
 from mrbt_mesh.core.mission.names import entries_in, type_name
 from mrbt_mesh.errors import nearest
@@ -143,7 +142,7 @@ class _Builder:
         local_trees = self.local_trees.ground(needed)
         program_trees = self.local_trees.ground_programs(needed, folder)
         travel = self.travel.build(robots, needed, local_trees, jobs.values())
-        on_lost_contact = self.lost_contact(types)
+        sections = {each.section: each.build(model, types, self.report) for each in features()}
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -165,7 +164,7 @@ class _Builder:
             program_trees=program_trees,
             travel=travel,
             jobs=jobs,
-            on_lost_contact=on_lost_contact,
+            sections={name: found for name, found in sections.items() if found},
             costs=Costs(
                 {n: t.cost for n, t in sorted(model.robot_types.items()) if t.cost != 1},
                 {n: t.cost for n, t in sorted(model.local_tasks.items()) if t.cost != 1},
@@ -196,31 +195,6 @@ class _Builder:
             path = ("robot_types", name, "capabilities")
             types[name] = dict(sorted(self.capabilities(entry.capabilities, path).items()))
         return types
-
-    def lost_contact(self, types: Mapping[str, Mapping[str, int]]) -> dict[str, LostContact]:
-        """What robots do without contact, by type."""
-        found: dict[str, LostContact] = {}
-        for name, entry in sorted(self.model.robot_types.items()):
-            given, path = entry.on_lost_contact, ("robot_types", name, "on_lost_contact")
-            if given is None:
-                continue
-            local_task, count = given.local_task or "", len(self.model.robots)
-            if (given.then == "return") is not bool(local_task):
-                hint = "`return: LOCAL_TASK` names what `then: return` performs"
-                self.report.add(path, f"{hint}; give both or neither")
-            elif local_task and performance(types[name], local_task) is None:
-                message = f"{name} cannot do {local_task!r}; it has {', '.join(types[name])}"
-                self.report.add((*path, "return"), message)
-            if given.of != "operator" and count < 2:
-                self.report.add(path, "the mission has no other robot to hear; use `of: operator`")
-            elif given.of == "majority" and count > MAX_MAJORITY:
-                message = f"of {count} robots each hears a few only; use `of: team` or `operator`"
-                self.report.add((*path, "of"), message)
-            after_us = micro_or_report(given.after_s, (*path, "after_s"), self.report)
-            if given.then != "go_on":
-                of, then = ContactOf(given.of), OnLostContact(given.then)
-                found[name] = LostContact(after_us, of, then, local_task)
-        return found
 
     def capabilities(self, given: Mapping[str, float | None], path: SourcePath) -> dict[str, int]:
         """Performance in micro-units by ground or type name; 0 is one taken away."""

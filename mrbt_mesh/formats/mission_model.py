@@ -12,7 +12,7 @@ import json
 import re
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import (
     Discriminator,
@@ -20,10 +20,12 @@ from pydantic import (
     JsonValue,
     Tag,
     ValidationError,
+    create_model,
     model_validator,
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import (
@@ -109,6 +111,8 @@ Point: TypeAlias = Annotated[list[Coordinate], Field(min_length=2, max_length=2)
 Number: TypeAlias = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Way: TypeAlias = Annotated[float, Field(ge=0, le=MAX_MS / 1_000)]
 
+_Model = TypeVar("_Model", bound=FileModel)
+
 
 def _tree_tag(value: Any) -> str | None:
     if isinstance(value, str):
@@ -116,6 +120,16 @@ def _tree_tag(value: Any) -> str | None:
     return "<mapping>" if isinstance(value, dict | NodeModel) else None
 
 
+def with_features(model: type[_Model]) -> type[_Model]:
+    """The same model with the fields that features add."""
+    added = [each.file_fields().get(model.__name__, {}) for each in features()]
+    fields: dict[str, Any] = {name: kind for each in added for name, kind in each.items()}
+    if not fields:
+        return model
+    return create_model(model.__name__, __base__=model, __doc__=model.__doc__, **fields)
+
+
+@with_features
 class LocalTaskModel(FileModel):
     """A local-task type; a robot with performance p needs work / p seconds for it.
 
@@ -241,20 +255,7 @@ class EntryModel(FileModel):
         return self
 
 
-class LostContactModel(FileModel):
-    """What a robot does that has heard nobody for `after_s`: no robot of the `team`, no `majority`
-    of the robots, or no `operator`.
-
-    `then`: `finish` its task and begin no other, `hold` (cancel it), or `return`: cancel it and
-    perform a local task.
-    """
-
-    after_s: Annotated[float, Field(ge=1, le=86_400)]
-    of: Literal["team", "majority", "operator"] = "team"
-    then: Literal["go_on", "finish", "hold", "return"]
-    local_task: GroundText | None = Field(default=None, alias="return")
-
-
+@with_features
 class RobotTypeModel(FileModel):
     """A kind of robot: what it can do, and how well.
 
@@ -264,7 +265,6 @@ class RobotTypeModel(FileModel):
 
     capabilities: dict[GroundText, Performance]
     cost: Cost = 1
-    on_lost_contact: LostContactModel | None = None
 
 
 class RobotModel(FileModel):
@@ -324,6 +324,7 @@ Blocked: TypeAlias = Annotated[
 ]
 
 
+@with_features
 class GlobalTaskModel(FileModel):
     """A task of the whole team: the local tasks that it needs, and its policies.
 
@@ -498,6 +499,7 @@ class TravelModel(FileModel):
     overtaking: Annotated[int, Field(ge=0, le=MAX_OVERTAKING)] = 5
 
 
+@with_features
 class MissionModel(FileModel):
     """A mission of a team of robots.
 

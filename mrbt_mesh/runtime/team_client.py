@@ -24,14 +24,12 @@ from mrbt_mesh.core.agent.operator_messages import INVALID, UNKNOWN, command_ver
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import (
     ABORTED,
-    BORROWED,
     DECISION,
     JOB,
     MISSION,
     MISSION_WITHDRAWN,
     PAUSED,
     Decision,
-    Loan,
 )
 from mrbt_mesh.core.facts.values import (
     MAX_TEXT,
@@ -293,11 +291,16 @@ class TeamClient:
         """Take a robot out of the team's work, to drive it until `give_back`; at once, or after the
         task that it has. Returns once the robot itself has it in its journal.
         """
-        return await self._lend(robot, Loan.AFTER_TASK if after_task else Loan.AT_ONCE, operator)
+        from mrbt_mesh.features.contact.loans import BORROWED, Loan
+
+        loan = Loan.AFTER_TASK if after_task else Loan.AT_ONCE
+        return await self._command_robot(BORROWED, robot, str(loan), operator)
 
     async def give_back(self, robot: str, operator: str = "") -> Acknowledged:
         """Give a borrowed robot back to the team."""
-        return await self._lend(robot, Loan.RETURNED, operator)
+        from mrbt_mesh.features.contact.loans import BORROWED, Loan
+
+        return await self._command_robot(BORROWED, robot, str(Loan.RETURNED), operator)
 
     async def wait_for_end(self, job_id: str) -> JobRow:
         """Wait until a job has ended; how it has."""
@@ -363,9 +366,12 @@ class TeamClient:
             state["arguments"] = named_arguments(types, state["type"], state["arguments"])
         return done
 
-    async def _lend(self, robot: str, loan: Loan, operator: str) -> Acknowledged:
-        name, needs = f"{BORROWED}/{robot}", (robot,)
-        return await self._command(name, str(loan), operator, needs=needs, is_checked=True)
+    async def _command_robot(
+        self, field: str, robot: str, value: Any, operator: str
+    ) -> Acknowledged:
+        """Returns once the robot itself has it in its journal."""
+        name = f"{field}/{robot}"
+        return await self._command(name, value, operator, needs=(robot,), is_checked=True)
 
     async def _command_team(self, field: str, value: Any, operator: str) -> Acknowledged:
         return await self._command(field, value, operator, rest_s=REST_S)

@@ -11,7 +11,7 @@ from tests.support.structure.source import misnamed_tests, settle
 Tree = Callable[[dict[str, str]], Path]
 
 PACKAGES = (
-    *("adapters", "analysis", "btcpp", "cli", "core", "drills", "formats"),
+    *("adapters", "analysis", "btcpp", "cli", "core", "drills", "features", "formats"),
     *("recording", "runtime", "sim", "views"),
 )
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}

@@ -51,6 +51,16 @@ def copy_mesh(target: Path) -> list[str]:
     return sorted(left_out)
 
 
+def without_features(target: Path) -> None:
+    """Delete the features from a copy: the kernel's table has none."""
+    shutil.rmtree(target / "mrbt_mesh" / "features")
+    table = target / "mrbt_mesh" / "core" / "feature.py"
+    text = table.read_text(encoding="utf-8")
+    emptied = re.sub(r"^(NAMES: .*?= )\(.*?\)$", r"\1()", text, flags=re.M | re.S)
+    assert emptied != text
+    table.write_text(emptied, encoding="utf-8")
+
+
 def _needs_periphery(text: str, target: Path) -> bool:
     """Whether tests import the periphery, or something of tests/support that is left out."""
     shared = (target.joinpath(*name.split(".")) for name in _SHARED.findall(text))

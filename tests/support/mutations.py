@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from typing import Any
 from unittest import mock
 from weakref import WeakKeyDictionary
@@ -18,7 +19,6 @@ from mrbt_mesh.core.agent.agent import Agent
 from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.commands import Answer, Commands
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.effects import Persist
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
 from mrbt_mesh.core.agent.operator_messages import CommandStep, command_version, operate_body
@@ -35,6 +35,7 @@ from mrbt_mesh.core.facts.jobs import Jobs
 from mrbt_mesh.core.facts.records import GRANT, Arguments, ConditionValue, Outcome
 from mrbt_mesh.core.facts.store import Entry, FactMap, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.feature import NAMES
 from mrbt_mesh.core.membership import leases
 from mrbt_mesh.core.membership.anti_entropy import AntiEntropy
 from mrbt_mesh.core.membership.joining import Joining
@@ -111,8 +112,6 @@ add(
     (Reviser, "may_begin", always(True)),
     (make_plan, "Plan", lambda plan, *given, **named: plan(*given, **named | {"revision": None})),
 )
-# Robots begin as soon as they take others for dead, which may still be at work without contact.
-add("those_without_contact_have_stopped", (ContactWatch, "_stops_us", always(0)))
 # What a coalition did counts whenever its members began.
 add("partners_may_be_late", (BeginWatch, "_have_all_begun", always(True)))
 # A robot has failed, and the others that could still try are dead: no failure is ever declared.
@@ -376,3 +375,8 @@ def the_dead_count_as_assigned(original: Any, facts: TeamFacts, requests: Any, *
         for index, failure in original(facts, requests, *given).items()
         if tasks[requests[index].subject].failure is not FailurePolicy.PAPER
     }
+
+
+for feature in NAMES:
+    for name, patch in import_module(f"tests.features.{feature}.mutants").MUTANTS.items():
+        add(name, patch)

@@ -8,12 +8,17 @@ from typing import Any
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
 from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.context import Context
+from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.job_desk import job_rules
 from mrbt_mesh.core.agent.operator_desk import OperatorDesk, team_rules
 from mrbt_mesh.core.agent.operator_messages import CommandStep, operate_body
+from mrbt_mesh.core.agent.parts import Parts
+from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.assignment.solvers import default_solver
+from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.observer.job_log import JobLog
@@ -39,7 +44,11 @@ def desk(
     assert context.facts.jobs is not None
     if clock_us is not None:
         context.wall_clock.read(clock_us, 0)
-    rules = {**team_rules(context), **Reviser(context).rules(), **job_rules(context)}
+    parts = Parts(Kit(context, Health(context), Planner(context, RobotTree({"look"}))))
+    parts.compose(0)
+    of_features = [part.rules() for part in parts.all]
+    own = team_rules(context), Reviser(context).rules(), job_rules(context), *of_features
+    rules = {field: rule for each in own for field, rule in each.items()}
     return OperatorDesk(context, rules), context
 
 

@@ -158,10 +158,10 @@ def attend(team: TeamOptions) -> None:
     """
     import anyio
 
-    from mrbt_mesh.core.agent.operator_messages import ATTEND
+    from mrbt_mesh.features.contact.policy import ATTEND, policies
 
     async def act(watcher: Watcher) -> int:
-        if not watcher.observer.mission.on_lost_contact:
+        if not policies(watcher.observer.mission):
             raise InputError("robots of this mission wait for no operator (on_lost_contact)")
 
         problems: dict[str, str] = {}

@@ -22,7 +22,6 @@ from mrbt_mesh.core.agent.coalition_begin import BeginWatch
 from mrbt_mesh.core.agent.coalition_start import CoalitionStart
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.config import AgentConfig
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.deferred_inputs import DeferredInputs
 from mrbt_mesh.core.agent.effects import Effect, UseMission
@@ -34,18 +33,19 @@ from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.agent.job_clock import JobClock
 from mrbt_mesh.core.agent.leased_start import LeasedStart
 from mrbt_mesh.core.agent.lifecycle import Lifecycle
+from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.agent.stepping import Stepping
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.agent.withdrawal import Withdrawal
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.description import PROGRAM
 from mrbt_mesh.core.facts.records import CLOCK
+from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
 from mrbt_mesh.core.membership.timing import NEVER_US, HeartbeatSchedule
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES
@@ -79,11 +79,10 @@ class Agent:
         self._leased: LeasedStart | None = None
         self._begin_watch: BeginWatch | None = None
         self._health = health = Health(context)
-        self._withdrawal = Withdrawal(context, health)
         self._alone = Alone(context, health)
         self._bidder = Bidder(context, health)
         self._scheduler: Scheduler | None = None
-        self._contact: ContactWatch | None = None
+        self._parts = Parts(Kit(context, health, self._planner))
         self._reviser = Reviser(context)
         self._deferred = DeferredInputs()
         context.replica.shown_by_tick = partial(shown_by_tick, context.facts)
@@ -113,11 +112,12 @@ class Agent:
         """The parts that the mission in force needs."""
         context, planner, health, bidder = self._context, self._planner, self._health, self._bidder
         mission, schedule, duplicates = context.mission, self._schedule, self._duplicates
+        parts = self._parts
         if self._leased is None and any(task.exclusive for task in mission.all_tasks()):
             self._leased = LeasedStart(context, planner, now_us)
         leased = self._leased
         starts = StartPolicies(PlainStart(), CoalitionStart(context), leased)
-        self._executor = executor = Executor(context, self._tree, starts, self._reviser)
+        self._executor = executor = Executor(context, self._tree, starts, self._reviser, parts)
         self._reports = reports = Reports(context, executor, schedule, health)
         if self._begin_watch is None and any(task.simultaneous for task in mission.all_tasks()):
             self._begin_watch = BeginWatch(context)
@@ -128,18 +128,11 @@ class Agent:
             self._scheduler = Scheduler(context)
         scheduler = executor.scheduler = self._scheduler
         self._lifecycle = Lifecycle(context, planner, leased, duplicates, schedule)
-        self._heartbeats = Heartbeats(context, schedule, self._tree, leased)
-        withdrawal = self._withdrawal
-        self._commands = Commands(context, reports, health, self._reviser)
-        inbound = Inbound(context, planner, leased, duplicates, schedule, self._commands)
-        if self._contact is not None:
-            self._contact.end(now_us)
-        self._contact = None
-        if mission.on_lost_contact:
-            watch = self._contact = ContactWatch(context, withdrawal, planner, now_us)
-            executor.contact = inbound.contact = watch
-            self._heartbeats.contact = self._commands.contact = watch
-        self.view.stepping = Stepping(context, leased, self._contact)
+        self._heartbeats = Heartbeats(context, schedule, self._tree, leased, parts)
+        parts.compose(now_us)
+        self._commands = Commands(context, reports, health, self._reviser, parts)
+        inbound = Inbound(context, planner, leased, duplicates, schedule, self._commands, parts)
+        self.view.stepping = Stepping(context, leased, parts)
         jobs, work = context.facts.jobs, context.work
         self._wall_clock = clock = context.wall_clock
         self._job_clock: JobClock | None = None
@@ -287,8 +280,8 @@ class Agent:
             self._seen = None
         if not self._alone.is_over and self._planner.awaited is None:
             self._alone.follow(now_us)
-        contact = self._contact
-        if contact is not None and self._planner.awaited is None and contact.check(now_us):
+        checks = self._parts.check if self._planner.awaited is None else ()
+        if True in [check(now_us) for check in checks]:
             self._seen = None
         if self._planner.awaited is not None:
             self._detect_failures(now_us)
@@ -341,12 +334,7 @@ class Agent:
 
     def _plan_and_perform(self, events: Sequence[Input], now_us: int) -> None:
         mission, leased = self._context.mission, self._leased
-        self._withdrawal.follow(now_us)
-        clock = self._job_clock if self._planner.decides else None
-        passed = clock.passed(now_us) if clock is not None else []
-        if passed:
-            self._context.write(passed, now_us)
-        self._check_coalition(now_us)
+        self._act_before_plan(now_us)
         if mission.has_own_conditions and self._context.facts.mission.per_robot.leaves:
             self._reports.contradict(now_us)
         if self._awaits_joining(now_us) or self._awaits_news(events, now_us):
@@ -367,13 +355,18 @@ class Agent:
                 plan = self._planner.update(now_us, apart)
                 if plan is None:
                     return
-        self._executor.perform(plan, now_us)
-        if self._contact is not None:
-            self._contact.perform_return(now_us)
+        for perform in (self._executor.perform, *self._parts.perform):
+            perform(plan, now_us)
         if leased is not None:
             leased.request()
 
-    def _check_coalition(self, now_us: int) -> None:
+    def _act_before_plan(self, now_us: int) -> None:
+        for follow in self._parts.follow:
+            follow(now_us)
+        clock = self._job_clock if self._planner.decides else None
+        passed = clock.passed(now_us) if clock is not None else []
+        if passed:
+            self._context.write(passed, now_us)
         if self._leased is not None:
             self._leased.check(now_us)
         if self._begin_watch is not None:
@@ -457,7 +450,7 @@ class Agent:
             planner.next_deadline_us(),
             leases.next_deadline_us() if leases is not None else None,
             self._job_clock.next_deadline_us() if self._job_clock is not None else None,
-            self._contact.next_us(now_us) if self._contact is not None else None,
+            *(next_us(now_us) for next_us in self._parts.next_us),
             self._begin_watch.next_us if self._begin_watch is not None else None,
             self._joining_until_us,
             self._plans_at_us,

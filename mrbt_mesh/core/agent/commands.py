@@ -7,14 +7,12 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.health import Health
 from mrbt_mesh.core.agent.inputs import CapabilityChanged
 from mrbt_mesh.core.agent.job_desk import job_rules
 from mrbt_mesh.core.agent.operator_desk import OperatorDesk, decision_rules, team_rules
 from mrbt_mesh.core.agent.operator_messages import (
-    ATTEND,
     CHECK_REVISION,
     FAULT,
     LEAVE,
@@ -24,6 +22,7 @@ from mrbt_mesh.core.agent.operator_messages import (
     REFUSALS,
     RESTORE,
 )
+from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.reports import Reports
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.facts.description import OPERATOR
@@ -42,24 +41,30 @@ class Commands:
     """Carries out an operator's commands on one robot."""
 
     def __init__(
-        self, context: Context, reports: Reports, health: Health, reviser: Reviser
+        self,
+        context: Context,
+        reports: Reports,
+        health: Health,
+        reviser: Reviser,
+        parts: Parts,
     ) -> None:
         self._context = context
         self._reports = reports
         self._health = health
-        self.contact: ContactWatch | None = None
         self._words: dict[str, Callable[[str, int], tuple[bool, str]]] = {
             FAULT: lambda names, now_us: self._change_capability(names, True, now_us),
             RESTORE: lambda names, now_us: self._change_capability(names, False, now_us),
             PERFORM: self._perform,
             LEAVE: self._leave,
-            ATTEND: self._attend,
             REFUSALS: self._refusals,
             CHECK_REVISION: reviser.check,
+            **{word: act for part in parts.all for word, act in part.words().items()},
         }
         rules = {**team_rules(context), **decision_rules(context), **reviser.rules()}
         if context.facts.jobs is not None:
             rules |= job_rules(context)
+        for part in parts.all:
+            rules |= part.rules()
         self._desk = OperatorDesk(context, rules)
 
     def carry_out(self, body: Any, now_us: int) -> Answer | AwaitedAnswer:
@@ -99,11 +104,6 @@ class Commands:
     def _leave(self, _: str, now_us: int) -> tuple[bool, str]:
         self._reports.leave(now_us)
         return True, f"{self._context.me} leaves"
-
-    def _attend(self, _: str, now_us: int) -> tuple[bool, str]:
-        if self.contact is not None:
-            self.contact.operator_is_here(now_us)
-        return True, ""
 
     def _refusals(self, _: str, now_us: int) -> tuple[bool, str]:
         """The most frequent refusals, as JSON: "source: reason" -> how often."""

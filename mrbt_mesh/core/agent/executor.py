@@ -11,9 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.reviser import Reviser
 from mrbt_mesh.core.agent.scheduler import Scheduler
 from mrbt_mesh.core.bt.activation import parse_activation
@@ -82,14 +82,18 @@ class StartPolicies(NamedTuple):
 class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
-    `contact`: what else a start waits for, in missions that say what robots do without contact.
     `on_start` is called with each action that begins, and the time.
     `scheduler`: of a mission with places.
     `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
     """
 
     def __init__(
-        self, context: Context, tree: RobotTree, starts: StartPolicies, reviser: Reviser
+        self,
+        context: Context,
+        tree: RobotTree,
+        starts: StartPolicies,
+        reviser: Reviser,
+        parts: Parts,
     ) -> None:
         self._context = context
         self._reviser = reviser
@@ -97,7 +101,7 @@ class Executor:
         self._grace_us = context.config.timing.grace_us
         self.tree = tree
         self.shows_outcome = False
-        self.contact: ContactWatch | None = None
+        self._parts = parts
         self.on_start: Callable[[StartAction, int], None] = lambda *_: None
         self.scheduler: Scheduler | None = None
 
@@ -119,7 +123,7 @@ class Executor:
             and assignment is not None
             and claim is not None
             and self._may_start(plan, now_us)
-            and (self.contact is None or self._has_contact(self.contact, claim, now_us))
+            and self._features_allow(claim, now_us)
         ):
             start = self._start_of(claim)
             assert start is not None  # the plan has it
@@ -158,9 +162,10 @@ class Executor:
         agreed = self._context.membership.all_report_plan(plan.digest)
         return agreed or now_us >= self._grace_ends_us
 
-    def _has_contact(self, contact: ContactWatch, claim: Claim, now_us: int) -> bool:
+    def _features_allow(self, claim: Claim, now_us: int) -> bool:
         task = self._context.facts.task_of(claim.activation)
-        return contact.may_begin(claim.local_task, task is not None and task.exclusive, now_us)
+        is_exclusive = task is not None and task.exclusive
+        return False not in [may(claim, is_exclusive, now_us) for may in self._parts.may_begin]
 
     @property
     def _grace_ends_us(self) -> int:

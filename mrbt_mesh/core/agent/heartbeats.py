@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from functools import partial
 
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import Publish
 from mrbt_mesh.core.agent.leased_start import LeasedStart
+from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.bt.robot_tree import RobotTree
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
@@ -32,6 +32,7 @@ class Heartbeats:
         schedule: HeartbeatSchedule,
         tree: RobotTree,
         leased: LeasedStart | None,
+        parts: Parts,
     ) -> None:
         self._context = context
         self._schedule = schedule
@@ -39,7 +40,7 @@ class Heartbeats:
         self._leased = leased
         self._shows_clock = context.mission.stops_in_time
         self._last: Urgent | None = None
-        self.contact: ContactWatch | None = None
+        self._parts = parts
 
     def send_if_due(self, plan: Plan | None, now_us: int) -> None:
         """Send one if it is time, or if others must hear something at once."""
@@ -104,8 +105,8 @@ class Heartbeats:
         number = self._schedule.mark_sent(urgent, now_us, plan_only)
         if self._leased is not None:
             self._leased.heartbeat_sent(number, now_us)
-        if self.contact is not None:
-            self.contact.sent(number, now_us)
+        for sent in self._parts.sent:
+            sent(number, now_us)
         requested, grants = self._lease_state()
         digest, result = (plan.digest, plan.result) if plan else (bytes(8), Status.RUNNING)
         waiting = None if plan is None else partial(who_waits, plan, context.facts)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from mrbt_mesh.core.agent.commands import Commands
 from mrbt_mesh.core.agent.commands_on_disk import AwaitedAnswer
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.effects import AskRouter, Reply
 from mrbt_mesh.core.agent.inputs import (
@@ -19,6 +18,7 @@ from mrbt_mesh.core.agent.inputs import (
     TokenChanged,
 )
 from mrbt_mesh.core.agent.leased_start import LeasedStart
+from mrbt_mesh.core.agent.parts import Parts
 from mrbt_mesh.core.agent.planner import Planner
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.membership.duplicate_ids import DuplicateIdCheck
@@ -51,6 +51,7 @@ class Inbound:
         duplicates: DuplicateIdCheck,
         schedule: HeartbeatSchedule,
         commands: Commands,
+        parts: Parts,
     ) -> None:
         self._context = context
         self._planner = planner
@@ -58,7 +59,7 @@ class Inbound:
         self._duplicates = duplicates
         self._schedule = schedule
         self._commands = commands
-        self.contact: ContactWatch | None = None
+        self._parts = parts
 
     def take(self, event: FromOutside, now_us: int) -> None:
         """Take in one message."""
@@ -132,8 +133,8 @@ class Inbound:
             self._compare_digest(source, beat, now_us)
             if beat.steady_us is not None:
                 self._compare_clock(source, beat.report.incarnation.nonce, beat.steady_us, now_us)
-            if self.contact is not None:
-                self.contact.heard(source, beat)
+            for heard in self._parts.heard:
+                heard(source, beat)
             # Every heartbeat repeats it. While a plan is made the facts stay as they are.
             has_leases = beat.lease_request is not None or beat.lease_grants
             if self._leased is not None and has_leases and self._planner.awaited is None:

@@ -192,30 +192,9 @@ class OperatorDesk:
 
 
 def team_rules(context: Context) -> Rules:
-    """Those of what is commanded to the whole team, and about robots."""
-    facts = context.facts
-
-    def loan(robot: str) -> dict[str, Any]:
-        by, since = facts.borrowers.get(robot, ("", records.Loan.RETURNED))
-        return {"loan": str(since), "by": by}
-
-    def check_loan(entry: Entry, _: int) -> None:
-        command, robot = entry.record, entry.parts[1]
-        assert isinstance(command, OperatorCommand)
-        by, _since = facts.borrowers.get(robot, ("", records.Loan.RETURNED))
-        if robot not in facts.members and robot not in context.mission.robots:
-            raise RefusalError(f"the team has no robot {robot}", UNKNOWN)
-        if command.value is records.Loan.RETURNED and not by:
-            raise RefusalError(f"{robot} is not borrowed", CONFLICT)
-        if command.value is not records.Loan.RETURNED and by not in ("", command.operator):
-            raise RefusalError(f"{robot} is borrowed by {by}: `mrbt return` it first", CONFLICT)
-
-    order = FieldRule(lambda _: {"order": str(facts.order())})
-    return {
-        records.PAUSED: order,
-        records.ABORTED: order,
-        records.BORROWED: FieldRule(loan, check_loan),
-    }
+    """Those of what is commanded to the whole team."""
+    order = FieldRule(lambda _: {"order": str(context.facts.order())})
+    return {records.PAUSED: order, records.ABORTED: order}
 
 
 def decision_rules(context: Context) -> Rules:

@@ -12,8 +12,6 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 
 # Words to one robot, which end with its process.
 FAULT, RESTORE, LEAVE, PERFORM = "fault", "restore", "leave", "perform"
-# A sign of life of an operator.
-ATTEND = "attend"
 CHECK_REVISION = "check_revision"
 REFUSALS = "refusals"
 # A command that is a fact of its operator.

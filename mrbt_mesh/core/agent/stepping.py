@@ -1,26 +1,24 @@
 """Until when a robot's program may go on with its local task, by what the robot has heard.
 
 The action is not cancelled after that: it waits, before its next step, for news. Only what stops in
-time by this robot's own clock needs it: exclusive tasks, and all tasks of robots that promise to
-stop without contact. If that clock has stood still (`peer_clocks`), news shows it.
+time by this robot's own clock needs it: exclusive tasks, and what features ask for. If that clock
+has stood still (`peer_clocks`), news shows it.
 """
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.contact import ContactWatch
 from mrbt_mesh.core.agent.context import Context
 from mrbt_mesh.core.agent.leased_start import LeasedStart
+from mrbt_mesh.core.agent.parts import Parts
 
 
 class Stepping:
     """The limit for the action that runs now."""
 
-    def __init__(
-        self, context: Context, leased: LeasedStart | None, contact: ContactWatch | None
-    ) -> None:
+    def __init__(self, context: Context, leased: LeasedStart | None, parts: Parts) -> None:
         self._context = context
         self._leased = leased
-        self._contact = contact
+        self._parts = parts
 
     def until_us(self) -> int | None:
         """Until when its steps need no further news; None: there is no limit.
@@ -30,9 +28,7 @@ class Stepping:
         work = self._context.work
         if work.action is None or work.is_stopping or not work.action.global_task:
             return None
-        times_us = []
+        times_us = [until_us() for until_us in self._parts.steps_until_us]
         if self._leased is not None:
             times_us.append(self._leased.steps_until_us())
-        if self._contact is not None:
-            times_us.append(self._contact.steps_until_us())
         return min((each_us for each_us in times_us if each_us is not None), default=None)

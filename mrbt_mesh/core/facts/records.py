@@ -25,6 +25,7 @@ from mrbt_mesh.core.facts.values import (
     shown,
     texts_by_reason,
 )
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.blackboard import MAX_TEXT, MAX_UNITS, Value
 from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_ROBOTS
@@ -485,14 +486,6 @@ class Hold(enum.StrEnum):
     NOW = "now"
 
 
-class Loan(enum.StrEnum):
-    """Whether an operator has borrowed a robot, and from when on."""
-
-    RETURNED = "returned"
-    AT_ONCE = "at_once"
-    AFTER_TASK = "after_task"
-
-
 class Decision(enum.StrEnum):
     """An operator's decision on a coalition that has left an exclusive task in doubt."""
 
@@ -785,10 +778,10 @@ LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
 # The author of what operators command, which is no robot's id.
 OPERATORS = "@operators"
-# Fields of commands. Of the team: PAUSED, ABORTED. By robot: BORROWED. By activation and coalition:
-# DECISION. By id of a job: JOB (it is submitted), JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED. By number
-# of a revision: MISSION (it is proposed), MISSION_WITHDRAWN.
-PAUSED, ABORTED, BORROWED, DECISION = "paused", "aborted", "borrowed", "decision"
+# Fields of commands; features have others. Of the team: PAUSED, ABORTED. By activation and
+# coalition: DECISION. By id of a job: JOB (it is submitted), JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED.
+# By number of a revision: MISSION (it is proposed), MISSION_WITHDRAWN.
+PAUSED, ABORTED, DECISION = "paused", "aborted", "decision"
 JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED = "job", "job_hold", "job_priority", "job_cancelled"
 MISSION, MISSION_WITHDRAWN = "mission", "mission_withdrawn"
 MEMBER, CLAIM, RESULT = "member", "claim", "result"
@@ -839,13 +832,11 @@ _ONCE: Mapping[str, tuple[Callable[[Any], Any], int]] = {
 _AGAIN: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     PAUSED: (_read_team_order, 1),
     ABORTED: (_read_true, 1),
-    BORROWED: (Loan, 2),
     JOB_HOLD: (Hold, 2),
     JOB_PRIORITY: (_priority, 2),
     JOB_CANCELLED: (_read_true, 2),
     MISSION_WITHDRAWN: (_read_true, 2),
 }
-COMMANDS = frozenset({*_ONCE, *_AGAIN})
 # Kind -> its parser, and how many parts a name has:
 # kind / condition, scope or activation / local task, coalition or position / coalition
 _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
@@ -879,7 +870,13 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     },
     **dict.fromkeys((LATCHED_FAILURE, EXPIRED, JOB_DUE), (Latch.parse, (2,))),
     **dict.fromkeys((BROKEN, GRANT, DOUBT, CLEARED, CLOSED), (Latch.parse, (3,))),
+    **{
+        field: (partial(OperatorCommand.read, known.read), (known.parts,))
+        for feature in features()
+        for field, known in feature.commands.items()
+    },
 }
+COMMANDS = frozenset({*_ONCE, *_AGAIN, *(f for each in features() for f in each.commands)})
 
 
 # Each name is read several times, by every robot that is simulated in one process.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from mrbt_mesh.core.bt.activation import Activation, parse_activation
 from mrbt_mesh.core.bt.tree import Status
@@ -26,7 +26,6 @@ from mrbt_mesh.core.facts.records import (
     ExpressionRevision,
     JobArchive,
     JobEnd,
-    Loan,
     Member,
     MissionResult,
     NoClaim,
@@ -46,11 +45,13 @@ from mrbt_mesh.core.facts.stamps import Counts, Stamps
 from mrbt_mesh.core.facts.store import Change, Entry, FactMap, Incarnation, Version
 from mrbt_mesh.core.facts.task_status import task_status
 from mrbt_mesh.core.facts.validation import ACTIVATION_KINDS, believed, task_of_activation
+from mrbt_mesh.core.feature import Index, features
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import OpenJob, place_at, with_jobs
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, performance
 from mrbt_mesh.core.mission.names import type_name
 
+_Index = TypeVar("_Index", bound=Index)
 # Kinds of facts that may belong to jobs, besides those of activations.
 OF_JOBS = records.JOB_KINDS | {records.CONDITION, records.EXPRESSION}
 # Of an activation of which nothing is known.
@@ -137,8 +138,13 @@ class TeamFacts:
         # (robot, its type) -> its table of travel times, of robots that have published some.
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
         self._order, self._is_aborted = TeamOrder.RESUME, False
-        # Robot -> the operator who has borrowed it, and from when on.
-        self.borrowers: dict[str, tuple[str, Loan]] = {}
+        # What features read, by the class of the index; and by the kind of entry.
+        self._indexes: dict[type[Index], Index] = {}
+        self._index_of: dict[str, Index] = {}
+        for feature in features():
+            if (index := feature.index(mission)) is not None:
+                self._indexes[type(index)] = index
+                self._index_of |= dict.fromkeys(feature.commands, index)
         self._results: dict[str, MissionResult] = {}
         # What says nothing while this mission is in force, and whether `prune` has to look at it.
         self._unbelieved: dict[tuple[str, str], Entry] = {}
@@ -256,6 +262,23 @@ class TeamFacts:
     def jobs_status(self, origin: int) -> Status:
         """RUNNING, or how that Jobs node was ended by one of its jobs."""
         return self.jobs.node_status(origin) if self.jobs is not None else Status.RUNNING
+
+    # -- features -----------------------------------------------------------------------------
+
+    def index(self, kind: type[_Index]) -> _Index:
+        """What a feature reads in this mission, by the class of its index; raises KeyError if it
+        has none.
+        """
+        found = self._indexes[kind]
+        assert isinstance(found, kind)
+        return found
+
+    def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
+        """Better reasons by features for some of these robots, to which a plan assigns nothing."""
+        better: dict[str, str] = {}
+        for index in self._indexes.values():
+            better |= index.idle(reasons)
+        return better
 
     # -- robots -------------------------------------------------------------------------------
 
@@ -586,17 +609,14 @@ class TeamFacts:
             self._see_stamp(entry)
 
     def _add_command(self, field: str, entry: Entry, command: OperatorCommand) -> None:
-        """Of the team, or about a robot."""
+        """Of the team, or of a feature."""
         match field:
             case records.PAUSED:
                 self._order = TeamOrder(command.value)
             case records.ABORTED:
                 self._is_aborted = True
-            case records.BORROWED:
-                loan = Loan(command.value)
-                self.borrowers.pop(entry.parts[1], None)
-                if loan is not Loan.RETURNED:
-                    self.borrowers[entry.parts[1]] = command.operator, loan
+            case _ if (index := self._index_of.get(field)) is not None:
+                index.add(entry)
 
     def _add_record(self, entry: Entry) -> None:
         author, record, incarnation = entry.author, entry.record, entry.version.incarnation

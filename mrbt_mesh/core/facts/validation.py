@@ -41,6 +41,7 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.revisions import MAX_DIGITS as MISSION_DIGITS
 from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.blackboard import comparison_of, is_argument
 from mrbt_mesh.core.mission.conditions import any_of, entry_reader
 from mrbt_mesh.core.mission.jobs import task_of_job, type_at
@@ -162,7 +163,9 @@ def _refuse_author(entry: Entry) -> str:
     is_command = isinstance(entry.record, OperatorCommand)
     if is_command is not (entry.author == records.OPERATORS):
         return f"{kind!r} is not for {'robots' if is_command else 'operators'} to write"
-    if kind == records.BORROWED and not is_robot_id(subject[0]):
+    fields = (feature.commands.get(kind) for feature in features())
+    is_of_robot = any(field is not None and field.is_of_robot for field in fields)
+    if is_of_robot and not is_robot_id(subject[0]):
         return f"{subject[0]!r:.80} is no robot's id"
     return ""
 

@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT, MAX_UNITS, is_argument
 from mrbt_mesh.core.mission.conditions import ConditionType
-from mrbt_mesh.core.mission.contact import MAX_CONTACT_US, OnLostContact
 from mrbt_mesh.core.mission.jobs import may_be_above_jobs, most_nodes, with_one_of_each
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
@@ -26,7 +26,6 @@ from mrbt_mesh.core.mission.mission import (
     Mission,
     MissionEnd,
     mission_from_json,
-    performance,
     travel_problems,
 )
 from mrbt_mesh.core.mission.names import (
@@ -106,11 +105,10 @@ def _check(mission: Mission) -> None:
         _check_capabilities(robot.capabilities, f"robot {robot.id}", mission)
     for kind, capabilities in mission.robot_types.items():
         _check_capabilities(capabilities, f"robot type {kind}", mission)
-    for kind, lost in mission.on_lost_contact.items():
-        is_right = kind in mission.robot_types and _is_integer(lost.after_us, 1, MAX_CONTACT_US)
-        returns = lost.then is OnLostContact.RETURN
-        able = performance(mission.robot_types.get(kind, {}), lost.local_task) is not None
-        _expect(is_right and able is returns, f"robot type {kind}: lost contact")
+    for each in features():
+        if each.section in mission.sections:
+            problem = each.problem(mission.sections[each.section], mission)
+            _expect(problem is None, problem or "")
     for task in mission.local_tasks.values():
         _expect(type(task.work) is int and task.work > 0, f"local task {task.name}: work")
         _expect(all(isinstance(p, str) for p in task.parameters), f"local task {task.name}")

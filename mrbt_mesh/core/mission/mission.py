@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
@@ -26,7 +27,6 @@ from mrbt_mesh.core.mission.conditions import (
     conditions_from_json,
 )
 from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
-from mrbt_mesh.core.mission.contact import LostContact
 from mrbt_mesh.core.mission.names import (
     bound,
     declared_name,
@@ -495,8 +495,8 @@ class Mission:
     `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
     where nothing is said of places. `jobs`: types of jobs, whose trees are below Jobs nodes.
     `revision`: None, unless it takes the place of another mission while a team runs.
-    `on_lost_contact`: what robots do without contact, by robot type. `recorded`: whether robots
-    that do not record take exclusive tasks.
+    `recorded`: whether robots that do not record take exclusive tasks. `sections`: what features
+    add (`core.feature`), by the names of their sections.
     """
 
     name: str
@@ -519,7 +519,7 @@ class Mission:
     travel: Travel | None = None
     jobs: Mapping[str, JobType] = field(default_factory=dict)
     revision: Revision | None = None
-    on_lost_contact: Mapping[str, LostContact] = field(default_factory=dict)
+    sections: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def evaluator(self) -> Evaluator:
@@ -585,8 +585,12 @@ class Mission:
     @cached_property
     def stops_in_time(self) -> bool:
         """Whether others count on it that robots stop in time by their own clocks."""
-        promises = any(policy.is_promise for policy in self.on_lost_contact.values())
-        return promises or any(task.exclusive for task in self.all_tasks())
+        of_features = any(
+            each.stops_in_time(self.sections[each.section])
+            for each in features()
+            if each.section in self.sections
+        )
+        return of_features or any(task.exclusive for task in self.all_tasks())
 
     @cached_property
     def has_paper_policy(self) -> bool:
@@ -755,8 +759,10 @@ class Mission:
             "travel": self.travel.to_json() if self.travel is not None else None,
             "jobs": [known.to_json() for known in self.jobs.values()],
             "revision": self.revision.to_json(self.tree) if self.revision is not None else None,
-            "on_lost_contact": {name: p.to_json() for name, p in self.on_lost_contact.items()},
         }
+        for each in features():
+            if each.section in self.sections:
+                optional[each.section] = each.to_json(self.sections[each.section])
         return {name: value for name, value in optional.items() if value} | {
             "compiled": COMPILED_VERSION,
             "name": self.name,
@@ -823,9 +829,10 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
             revision=revision,
-            on_lost_contact={
-                name: LostContact.from_json(row)
-                for name, row in sorted(data.get("on_lost_contact", {}).items())
+            sections={
+                each.section: each.from_json(data[each.section])
+                for each in features()
+                if each.section in data
             },
         )
     except (KeyError, TypeError, AttributeError) as error:

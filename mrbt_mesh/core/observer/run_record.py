@@ -45,9 +45,8 @@ from mrbt_mesh.core.observer.work_log import WorkLog
 from mrbt_mesh.core.planning.plan import Plan
 
 # Of jobs there may be thousands, which have lists of their own.
-_SHOWN_COMMANDS = frozenset(
-    {records.PAUSED, records.ABORTED, records.BORROWED, records.DECISION, records.MISSION}
-)
+_OF_JOBS = {records.JOB, records.JOB_HOLD, records.JOB_PRIORITY, records.JOB_CANCELLED}
+_SHOWN_COMMANDS = records.COMMANDS - _OF_JOBS - {records.MISSION_WITHDRAWN}
 
 
 class RunRecord:

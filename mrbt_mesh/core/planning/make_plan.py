@@ -193,8 +193,7 @@ def assign_agents(
     idle = _why_idle(robots, demands, served, held, found.unset)
     if found.ahead is not None:
         idle |= _what_is_next(found.ahead, idle, demands)
-    if facts.borrowers:
-        idle |= {r: f"borrowed by {by}" for r, (by, _) in facts.borrowers.items() if r in idle}
+    idle |= facts.idle(idle)
     return Plan(
         evaluation,
         command,

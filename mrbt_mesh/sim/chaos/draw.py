@@ -17,6 +17,7 @@ from itertools import permutations
 from typing import Any
 
 from mrbt_mesh.core.facts.records import JOB, JOB_CANCELLED, JOB_HOLD, JOB_PRIORITY, PAUSED, Hold
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import MICRO, Mission
 from mrbt_mesh.core.mission.names import type_name
@@ -162,8 +163,9 @@ class _Chaos:
             self._submit_jobs()
             self._set_wall_clocks()
         self._revise()
-        if self.mission.on_lost_contact and len(self.robots) > 2:
-            self._cut_off_some()
+        for feature in features():
+            if (chaos := feature.chaos(self.seed)) is not None:
+                self.steps += chaos.steps(self.mission, self.robots, knobs.chaos_us)
         lost = {robot for robot in sorted(self.dead) if self.pick.random() >= knobs.revived}
         heal = faults.Heal(tuple(r for r in self.robots if r not in lost), self.broken)
         # Whatever has not ended by then ends with the healing.
@@ -220,15 +222,6 @@ class _Chaos:
                 pick.choice(self.robots), compile_mission(mission), pick.random() < 0.7
             )
             self.steps.append((pick.randrange(self.knobs.chaos_us), revise))
-
-    def _cut_off_some(self) -> None:
-        """Drawn apart: fewer than a majority lose contact with the others, for seconds."""
-        pick = random.Random(f"{self.seed}/contact")
-        away = set(pick.sample(self.robots, pick.randint(1, (len(self.robots) - 1) // 2)))
-        block = faults.partition(away, set(self.robots) - away)
-        start_us = pick.randrange(self.knobs.chaos_us // 2)
-        end_us = start_us + pick.randint(2 * SECOND_US, 8 * SECOND_US)
-        self.steps += [(start_us, block), (end_us, faults.Unblock(block.links))]
 
     def _submit_jobs(self) -> None:
         """Drawn apart: jobs, some of them submitted twice, and changes of them."""

@@ -15,7 +15,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from mrbt_mesh.core.bt.tree import Kind
-from mrbt_mesh.core.mission.contact import MAX_MAJORITY
+from mrbt_mesh.core.feature import features
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.runtime.program import RobotProgram
@@ -54,8 +54,6 @@ VALUES: dict[str, list[Any]] = {
     "level": [-0.5, 2.5, 12, 19.9],
 }
 COMPARISONS = ["found == a", "found != b", "count >= 3", "count < 7", "level < 10", "level@R1 > 0"]
-# In what share of the missions robots do something without contact.
-MINDING_CONTACT = 0.12
 # In larger teams nothing is repeated for ever. Every robot plans at every event, so a run costs
 # the square of the robots times the events, of which an endless mission has as many as it can.
 MAX_ENDLESS_ROBOTS = 8
@@ -110,12 +108,13 @@ class _Generator:
         # Likewise conditions that every robot has for itself.
         self.owned = random.Random(f"{seed}/owned")
         self.owning = self.owned.random() < 0.25
-        # Likewise what robots do without contact, in some missions.
-        self.contact = random.Random(f"{seed}/contact")
-        self.minds_contact = self.contact.random() < MINDING_CONTACT
+        # Likewise what features add.
+        chaos = (each.chaos(seed) for each in features())
+        self.of_features = [each for each in chaos if each is not None]
         # Likewise places between which robots travel, in one mission of four.
         self.places = random.Random(f"{seed}/places")
-        self.travelling = self.places.random() < (0.7 if self.minds_contact else 0.25)
+        likes_places = any(each.likes_places for each in self.of_features)
+        self.travelling = self.places.random() < (0.7 if likes_places else 0.25)
         # Likewise jobs, in some missions.
         self.jobs = random.Random(f"{seed}/jobs")
         self.takes_jobs = self.jobs.random() < 0.15
@@ -156,8 +155,8 @@ class _Generator:
             self.add_blackboard(mission)
         if self.travelling:
             self.add_places(mission)
-        if self.minds_contact:
-            self.add_lost_contact(mission)
+        for each in self.of_features:
+            each.add(mission, self.robots, self.types)
         return mission
 
     def usual_mission(self) -> dict[str, Any]:
@@ -372,20 +371,6 @@ class _Generator:
             mission["program"] = f"{PROGRAM_FILE.name}:driver"
             fails = pick.choice([0, 50, 200])
             mission["parameters"]["ways"] = {"most_s": 1.5, "fails_permille": fails}
-
-    def add_lost_contact(self, mission: dict[str, Any]) -> None:
-        """What robots of some types do without contact."""
-        pick, of = self.contact, ["team"]
-        if len(self.robots) <= MAX_MAJORITY:
-            of += ["majority", "majority"]
-        for kind, given in sorted(mission["robot_types"].items()):
-            if pick.random() < 0.2:
-                continue
-            lost = {"after_s": pick.choice([1, 1, 2, 4]), "of": pick.choice(of)}
-            lost["then"] = pick.choice(["go_on", "finish", "hold", "hold", "hold", "return"])
-            if lost["then"] == "return":
-                lost["return"] = pick.choice(sorted(self.types[kind]))
-            given["on_lost_contact"] = lost
 
     # -- the tree -----------------------------------------------------------------------------
 

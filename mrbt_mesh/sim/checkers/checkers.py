@@ -19,7 +19,6 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.wire import MessageKind
 from mrbt_mesh.sim.checkers.coalitions import BegunTogether
 from mrbt_mesh.sim.checkers.comparison import PlanComparison
-from mrbt_mesh.sim.checkers.contact import has_stopped
 from mrbt_mesh.sim.checkers.exclusive import Exclusive
 from mrbt_mesh.sim.checkers.facts import (
     Delivery,
@@ -29,6 +28,7 @@ from mrbt_mesh.sim.checkers.facts import (
     not_dead_but_heard,
     same_members,
 )
+from mrbt_mesh.sim.checkers.feature_checker import FeatureCheckers
 from mrbt_mesh.sim.checkers.findings import RunFindings, components, joined
 from mrbt_mesh.sim.checkers.jobs import KeptJobs
 from mrbt_mesh.sim.checkers.plans import bids_first, optimal_assignment, same_plan
@@ -70,6 +70,7 @@ class Checkers(Inspection):
         self.i9 = Resumption(self.run)
         self.i10 = KeptJobs(self.run)
         self.i11 = Revised(self.run)
+        self._of_features = FeatureCheckers(self.run)
         self._log = EffectLog(keep_log)
         self.effect_log = self._log.lines
         if comparison is not None:
@@ -142,7 +143,7 @@ class Checkers(Inspection):
                 if not effect.travel_to:
                     at_most_mu(run, agent, effect)
                     in_its_place(run, agent, effect)
-                    has_stopped(run, agent, effect)
+                    self._of_features.started(agent, effect)
         claim = agent.claim
         if claim is not None and (before is None or claim.activation != before.activation):
             bids_first(run, agent, claim)

@@ -22,13 +22,11 @@ from mrbt_mesh.core.agent.operator_messages import (
 )
 from mrbt_mesh.core.facts.records import (
     ABORTED,
-    BORROWED,
     JOB,
     JOB_KINDS,
     MISSION,
     MISSION_WITHDRAWN,
     PAUSED,
-    Loan,
 )
 from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.facts.store import Entry
@@ -140,7 +138,8 @@ class Client:
     def _carry_out(self, command: commands.TeamCommand) -> Mission | None:
         """Give it now; the revision that it proposes."""
         if not isinstance(command, commands.Propose):
-            self._command(*self._content(command))
+            needs = command.robot if isinstance(command, commands.OfRobot) else ""
+            self._command(*self._content(command), needs)
             return None
         revision = as_revision(self._observer.facts, command.mission)
         self._command(MISSION, str(revision.revision_number), _proposal(revision, command))
@@ -153,10 +152,9 @@ class Client:
         match command:
             case commands.Submit():
                 return JOB, command.id, self._job(command)
-            case commands.Borrow(robot, after_task):
-                return BORROWED, robot, str(Loan.AFTER_TASK if after_task else Loan.AT_ONCE)
-            case commands.Return(robot):
-                return BORROWED, robot, str(Loan.RETURNED)
+            case commands.OfRobot(robot):
+                field, value = command.content()
+                return field, robot, value
             case commands.PauseTeam():
                 return PAUSED, "", "pause"
             case commands.ResumeTeam():
@@ -178,15 +176,17 @@ class Client:
         now_us = self._setup.launch_unix_us + self._bus.clock.now_us
         return job_value(kind, arguments, job.priority, times[0], times[1], now_us)
 
-    def _command(self, field: str, subject: str, value: Any) -> None:
-        """Command all robots that are heard and live, after one has checked it."""
+    def _command(self, field: str, subject: str, value: Any, needs: str = "") -> None:
+        """Command all robots that are heard and live, after one has checked it. `needs`: a robot
+        of the mission that has to answer.
+        """
         heard = self._observer.membership.members()
         robots = [each for each in self._robots.living() if each.robot in heard]
         names = [each.robot for each in robots]
         if not robots:
             raise _NotYetError("no robot of the team is heard")
-        if field == BORROWED and subject in self._observer.mission.robots and subject not in names:
-            raise _NotYetError(f"{subject} does not answer")
+        if needs in self._observer.mission.robots and needs not in names:
+            raise _NotYetError(f"{needs} does not answer")
         entry = self._entry(robots[0], f"{field}/{subject}" if subject else field, value, OPERATOR)
         if field not in _UNCHECKED:
             self._check(robots[0], entry)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from mrbt_mesh.core.mission.job_arguments import Arguments
 from mrbt_mesh.core.mission.mission import Mission
@@ -70,18 +71,14 @@ class Propose(TeamCommand):
 
 
 @dataclass(frozen=True, slots=True)
-class Borrow(TeamCommand):
-    """Take a robot out of the team's work, at once or `after_task`, the one that it has."""
+class OfRobot(TeamCommand):
+    """A command of a feature about a robot."""
 
     robot: str
-    after_task: bool = False
 
-
-@dataclass(frozen=True, slots=True)
-class Return(TeamCommand):
-    """Give a borrowed robot back to the team."""
-
-    robot: str
+    def content(self) -> tuple[str, Any]:
+        """The field that is commanded, and its value as plain data."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
-from mrbt_mesh.core.agent.contact import ContactWatch
-from mrbt_mesh.core.agent.operator_messages import ATTEND
+from mrbt_mesh.features.contact.policy import ATTEND
+from mrbt_mesh.features.contact.watch import ContactWatch
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.sim import Command, Fault, SimulationResult, Unblock, partition, simulate
 from tests.support.effort import at_size

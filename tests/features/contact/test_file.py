@@ -8,9 +8,15 @@ import pytest
 
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compiled
-from mrbt_mesh.core.mission.contact import MAX_MAJORITY, ContactOf, LostContact, OnLostContact
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.errors import FileError
+from mrbt_mesh.features.contact.policy import (
+    MAX_MAJORITY,
+    ContactOf,
+    LostContact,
+    OnLostContact,
+    policies,
+)
 from mrbt_mesh.formats.build import mission_from_yaml
 
 
@@ -47,9 +53,9 @@ def test_it_is_part_of_the_mission(
     text: str, expected: tuple[int, ContactOf, OnLostContact, str]
 ) -> None:
     found = mission(text)
-    assert found.on_lost_contact == {"cart": LostContact(*expected)}
+    assert policies(found) == {"cart": LostContact(*expected)}
     again = mission_from_compiled(compile_mission(found), "m.json")
-    assert (again.on_lost_contact, again.digest) == (found.on_lost_contact, found.digest)
+    assert (policies(again), again.digest) == (policies(found), found.digest)
 
 
 def test_a_majority_is_of_robots_that_all_hear_one_another() -> None:

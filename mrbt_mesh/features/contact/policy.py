@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
+
+# The name of the feature's section in a compiled mission.
+SECTION = "on_lost_contact"
+# A word to a robot: an operator's sign of life.
+ATTEND = "attend"
 
 # A day.
 MAX_CONTACT_US = 86_400_000_000
@@ -58,3 +67,9 @@ class LostContact:
         """The inverse of `to_json`; raises ValueError or TypeError."""
         after_us, of, then, local_task = data
         return cls(after_us, ContactOf(of), OnLostContact(then), local_task)
+
+
+def policies(mission: Mission) -> Mapping[str, LostContact]:
+    """What robots do without contact, by robot type."""
+    found: Mapping[str, LostContact] = mission.sections.get(SECTION, {})
+    return found

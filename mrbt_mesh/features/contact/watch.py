@@ -9,44 +9,47 @@ places at once: exclusive tasks, and local tasks that have a place.
 
 from __future__ import annotations
 
-from mrbt_mesh.core.agent.context import Context
-from mrbt_mesh.core.agent.planner import Planner
-from mrbt_mesh.core.agent.withdrawal import Withdrawal
+from collections.abc import Callable, Mapping
+
 from mrbt_mesh.core.bt.activation import Activation
 from mrbt_mesh.core.facts.coalitions import majority
+from mrbt_mesh.core.facts.records import Claim
+from mrbt_mesh.core.feature import Kit, Part
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat
-from mrbt_mesh.core.mission.contact import ContactOf, OnLostContact
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import performance
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.features.contact.policy import ATTEND, ContactOf, OnLostContact, policies
+from mrbt_mesh.features.contact.withdrawal import Withdrawal
 
 CONTACT = "contact"
 # How many of its own heartbeats a robot remembers.
 KEPT_BEATS = 1_000
 
 
-class ContactWatch:
+class ContactWatch(Part):
     """One robot's contact; in missions where robots of some type do something without it.
 
     `is_lost`: this robot has lost its contact, and has acted on it.
     """
 
-    def __init__(
-        self, context: Context, withdrawal: Withdrawal, planner: Planner, now_us: int
-    ) -> None:
+    def __init__(self, kit: Kit, withdrawal: Withdrawal, now_us: int) -> None:
+        context = kit.context
         mission, me = context.mission, context.me
         self.is_lost = False
         self._context = context
         self._withdrawal = withdrawal
-        self._planner = planner
+        self._planner = kit.planner
         self._began_us = now_us
-        self._policy = mission.on_lost_contact.get(context.config.type)
+        by_type = policies(mission)
+        self._policy = by_type.get(context.config.type)
         # Others that stop without contact, and what they can do.
         self._stopping = {
             robot.id: (robot.capabilities, policy)
             for robot in mission.robots.values()
-            if robot.id != me and (policy := mission.on_lost_contact.get(robot.type)) is not None
+            if robot.id != me and (policy := by_type.get(robot.type)) is not None
             if policy.is_promise
         }
         self._margin_us = context.config.timing.detection_us
@@ -62,21 +65,22 @@ class ContactWatch:
     # -- signs of life ------------------------------------------------------------------------
 
     def sent(self, number: int, now_us: int) -> None:
-        """This robot sends a heartbeat of this number."""
         self._sent_us[number] = now_us
         self._sent_us.pop(number - KEPT_BEATS, None)
 
     def heard(self, robot: str, beat: Heartbeat) -> None:
-        """Another robot's heartbeat has come."""
         mine = beat.relays.get(self._context.me)
         if mine is not None and mine.incarnation == self._context.replica.incarnation:
             sent_us = self._sent_us.get(mine.number)
             if sent_us is not None:
                 self._known_us[robot] = max(sent_us, self._known_us.get(robot, sent_us))
 
-    def operator_is_here(self, now_us: int) -> None:
-        """An operator attends."""
+    def words(self) -> Mapping[str, Callable[[str, int], tuple[bool, str]]]:
+        return {ATTEND: self._attend}
+
+    def _attend(self, _: str, now_us: int) -> tuple[bool, str]:
         self._operator_us = now_us
+        return True, ""
 
     def _last_us(self, now_us: int, *, are_sure: bool = False) -> int | None:
         """When there was contact last; None: never. `are_sure`: see `_aged_us`."""
@@ -107,7 +111,6 @@ class ContactWatch:
     # -- this robot ---------------------------------------------------------------------------
 
     def next_us(self, now_us: int) -> int | None:
-        """When contact is lost if nothing is heard, or a start is not put off any more."""
         times_us = [self._begins_us] if self._begins_us is not None else []
         if self._policy is not None and not self.is_lost:
             last_us = self._last_us(now_us)
@@ -116,14 +119,13 @@ class ContactWatch:
         return min(times_us, default=None)
 
     def steps_until_us(self) -> int | None:
-        """Until when the program may go on; None: that has no limit."""
         if self._policy is None or not self._policy.is_promise:
             return None
         last_us = self._last_us(self._began_us, are_sure=True)
         return (self._began_us if last_us is None else last_us) + self._policy.after_us
 
     def check(self, now_us: int) -> bool:
-        """Act on contact that is lost or back; whether anything follows from that."""
+        """Act on contact that is lost or back."""
         if self._policy is None:
             return False
         last_us = self._last_us(now_us)
@@ -158,11 +160,10 @@ class ContactWatch:
         self._withdrawal.give_back(CONTACT, now_us)
 
     def end(self, now_us: int) -> None:
-        """Another mission is in force, with a watch of its own."""
         if self.is_lost:
             self._regain(now_us)
 
-    def perform_return(self, now_us: int) -> None:
+    def perform(self, plan: Plan, now_us: int) -> None:
         """Begin the local task of RETURN, once nothing else runs."""
         context, work, policy = self._context, self._context.work, self._policy
         if not self._returns or work.action is not None or policy is None:
@@ -178,14 +179,14 @@ class ContactWatch:
 
     # -- others -------------------------------------------------------------------------------
 
-    def may_begin(self, local_task: str, is_exclusive: bool, now_us: int) -> bool:
+    def may_begin(self, claim: Claim, is_exclusive: bool, now_us: int) -> bool:
         """Whether this robot may begin: it has contact, and no robot that has lost its own may
         still be doing this.
         """
         self._begins_us = None
         if self._policy is not None and (self.is_lost or self._last_us(now_us) is None):
             return False
-        mission = self._context.mission
+        mission, local_task = self._context.mission, claim.local_task
         if not self._stopping or not (is_exclusive or place_at(mission, local_task)):
             return True
         begins_us = max((self._stops_us(r) for r in self._may_be_at(local_task)), default=now_us)

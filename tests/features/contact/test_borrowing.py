@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.agent.operator_messages import RESTORE
+from mrbt_mesh.features.contact.loans import Loans
 from mrbt_mesh.sim import Command, Fault, Kill, Restart
 from mrbt_mesh.sim.world.faults import Operate
 from tests.sim.test_run_jobs import run, submit, works
@@ -62,7 +63,7 @@ def test_it_stays_borrowed_when_it_starts_again_and_faults_end(seed: int) -> Non
     )
     assert ends == {}
     facts = result.observer.facts
-    assert facts.borrowers["B1"] == ("anna", "at_once")
+    assert facts.index(Loans).by_robot["B1"] == ("anna", "at_once")
     assert result.observer.plan is not None
     assert result.observer.plan.idle["B1"] == BORROWED
     assert facts.members["B1"].member.pending == {"look": BORROWED}

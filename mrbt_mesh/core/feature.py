@@ -1,0 +1,189 @@
+"""What a feature of missions may add to the kernel, and the features that there are.
+
+The kernel (trees, facts, members, planning, assignment, the agent) knows no feature. It loops over
+`features()` and calls what each of them offers. A feature is a package of `mrbt_mesh.features`,
+whose `FEATURE` is an instance of `Feature`; CONTRIBUTING.md tells how to write one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+    from mrbt_mesh.core.agent.context import Context
+    from mrbt_mesh.core.agent.health import Health
+    from mrbt_mesh.core.agent.operator_desk import FieldRule
+    from mrbt_mesh.core.agent.planner import Planner
+    from mrbt_mesh.core.facts.records import Claim
+    from mrbt_mesh.core.facts.store import Entry
+    from mrbt_mesh.core.membership.wire import Heartbeat
+    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.core.planning.plan import Plan
+    from mrbt_mesh.formats.mission_model import MissionModel
+    from mrbt_mesh.formats.problems import Report
+    from mrbt_mesh.sim.chaos.feature_chaos import FeatureChaos
+    from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
+    from mrbt_mesh.sim.checkers.findings import RunFindings
+
+# The packages of the features, in the order in which the kernel calls them.
+NAMES: tuple[str, ...] = ("contact",)
+
+
+class CommandField(NamedTuple):
+    """A field that operators command, as a fact of which the newest value counts.
+
+    `read` raises ValueError for anything that is no value; `parts`: how many a name has, the field
+    itself included. `is_of_robot`: the second one is a robot's id.
+    """
+
+    read: Callable[[Any], Any]
+    parts: int
+    is_of_robot: bool = False
+
+
+class Index:
+    """What a feature reads from the facts of one run of one mission."""
+
+    def add(self, entry: Entry) -> None:
+        """An entry of one of the feature's kinds is believed from now on; it may replace one."""
+
+    def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
+        """Better reasons, by robot, for some of these robots to which a plan assigns nothing."""
+        return {}
+
+
+class Kit(NamedTuple):
+    """What a part of an agent may use of the kernel's parts."""
+
+    context: Context
+    health: Health
+    planner: Planner
+
+
+class Part:
+    """What a feature adds to one agent. Every method may be left as it is here."""
+
+    # -- what comes in ------------------------------------------------------------------------
+
+    def words(self) -> Mapping[str, Callable[[str, int], tuple[bool, str]]]:
+        """Words of operators to this robot -> what carries them out: with the argument and the time
+        in us; it returns whether it did, and a text.
+        """
+        return {}
+
+    def rules(self) -> Mapping[str, FieldRule]:
+        """How this robot takes the commands of the feature's fields."""
+        return {}
+
+    def heard(self, robot: str, beat: Heartbeat) -> None:
+        """Another robot's heartbeat has come."""
+
+    def sent(self, number: int, now_us: int) -> None:
+        """This robot sends a heartbeat of this number."""
+
+    # -- a step -------------------------------------------------------------------------------
+
+    def check(self, now_us: int) -> bool:
+        """Act on the time; returns whether the agent has to follow it up."""
+        return False
+
+    def follow(self, now_us: int) -> None:
+        """Act on the facts, before a plan is made."""
+
+    def may_begin(self, claim: Claim, is_exclusive: bool, now_us: int) -> bool:
+        """Whether this robot may begin what it claims, as far as the feature is concerned."""
+        return True
+
+    def perform(self, plan: Plan, now_us: int) -> None:
+        """Act by the plan, after this robot's assignment was followed."""
+
+    def next_us(self, now_us: int) -> int | None:
+        """When `check` or `may_begin` is to be called again at the latest."""
+        return None
+
+    def steps_until_us(self) -> int | None:
+        """Until when the program may go on without further news; None: there is no limit."""
+        return None
+
+    def end(self, now_us: int) -> None:
+        """Another mission is in force, and this part is not used for it."""
+
+
+class Feature:
+    """One feature. Every method may be left as it is here.
+
+    `section`: the name of what a compiled mission has of it, if it has anything.
+    `commands`: the fields that operators command for it.
+    """
+
+    section: ClassVar[str] = ""
+    commands: ClassVar[Mapping[str, CommandField]] = {}
+
+    # -- the mission --------------------------------------------------------------------------
+
+    def to_json(self, section: Any) -> Any:
+        """A section of a mission as plain data; empty data are left out of compiled missions."""
+        return section
+
+    def from_json(self, data: Any) -> Any:
+        """The inverse of `to_json`; raises ValueError or TypeError."""
+        return data
+
+    def problem(self, section: Any, mission: Mission) -> str | None:
+        """What is wrong with a section of a compiled mission, if it was damaged."""
+        return None
+
+    def stops_in_time(self, section: Any) -> bool:
+        """Whether others count on it that robots stop in time by their own clocks."""
+        return False
+
+    # -- the mission file ---------------------------------------------------------------------
+
+    def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
+        """Fields of a mission file, by the model of `formats.mission_model` that gets them, each
+        with its type and `FieldInfo`, as `pydantic.create_model` takes them.
+        """
+        return {}
+
+    def build(
+        self, model: MissionModel, robot_types: Mapping[str, Mapping[str, int]], report: Report
+    ) -> Any:
+        """The section of a mission from its file; problems go to the report.
+
+        `robot_types`: type -> what its robots can do, in micro-units. Empty: there is none.
+        """
+        return None
+
+    # -- facts and agents ---------------------------------------------------------------------
+
+    def index(self, mission: Mission) -> Index | None:
+        """A new index for the facts of a run of this mission."""
+        return None
+
+    def parts(self, kit: Kit, before: Sequence[Part], now_us: int) -> Sequence[Part]:
+        """The parts of an agent for the mission in force, in the order of their calls.
+
+        `before`: those for the mission before it; those that are not returned are ended.
+        """
+        return ()
+
+    # -- the simulator ------------------------------------------------------------------------
+
+    def chaos(self, seed: int) -> FeatureChaos | None:
+        """How random missions and scenarios use the feature."""
+        return None
+
+    def checkers(self, run: RunFindings) -> Sequence[FeatureChecker]:
+        """Checkers of the invariants that the feature promises."""
+        return ()
+
+
+@cache
+def features() -> tuple[Feature, ...]:
+    """All features, in the order of `NAMES`."""
+    return tuple(import_module(f"mrbt_mesh.features.{name}").FEATURE for name in NAMES)

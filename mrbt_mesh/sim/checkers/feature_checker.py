@@ -1,0 +1,30 @@
+"""What a feature's checker is told of a run."""
+
+from __future__ import annotations
+
+from mrbt_mesh.core.agent.effects import StartAction
+from mrbt_mesh.core.agent.view import AgentView
+from mrbt_mesh.core.feature import features
+from mrbt_mesh.sim.checkers.findings import RunFindings
+
+
+class FeatureChecker:
+    """A checker of the invariants that a feature promises; it does nothing as it is here."""
+
+    def __init__(self, run: RunFindings) -> None:
+        self.run = run
+
+    def started(self, agent: AgentView, start: StartAction) -> None:
+        """A robot has begun an action of the team at its place."""
+
+
+class FeatureCheckers(FeatureChecker):
+    """Those of all features."""
+
+    def __init__(self, run: RunFindings) -> None:
+        super().__init__(run)
+        self._all = [checker for each in features() for checker in each.checkers(run)]
+
+    def started(self, agent: AgentView, start: StartAction) -> None:
+        for checker in self._all:
+            checker.started(agent, start)
