@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-kernel test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills soak \
 	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
-	bench-membership bench-submissions bench-history bench-jobs bench-order bench-estimate bench-robustness bench-metrics bench-recording verify-recordings walk paper
+	bench-membership bench-submissions bench-history bench-jobs bench-order bench-robustness bench-metrics bench-recording verify-recordings walk paper
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
@@ -52,7 +52,6 @@ help:
 	@echo "make bench-jobs      200,000 jobs in a virtual week, and plans with 10,000 open jobs"
 	@echo "make bench-order     200 streams of jobs where robots travel, judged, and 200 small missions against brute force"
 	@echo "make bench-membership false deaths, detection and agreement on bad networks"
-	@echo "make bench-estimate  how many runs mrbt sim estimate makes in a minute"
 	@echo "make bench-robustness robots that die of their work, against published figures"
 	@echo "make bench-page      frame times of the live page, what mrbt watch --web costs, and memory over ten minutes"
 	@echo "make bench-metrics   what it costs a robot to be measured"
@@ -279,9 +278,6 @@ bench-failover: $(READY)
 
 bench-membership: $(READY)
 	$(BIN)/python -m benchmarks.membership --json membership.json
-
-bench-estimate: $(READY)
-	$(BIN)/python -m benchmarks.estimate --json estimate.json
 
 bench-robustness: $(READY)
 	$(BIN)/python -m benchmarks.robustness --json robustness.json

@@ -18,7 +18,7 @@ from benchmarks.report import ROOT
 from tests.support.effort import at_size
 
 PROGRAMS = (
-    *("estimate", "failover", "membership", "metrics", "recording", "resume", "robustness"),
+    *("failover", "membership", "metrics", "recording", "resume", "robustness"),
     *("scale", "scale.raw", "security", "tokens"),
 )
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,16 +18,14 @@ from mrbt_mesh.cli.options import (
     mission_argument,
     program_option,
     seed_option,
-    speed_option,
     virtual_timeout_option,
 )
+from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
-    from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.sim.world.setup import FailureModel
+    from mrbt_mesh.sim.world.setup import Rate
 
 _rate = partial(click.option, multiple=True, metavar="[WHO:]P[/action|/hour]")
-_count = partial(click.option, type=click.IntRange(0), default=0, metavar="N")
 _seconds = partial(click.option, type=FiniteNumber(0, min_open=True), metavar="SECONDS")
 
 
@@ -34,40 +33,34 @@ _seconds = partial(click.option, type=FiniteNumber(0, min_open=True), metavar="S
 @mission_argument
 @_rate("--fault-rate", help="Robots die: a chance per completed action, or a number per hour.")
 @_rate("--minor-rate", help="Robots lose a capability, likewise.")
-@click.option(
-    "--failure-rate",
-    multiple=True,
-    metavar="[LOCAL_TASK:]P",
-    help="Actions fail with this probability.",
-)
-@_count("--major", help="Number of robots that die, at random times.")
-@_count("--minor", help="Number of capabilities that are lost, at random times.")
-@_seconds("--within", help="Time for --major and --minor. Default: that of an undisturbed mission.")
+@_rate("--failure-rate", metavar="[LOCAL_TASK:]P", help="Actions fail with this probability.")
 @_seconds("--return-after", help="Dead robots are restarted.")
 @_seconds("--repair-after", help="Lost capabilities come back.")
 @click.option("--runs", type=click.IntRange(1), default=1_000, metavar="N", help="Number of runs.")
 @seed_option
 @jobs_option
 @virtual_timeout_option
-@speed_option
 @program_option
 @json_option
 def estimate(
     mission: Path,
+    fault_rate: tuple[str, ...],
+    minor_rate: tuple[str, ...],
+    failure_rate: tuple[str, ...],
+    return_after: float | None,
+    repair_after: float | None,
     runs: int,
     seed: int,
     jobs: int | None,
     timeout: float,
-    speed: float,
     program: str | None,
     as_json: bool,
-    **failures: Any,
 ) -> None:
     """Estimate how likely a mission succeeds and how long it takes when robots fail by chance.
 
-    Makes many runs of the same agents in virtual time. A run that can never go on is ended early,
-    as blocked. The same options and seed print the same figures, whatever --jobs. WHO is a robot or
-    a robot type; without it, all robots.
+    Makes many runs of the same agents in virtual time, each with a seed of its own. A run that can
+    never go on is ended early, as blocked. The same options and seed print the same figures,
+    whatever --jobs. WHO is a robot or a robot type; without it, all robots.
 
     Exit status: 0 the runs were made, 1 an agent or a program broke, 2 bad input, 3 interrupted.
 
@@ -76,71 +69,72 @@ def estimate(
              mrbt sim estimate MISSION --fault-rate A:2/hour --repair-after 30
     """
     from mrbt_mesh.cli.options import checked_program
-    from mrbt_mesh.cli.terminal import console, print_json, with_bar
-    from mrbt_mesh.cli.views.estimate_view import render_estimate
+    from mrbt_mesh.cli.terminal import console, print_json, table, with_bar
     from mrbt_mesh.formats.mission_file import load_mission
     from mrbt_mesh.sim.estimate import Experiment, outcomes, summarise
     from mrbt_mesh.sim.run import SimulationError
+    from mrbt_mesh.sim.world.setup import FailureModel
 
+    if not fault_rate:
+        refuse("no robot dies: see --fault-rate", "--return-after")
+    if not minor_rate:
+        refuse("no capability is lost: see --minor-rate", "--repair-after")
     loaded = load_mission(mission)
-    experiment = Experiment(
-        str(mission),
-        checked_program(loaded, sorted(loaded.robots), program),
-        _failure_model(loaded, **failures),
-        runs,
-        seed,
-        speed,
-        round(timeout * 1e6),
+    who = [*sorted(loaded.robots), *sorted({robot.type for robot in loaded.robots.values()})]
+    actions = _read("--failure-rate", failure_rate, sorted(loaded.local_tasks), ("",))
+    failures = FailureModel(
+        major=_read("--fault-rate", fault_rate, who),
+        minor=_read("--minor-rate", minor_rate, who),
+        actions={name: rate.per_action for name, rate in actions.items()},
+        return_us=max(1, round(return_after * 1e6)) if return_after else None,
+        repair_us=max(1, round(repair_after * 1e6)) if repair_after else None,
     )
-    jobs, started_s = jobs or os.cpu_count() or 1, time.monotonic()
+    named = str(mission), checked_program(loaded, sorted(loaded.robots), program)
+    experiment = Experiment(*named, failures, runs, seed, round(timeout * 1e6))
     try:
-        found, interrupted = with_bar("estimate", outcomes(experiment, jobs), runs)
+        ends = outcomes(experiment, jobs or os.cpu_count() or 1)
+        found, interrupted = with_bar("estimate", ends, runs)
     except SimulationError as error:
         fail(str(error), FAILURE)
+    figures: dict[str, Any] = summarise(found) if found else {"runs": 0}
     if as_json:
-        head = {"mission": loaded.name, "runs": 0, "seed": seed, "interrupted": interrupted}
-        print_json(head | (summarise(found).to_json() if found else {}))
+        print_json({"mission": loaded.name, "seed": seed, "interrupted": interrupted} | figures)
     elif found:
-        took_s = time.monotonic() - started_s
-        console.print(render_estimate(loaded, summarise(found), took_s, jobs))
+        rows, share = table(loaded.name, f"{len(found)} runs"), figures["success"]
+        between = f"{share['low']:.1%} to {share['high']:.1%} with 95 % confidence"
+        rows.add_row("success", f"{share['probability']:.1%} ({between})")
+        rows.add_row("results", ", ".join(f"{n} {name}" for name, n in figures["results"].items()))
+        for name, value in (figures["duration_s"] or {}).items():
+            rows.add_row(f"{name} of the time", f"{value:.2f} s")
+        console.print(rows)
     if interrupted:
         fail("interrupted", NOT_FINISHED)
 
 
-def _failure_model(
-    mission: Mission,
-    *,
-    fault_rate: tuple[str, ...],
-    minor_rate: tuple[str, ...],
-    failure_rate: tuple[str, ...],
-    major: int,
-    minor: int,
-    within: float | None,
-    return_after: float | None,
-    repair_after: float | None,
-) -> FailureModel:
-    """The same for the simulator; raises InputError, also for options without effect."""
-    from mrbt_mesh.cli.virtual.settings import check_counts, parse_chances, parse_rates
-    from mrbt_mesh.sim.world.setup import FailureModel
+def _read(
+    option: str,
+    texts: Sequence[str],
+    known: Sequence[str],
+    units: Sequence[str] = ("", "action", "hour"),
+) -> dict[str, Rate]:
+    """Name, or EVERYBODY -> rate, of texts like `0.1`, `A1:0.1/action`, `2/hour`."""
+    from mrbt_mesh.sim.world.setup import Rate
 
-    check_counts(mission, major, minor)
-    if not major and not minor:
-        refuse("for --major and --minor, of which there are none", "--within")
-    if not major and not fault_rate:
-        refuse("no robot dies: see --fault-rate and --major", "--return-after")
-    if not minor and not minor_rate:
-        refuse("no capability is lost: see --minor-rate and --minor", "--repair-after")
-    return FailureModel(
-        major=parse_rates("fault-rate", fault_rate, mission),
-        minor=parse_rates("minor-rate", minor_rate, mission),
-        actions=parse_chances("failure-rate", failure_rate, mission),
-        major_faults=major,
-        minor_faults=minor,
-        within_us=_microseconds(within) or 0,
-        return_us=_microseconds(return_after),
-        repair_us=_microseconds(repair_after),
-    )
-
-
-def _microseconds(seconds: float | None) -> int | None:
-    return None if seconds is None else max(1, round(seconds * 1e6))
+    found: dict[str, Rate] = {}
+    for text in texts:
+        name, _, number = text.rpartition(":")
+        digits, _, unit = number.partition("/")
+        try:
+            value = float(digits)
+        except ValueError:
+            value = math.nan
+        if name and name not in known:
+            raise InputError(f"{option} {text}: {name!r} is none of {', '.join(known)}")
+        if name in found:
+            raise InputError(f"{option} {text}: a rate was given for {name or 'all'} before")
+        if not 0 <= value < math.inf or unit not in units:
+            raise InputError(f"{option} {text}: expected e.g. 0.1 or, of robots, 2/hour")
+        if unit != "hour" and value > 1:
+            raise InputError(f"{option} {text}: a chance is from 0 to 1")
+        found[name] = Rate(per_hour=value) if unit == "hour" else Rate(per_action=value)
+    return found

@@ -18,7 +18,7 @@ from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.clock import VirtualClock
 from mrbt_mesh.sim.world.process import SimProcess
 from mrbt_mesh.sim.world.robots import Robots
-from mrbt_mesh.sim.world.setup import EVERYBODY, Rate, Setup, losable, rate_of
+from mrbt_mesh.sim.world.setup import EVERYBODY, Rate, Setup, rate_of
 
 HOUR_US = 3_600_000_000
 
@@ -44,24 +44,6 @@ class RandomFailures:
         self._inject = inject
         self._streams: dict[tuple[str, str], random.Random] = {}
         self._lost: defaultdict[str, set[str]] = defaultdict(set)
-
-    def begin(self) -> None:
-        """Schedule the faults of which there is a given number."""
-        model, mission = self._model, self._setup.mission
-        if not model.major_faults and not model.minor_faults:
-            return
-        stream = self._stream("number", EVERYBODY)
-        # Drawn in full, so that one more fault leaves those before it as they were.
-        robots = sorted(self._setup.robots)
-        stream.shuffle(robots)
-        deaths = [(stream.randint(0, model.within_us), robot) for robot in robots]
-        pairs = [pair for pair in losable(mission) if pair[0] in robots]
-        stream.shuffle(pairs)
-        losses = [(stream.randint(0, model.within_us), *pair) for pair in pairs]
-        for at_us, robot in deaths[: model.major_faults]:
-            self._clock.at(at_us, partial(self._die, robot))
-        for at_us, robot, local_task in losses[: model.minor_faults]:
-            self._clock.at(at_us, partial(self._lose, robot, local_task))
 
     def launched(self, process: SimProcess) -> None:
         """A robot's process starts: draw when it will die, and lose its first capability."""

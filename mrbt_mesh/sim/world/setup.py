@@ -43,18 +43,14 @@ class FailureModel:
 
     `major` (death) and `minor` (a capability is lost, any of those that are left alike) map a
     robot, a robot type or EVERYBODY to a rate; the most specific one counts. `actions` maps a
-    local-task type or EVERYBODY to the chance that the action fails. `major_faults` different
-    robots die, and `minor_faults` different capabilities of robots are lost, at random times
-    within the first `within_us`. `return_us` after its death a robot is started again with its
-    journal, `repair_us` after its loss a capability is back; None: never.
+    local-task type or EVERYBODY to the chance that the action fails. `return_us` after its death a
+    robot is started again with its journal, `repair_us` after its loss a capability is back; None:
+    never.
     """
 
     major: Mapping[str, Rate] = field(default_factory=dict)
     minor: Mapping[str, Rate] = field(default_factory=dict)
     actions: Mapping[str, float] = field(default_factory=dict)
-    major_faults: int = 0
-    minor_faults: int = 0
-    within_us: int = 0
     return_us: int | None = None
     repair_us: int | None = None
 
@@ -68,13 +64,6 @@ def rate_of(rates: Mapping[str, Rate], robot: Robot) -> Rate:
         if name in rates:
             return rates[name]
     return Rate()
-
-
-def losable(mission: Mission) -> list[tuple[str, str]]:
-    """All (robot, capability) pairs that minor faults can take away, sorted."""
-    return [
-        (r.id, name) for _, r in sorted(mission.robots.items()) for name in sorted(r.capabilities)
-    ]
 
 
 @dataclass(frozen=True)

@@ -89,7 +89,6 @@ class World:
         async with anyio.create_task_group() as group:
             self.robots.launch_all(lambda process: group.start_soon(process.run))
             self.injector.begin()
-            self.failures.begin()
             self.clock.at(self.setup.timeout_us, self._time_out)
             self.clock.at(0, self._observe_regularly)
             await self.over.wait()

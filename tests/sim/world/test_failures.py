@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.sim import SimulationResult, simulate
-from mrbt_mesh.sim.world.setup import EVERYBODY, FailureModel, Rate, losable, rate_of
+from mrbt_mesh.sim.world.setup import EVERYBODY, FailureModel, Rate, rate_of
 from tests.support.effort import seeds
 from tests.support.runs import example
 
@@ -82,27 +82,6 @@ def test_failures_per_hour_are_as_frequent_as_they_say() -> None:
         )
         deaths += result.fault_counts.get("Kill", 0)
     assert 73 <= deaths <= 132
-
-
-def test_one_more_fault_leaves_those_before_as_they_were() -> None:
-    def kills(number: int) -> list[str]:
-        model = FailureModel(major_faults=number, within_us=15 * SECOND_US)
-        result = run(model, seed=5, keep_log=True)
-        assert result.fault_counts.get("Kill", 0) == number
-        return [line for line in result.effect_log if '"fault":"Kill' in line]
-
-    two, three = kills(2), kills(3)
-    assert len(three) == 3
-    assert set(two) < set(three)
-
-
-def test_minor_faults_take_different_capabilities() -> None:
-    mission, _ = example("vehicle_repair")
-    assert len(losable(mission)) == 18
-    model = FailureModel(minor_faults=18, within_us=SECOND_US)
-    result = run(model)
-    assert result.fault_counts == {"Lose": 18}
-    assert result.result == "blocked"
 
 
 def test_an_action_that_fails_by_chance_sets_no_conditions() -> None:
