@@ -77,10 +77,7 @@ GlobalTaskId: TypeAlias = str
 
 
 class FailurePolicy(enum.StrEnum):
-    """When a global task fails of which some robot has failed.
-
-    By the paper's count, or once no living robot can still try (resilient).
-    """
+    """When a global task fails: by the paper's count, or once no living robot can still try."""
 
     PAPER = "paper"
     RESILIENT = "resilient"
@@ -798,7 +795,8 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
     if type(found) is not int or found != COMPILED_VERSION:
         raise ValueError(f"compiled mission version {COMPILED_VERSION} expected, found {found!r}")
     # What this version does not know would be left out of the team's plans unnoticed.
-    for name in sorted(data.keys() - {"compiled", *Mission.__dataclass_fields__}):
+    sections = {each.section for each in features()}
+    for name in sorted(data.keys() - {"compiled", *Mission.__dataclass_fields__, *sections}):
         raise ValueError(f"compiled mission has an unknown entry: {name!r}")
     try:
         tree, revision = build_tree(spec_from_json(data["tree"])), None
