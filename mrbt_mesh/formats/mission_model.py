@@ -329,19 +329,19 @@ class GlobalTaskModel(FileModel):
     """A task of the whole team: the local tasks that it needs, and its policies.
 
     `failure`: once a robot has failed, the task fails when no living robot can still try
-    (resilient), or by the paper's count of assigned robots that live (paper). `blocked`: no robot
-    has failed, and no living one could do it. `simultaneous`: its robots start together; what they
-    did counts only if all began within `begin_within_s` (default: the detection time).
-    `exclusive`: never done twice; what became of a robot that vanished in the middle is `in_doubt`,
-    to be held for the operator (hold), counted as failed (fail) or tried again (retry).
+    (resilient), by the paper's count of assigned robots that live (paper), or at once (first).
+    `blocked`: no robot has failed, and no living one could do it. `simultaneous`: its robots start
+    together; what they did counts only if all began within `begin_within_s` (default: the detection
+    time). `exclusive`: never done twice; what became of a robot that vanished in the middle is
+    `in_doubt`, to be held for the operator (hold), counted as failed (fail) or tried again (retry).
     """
 
     parameters: Parameters = []
     needs: Annotated[dict[CallText, NeedModel], Field(min_length=1)]
     failure: Annotated[
-        Annotated[Literal["resilient", "paper"], Tag("<text>")]
+        Annotated[Literal["resilient", "paper", "first"], Tag("<text>")]
         | Annotated[FailurePolicyModel, Tag("<mapping>")],
-        by_type("resilient, paper, or {after_s: 5}", {str: "<text>", dict: "<mapping>"}),
+        by_type("resilient, paper, first, or {after_s: 5}", {str: "<text>", dict: "<mapping>"}),
     ] = "resilient"
     blocked: Blocked | None = None
     preemptive: bool = False

@@ -56,8 +56,8 @@ def test_whether_a_mission_ends() -> None:
 @pytest.mark.parametrize(
     ("failure", "message"),
     [
-        ("patient", "resilient or paper is expected, found the text 'patient'"),
-        ("3", "resilient, paper, or {after_s: 5} is expected, found the number 3"),
+        ("patient", "resilient, paper or first is expected, found the text 'patient'"),
+        ("3", "resilient, paper, first, or {after_s: 5} is expected, found the number 3"),
         ("{}", "the key 'after_s' is missing"),
         ("{after_s: 0}", "a number above 0 is expected"),
         ("{policy: often, after_s: 3}", "resilient or paper is expected"),

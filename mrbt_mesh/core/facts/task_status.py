@@ -70,15 +70,15 @@ def has_failed(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> bo
 
 
 def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: TeamMembers) -> bool:
-    """There is a failure, and
+    """There is a failure, which is enough for the policy `first` if its robot was needed, and
 
     policy `paper`: failures exceed assigned - nu, where assigned = outcomes + valid claims;
     other policies: successes and robots that may still try, dead or not, are fewer than nu.
     """
     results = said.outcomes.get(need.local_task, {})
     failures = sum(not success for success in results.values())
-    if not failures:
-        return False
+    if not failures or task.failure is FailurePolicy.FIRST:
+        return failures > 0 and need.min_robots > 0
     if task.failure is FailurePolicy.PAPER:
         claimants = team.claimants(str(said.activation), need.local_task)
         assigned = len(results) + sum(robot not in results for robot in claimants)
@@ -91,15 +91,14 @@ def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: Team
 def _coalitions_failed(
     task: GlobalTask, need: Need, coalitions: Coalitions, team: TeamMembers
 ) -> bool:
-    """There is a failure, and
+    """There is a failure, which is enough for the policy `first` if its robot was needed, and
 
     policy `paper`: in one coalition the failures exceed its members - nu;
-    other policies: the robots that have not failed in any coalition, dead or not, are fewer than
-    nu.
+    other policies: fewer than nu robots, dead or not, have not failed in any coalition.
     """
     failed = coalitions.failed_robots(need.local_task)
-    if not failed:
-        return False
+    if not failed or task.failure is FailurePolicy.FIRST:
+        return bool(failed) and need.min_robots > 0
     if task.failure is not FailurePolicy.PAPER:
         return len(set(team.robots_with(need.local_task)) - failed) < need.min_robots
     for coalition, members in coalitions.members.items():

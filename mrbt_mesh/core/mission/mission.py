@@ -77,9 +77,10 @@ GlobalTaskId: TypeAlias = str
 
 
 class FailurePolicy(enum.StrEnum):
-    """When a global task fails: by the paper's count, or once no living robot can still try."""
+    """When a global task fails: by the paper's count, at the first failure, once none may try."""
 
     PAPER = "paper"
+    FIRST = "first"
     RESILIENT = "resilient"
 
 

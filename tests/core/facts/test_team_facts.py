@@ -87,6 +87,17 @@ def test_a_task_succeeds_with_at_least_nu_successes_of_each_local_task(
 
 
 @pytest.mark.parametrize(
+    ("needed", "script", "expected"),
+    [(1, "A?", RUNNING), (1, "A? A! B-", FAILURE), (2, "A+ B-", FAILURE), (1, "A+", SUCCESS)],
+)
+def test_with_the_policy_first_the_first_failure_counts(
+    needed: int, script: str, expected: Status
+) -> None:
+    """Whoever could still try, and whatever a dead robot may have done."""
+    assert play(team(FailurePolicy.FIRST, needed, needed), script) is expected
+
+
+@pytest.mark.parametrize(
     ("needed", "allowed", "script", "expected"),
     [
         # failures exceed assigned - nu, where assigned = outcomes and valid claims
