@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.btcpp import BehaviorTree, BlackboardError, Leaves, NodeStatus, TickError
 from mrbt_mesh.btcpp.files.check import check_file, check_library
+from mrbt_mesh.btcpp.files.checkpoints import CHECKPOINT, checkpoints
 from mrbt_mesh.btcpp.files.document import parse_document
-from mrbt_mesh.btcpp.files.expand import constant_value
+from mrbt_mesh.btcpp.files.expand import constant_value, expand
 from mrbt_mesh.btcpp.files.export import explicit
 from mrbt_mesh.btcpp.files.findings import Findings
-from mrbt_mesh.btcpp.files.library import library_of
+from mrbt_mesh.btcpp.files.library import Library, library_of
 from mrbt_mesh.btcpp.scripts.values import ValueTypeError, as_truth
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.names import declared_name
@@ -34,6 +37,7 @@ class BtcppTrees:
                 Problem(file, 0, "", f"{missing!r}, which it includes, cannot be read")
                 for missing in library.missing_files
             )
+        checkpoints(expand(library, chosen).root, library)  # raises FileError for wrong ones
         return explicit(library, is_merged=True).text(), chosen
 
     def leaves(self) -> Leaves:
@@ -59,10 +63,17 @@ class BtcppTrees:
         report: Callable[[bytes], None],
     ) -> None:
         made = _made_tree(tree, _with_conditions(leaves, conditions), _given(task))
+        reached = dict(tree.outputs).get(CHECKPOINT)
+        if reached is not None:
+            marks = _Checkpoints(made, task, reached, _checkpoints_of(tree))
+            marks.go_on()
+            made.watch(marks.note)
         try:
             await _carry_out(made, report)
         finally:
             for entry, condition in tree.outputs:
+                if entry == CHECKPOINT:
+                    continue
                 value = made.blackboard.get(entry)
                 if conditions[declared_name(condition)].values is not None:
                     if value is not None:
@@ -91,19 +102,63 @@ class BtcppTrees:
 TREES = BtcppTrees()
 
 
+@dataclass
+class _Checkpoints:
+    """The last checkpoint that a run has passed is in the entry `reached` of the team's blackboard,
+    with the activation that it belongs to, so that another robot can go on there.
+    """
+
+    tree: BehaviorTree
+    task: TaskContext
+    reached: str
+    uids: list[int]
+    passed: int = 0
+
+    def go_on(self) -> None:
+        """Begin after the last checkpoint of this activation, if one was passed."""
+        run, _, uid = str(self.task.read_value(self.reached)).partition(".")
+        if run == self._run and int(uid) in self.uids:
+            self.passed = int(uid)
+            self.tree.executor.begin_after(self.passed)
+
+    def note(self) -> None:
+        """Tell the team after a tick which checkpoint was passed."""
+        statuses = self.tree.executor.statuses()
+        done = (NodeStatus.SUCCESS, NodeStatus.SKIPPED)
+        last = max((uid for uid in self.uids if statuses[uid - 1] in done), default=0)
+        if last > self.passed:
+            self.passed = last
+            self.task.set_value(self.reached, f"{self._run}.{last}", at_once=True)
+
+    @property
+    def _run(self) -> str:
+        """The activation, as short as a text of the blackboard has to be."""
+        return hashlib.sha256(self.task.activation.encode()).hexdigest()[:16]
+
+
 def _given(task: TaskContext) -> Mapping[type, Any]:
     return {RobotContext: task, TaskContext: task}
+
+
+def _library_of(program: ProgramTree) -> Library:
+    # The text has come with the mission: nothing that it might include is opened here.
+    findings = Findings()
+    library = library_of(parse_document(program.xml, program.source), findings)
+    check_library(library, findings)
+    findings.raise_errors()
+    return library
+
+
+def _checkpoints_of(program: ProgramTree) -> list[int]:
+    library = _library_of(program)
+    return checkpoints(expand(library, program.tree).root, library)
 
 
 def _made_tree(
     program: ProgramTree, leaves: Leaves, given: Mapping[type, Any] | None = None
 ) -> BehaviorTree:
     """The tree of a mission, with its entries set. Raises FileError and BlackboardError."""
-    # The text has come with the mission: nothing that it might include is opened here.
-    findings = Findings()
-    library = library_of(parse_document(program.xml, program.source), findings)
-    check_library(library, findings)
-    findings.raise_errors()
+    library = _library_of(program)
     tree = BehaviorTree(library, program.tree, leaves, given=given)
     tree.check()  # so that ports' types are known
     for name, text in program.ports:

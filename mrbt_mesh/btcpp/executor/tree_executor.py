@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from mrbt_mesh.btcpp.executor.blackboard import Blackboard, BlackboardError
+from mrbt_mesh.btcpp.executor.controls import InOrder
 from mrbt_mesh.btcpp.executor.leaf_nodes import ActionLeaf, LeafNode
 from mrbt_mesh.btcpp.executor.node import (
     COMPLETED,
@@ -127,6 +128,16 @@ class TreeExecutor:
         node.outcome = status
         node.reason = reason
         return True
+
+    def begin_after(self, uid: int) -> None:
+        """Begin the next run after this node; above it are Sequences and SubTrees only."""
+        node = self.root
+        while node.uid != uid:
+            position = max(n for n, child in enumerate(node.children) if child.uid <= uid)
+            child = node.children[position]
+            if isinstance(node, InOrder):
+                node.index = position + 1 if child.uid == uid else position
+            node = child
 
     def await_stops(self) -> None:
         """From now on plain actions wait for those that were cancelled, until `stopped`."""
