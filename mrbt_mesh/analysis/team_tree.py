@@ -7,8 +7,7 @@ changes anything; what nodes with memory remember are facts.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from mrbt_mesh.analysis.team_notes import notes, returns_between_steps
 from mrbt_mesh.btcpp.files.builtin_nodes import BUILTIN, SWITCHES
@@ -90,39 +89,28 @@ _MAX_COUNT = 1_000_000_000
 class TeamTree:
     """The team's tree, or None and what cannot be carried out, with path, line and reason.
 
-    `notes` are what a team does otherwise. `annotations` are the attributes `_xxx` of nodes, by
-    the positions of the node and its ancestors among their siblings.
+    `notes` are what a team does otherwise.
     """
 
     spec: NodeSpec | None
     refusals: tuple[Problem, ...]
     notes: tuple[Problem, ...] = ()
-    annotations: Mapping[tuple[int, ...], Mapping[str, str]] = field(default_factory=dict)
 
 
-def to_team_tree(
-    library: Library,
-    tree: str,
-    unknown_leaves: Category | None = None,
-    conditions: Collection[str] = (),
-) -> TeamTree:
+def to_team_tree(library: Library, tree: str, unknown_leaves: Category | None = None) -> TeamTree:
     """Translate a tree with its SubTrees.
 
     A leaf without a model is refused, since it may be an action or a condition, unless
-    `unknown_leaves` gives its category, or it is one of `conditions`. Raises FileError if the tree
-    cannot be expanded.
+    `unknown_leaves` gives its category. Raises FileError if the tree cannot be expanded.
     """
-    return translated(library, expand(library, tree), unknown_leaves, conditions)
+    return translated(library, expand(library, tree), unknown_leaves)
 
 
 def translated(
-    library: Library,
-    expanded: ExpandedTree,
-    unknown_leaves: Category | None = None,
-    conditions: Collection[str] = (),
+    library: Library, expanded: ExpandedTree, unknown_leaves: Category | None = None
 ) -> TeamTree:
     """As `to_team_tree`, of a tree that has been expanded; what has a `call` is a task."""
-    translation = _Translation(library, expanded, unknown_leaves, conditions)
+    translation = _Translation(library, expanded, unknown_leaves)
     spec = translation.node(expanded.root)
     if not translation.refusals and spec is not None:
         try:
@@ -132,18 +120,7 @@ def translated(
             translation.refusals.append(Problem(root.file, root.line, "", str(error)))
     refusals = tuple(sorted(translation.refusals, key=lambda p: (p.file, p.line)))
     notes = tuple(sorted(translation.notes, key=lambda p: (p.file, p.line)))
-    return TeamTree(None if refusals else spec, refusals, notes, _annotations(expanded.root))
-
-
-def _annotations(root: ExpandedNode) -> dict[tuple[int, ...], dict[str, str]]:
-    found: dict[tuple[int, ...], dict[str, str]] = {}
-    waiting: list[tuple[tuple[int, ...], ExpandedNode]] = [((), root)]
-    while waiting:
-        place, node = waiting.pop()
-        if node.metadata:
-            found[place] = node.metadata
-        waiting += [((*place, number), child) for number, child in enumerate(node.children)]
-    return found
+    return TeamTree(None if refusals else spec, refusals, notes)
 
 
 class _RefusedError(Exception):
@@ -156,12 +133,10 @@ class _Translation:
         library: Library,
         tree: ExpandedTree,
         unknown_leaves: Category | None,
-        known_conditions: Collection[str],
     ) -> None:
         self.library = library
         self.constants = tree.constants
         self.unknown_leaves = unknown_leaves
-        self.known_conditions = known_conditions
         self.refusals: list[Problem] = []
         self.notes: list[Problem] = []
         self.keepers = _keepers(tree.root)
@@ -299,9 +274,7 @@ class _Translation:
     def leaf(self, node: ExpandedNode) -> NodeSpec:
         """An action or condition: its type and the values of its ports, `move(dock,fast)`."""
         category = node.category
-        if node.is_guessed and node.type in self.known_conditions:
-            category = Category.CONDITION
-        elif node.is_guessed:
+        if node.is_guessed:
             if self.unknown_leaves is None:
                 raise _RefusedError(
                     "an action or a condition? Describe it in <TreeNodesModel>, or write "

@@ -8,7 +8,6 @@ import pytest
 
 from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.formats.shipped import template_files, write_files
-from mrbt_mesh.formats.team_file import load_team
 from mrbt_mesh.runtime.context import Simulation
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.runtime.user_code import UserCodeError
@@ -80,21 +79,6 @@ async def test_other_repairs_are_only_work(task: str) -> None:
     assert await run(agent("repair"), context(port, task))
     assert outcomes(port) == [("start", None), ("end", "success")]
     assert port.conditions == {}
-
-
-TEAM = load_team(AGENTS.parent / "examples" / "lift" / "team.yaml")
-
-
-@pytest.mark.parametrize("task", TEAM.model.local_tasks)
-async def test_a_mechanic_changes_what_its_local_tasks_declare(task: str) -> None:
-    part = ["2"] if TEAM.parameters(task) else []
-    subject = f"{task}(2)" if part else task
-    declared = TEAM.declaration(subject)
-    assert declared is not None
-    port = FakePort()
-    assert await run(agent("mechanic"), context(port, subject, *part))
-    assert port.conditions == declared.effects
-    assert outcomes(port) == [("start", None), ("end", "success")]
 
 
 @pytest.mark.parametrize(

@@ -164,11 +164,6 @@ def test_what_a_team_does_otherwise_is_noted() -> None:
     assert not team(f'<ReactiveSequence><Sees what="x"/>{GO}</ReactiveSequence>').notes
 
 
-def test_attributes_for_tools_are_annotations_by_place() -> None:
-    body = f'<Sequence _independent="true">{GO}<Move goal="b" _reads="map"/></Sequence>'
-    assert team(body).annotations == {(): {"_independent": "true"}, (1,): {"_reads": "map"}}
-
-
 def test_subtrees_pass_constants_on() -> None:
     trees = (
         '<BehaviorTree ID="Go"><SubTree ID="Inner" to="{goal}" _autoremap="true"/></BehaviorTree>'

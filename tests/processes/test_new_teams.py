@@ -15,8 +15,8 @@ from tests.support.team import Team
     [
         ("carry", ("new",)),
         pytest.param(
-            "ComputePathToPose_to_TakePhoto",
-            ("tree", "lift", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml"), "--new"),
+            "Visit",
+            ("tree", "lift", str(EXAMPLES / "robot_trees" / "nav2" / "patrol.xml")),
             marks=pytest.mark.slow,
         ),
     ],

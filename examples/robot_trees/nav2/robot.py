@@ -7,6 +7,7 @@ from mrbt_mesh.btcpp import Out
 
 robot = RobotProgram(record_work=True)
 robot.condition("GoalUpdated")(lambda: False)
+robot.entry("goal")(lambda: "4.0;0.5;0.0")
 
 
 @robot.action("ComputePathToPose")

@@ -2,24 +2,23 @@
 
 import anyio
 
-from mrbt_mesh import RobotProgram, TaskContext
+from mrbt_mesh import RobotProgram
 from mrbt_mesh.btcpp import Out
 
 robot = RobotProgram(record_work=True)
 
 
+@robot.condition("DoorOpen")
+def door_open(door: str) -> bool:
+    """It is closed."""
+    return False
+
+
 @robot.action("Detect")
-async def detect(task: TaskContext, found: Out[str], **ports: str) -> None:
+async def detect(place: str, found: Out[str], **ports: str) -> None:
     """The coke is on the desk, the second place."""
     await anyio.sleep(1)
-    found.set(ports["object"] if "desk0" in task.arguments else "nothing")
-
-
-@robot.action("Open")
-async def open_door(task: TaskContext, target: str) -> None:
-    """The team hears of it."""
-    await anyio.sleep(1)
-    task.set_condition(f"DoorOpen({target})", True)
+    found.set(ports["object"] if place == "desk0" else "nothing")
 
 
 @robot.action("*")

@@ -1,6 +1,5 @@
-"""A team's mission made of a single robot's tree.
+"""A team's mission made of a single robot's tree, spread only where its author has marked it.
 
-`effects` finds what each subtree reads and writes, `arrange` makes Parallels of a partial order,
-`lifter` and `mission` use both; `units` splits a tree where one robot must do more than one action,
-`in_units` makes the mission of it.
+`marks` finds the marks, `cut` takes the tree apart there and refuses what that would break,
+`tasks` has the trees that robots run, `folder` the files of the mission.
 """

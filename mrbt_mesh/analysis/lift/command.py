@@ -3,32 +3,51 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import click
 
 from mrbt_mesh.cli.command import PATH, MrbtCommand, refuse
 from mrbt_mesh.cli.options import json_option
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS
 from mrbt_mesh.errors import InputError
 
 
 @click.command(cls=MrbtCommand)
 @click.argument("file", metavar="FILE", type=PATH, help="A robot's tree, BehaviorTree.CPP XML.")
+@click.argument(
+    "folder",
+    metavar="[FOLDER]",
+    type=PATH,
+    required=False,
+    help="A folder that does not exist yet. Default: only explain.",
+)
+@click.option(
+    "--team",
+    multiple=True,
+    metavar="NODE",
+    help="This node (path or name) is a global task, as with _team='true'.",
+)
+@click.option(
+    "--parallel",
+    multiple=True,
+    metavar="NODE",
+    help="The children of this Sequence or Fallback go at once (_parallel='true').",
+)
+@click.option("--every-action", is_flag=True, help="Every action is a global task.")
 @click.option(
     "--robots",
-    type=PATH,
-    metavar="FILE",
-    help="Team file: robots, and what their local tasks do (.yaml).",
+    type=click.IntRange(1, MAX_ROBOTS),
+    default=3,
+    show_default=True,
+    help="How many there are.",
 )
 @click.option(
-    "--new",
-    "folder",
+    "--program",
     type=PATH,
-    metavar="FOLDER",
-    help="Instead: a new folder with mission, team and a robot's program to fill in.",
-)
-@click.option(
-    "--output", "-o", type=PATH, metavar="FILE", help="The mission to write. Default: only explain."
+    metavar="FILE.py",
+    help="The robots' program. Default: write one to fill in.",
 )
 @click.option("--tree", metavar="ID", help="The tree. Default: the main tree.")
 @click.option(
@@ -53,40 +72,63 @@ from mrbt_mesh.errors import InputError
     metavar="ID",
     help="A SubTree that is in no file becomes an action; '*': all of them.",
 )
-@click.option(
-    "--assume-independent",
-    "independent",
-    multiple=True,
-    metavar="NODE",
-    help="Children of this node (path or name) do not depend on one another.",
-)
-@click.option(
-    "--units",
-    metavar="auto|FILE",
-    help="Keep on one robot nodes that share a blackboard: automatically, or by a file (.yaml).",
-)
 @json_option
-def lift(file: Path, robots: Path | None, folder: Path | None, as_json: bool, **how: Any) -> None:
-    """Make a team's mission out of the tree of one robot, and explain it.
+def lift(
+    file: Path,
+    folder: Path | None,
+    team: tuple[str, ...],
+    parallel: tuple[str, ...],
+    every_action: bool,
+    robots: int,
+    program: Path | None,
+    as_json: bool,
+    **where: Any,
+) -> None:
+    """Make a team's mission out of the tree of one robot.
 
-    Every action becomes a global task for one robot (paper, section V-A). What may happen at the
-    same time follows from what actions declare to read, change and need; without declarations
-    nothing is parallel. With --units, parts that share a blackboard or other things of one robot
-    become local tasks with trees of their own, in a file beside the mission.
+    The tree is one global task: one robot runs all of it, and another one takes over when it dies,
+    from the beginning or from the last node with _checkpoint="true". What has _team="true" is a
+    task of its own, and the children of a Sequence or Fallback with _parallel="true" are done at
+    the same time. What a mark would break is refused.
 
     \b
-    Example: mrbt tree lift examples/lift/repair.xml --robots examples/lift/team.yaml
-             mrbt tree lift navigate.xml --new my_team
+    Example: mrbt tree lift examples/lift/repair.xml my_team
+             mrbt tree lift navigate.xml my_team --team Navigate
     """
-    from mrbt_mesh.analysis.lift.files import LiftRequest, lift_files, print_lifted
-    from mrbt_mesh.analysis.lift.new_folder import write_folder
+    from mrbt_mesh.analysis.lift.folder import TreeFiles, explained, lift_files
+    from mrbt_mesh.analysis.lift.marks import WantedMarks
+    from mrbt_mesh.cli.terminal import print_json
+    from mrbt_mesh.formats.shipped import MISSION, write_files
 
+    if folder is None:
+        refuse("takes part in a FOLDER", "--program")
+    marks = WantedMarks(team, parallel, every_action)
+    lifted = lift_files(TreeFiles(file, **where), marks, robots, folder, program)
     if folder is not None:
-        others = ("--robots", "--output", "--units", "--assume-independent", "--json")
-        refuse("not with --new, which writes all files", *others)
-        write_folder(folder, file, how["tree"], how["models"], how["folders"], how["actions"])
+        try:
+            written = write_files(folder, dict(lifted.files))
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
+    if as_json:
+        print_json(
+            {
+                "mission": str(folder / MISSION) if folder is not None else None,
+                "tasks": [
+                    {
+                        "call": use.call,
+                        "tree": use.task.tree,
+                        "nodes": [node.path for node in use.piece.nodes],
+                        "line": use.piece.nodes[0].line,
+                        "checkpoints": use.task.has_checkpoints,
+                    }
+                    for use in lifted.uses
+                ],
+            }
+        )
         return
-    if robots is None:
-        raise InputError("give the team file with --robots, or --new FOLDER")
-    done = lift_files(LiftRequest(file, robots, **how))
-    print_lifted(done, how["output"], as_json)
+    for line in explained(lifted):
+        click.echo(line)
+    if folder is not None:
+        for path in written:
+            click.echo(f"wrote {path}")
+        click.echo(f"\nnow: mrbt up {quote(str(folder / MISSION))}")

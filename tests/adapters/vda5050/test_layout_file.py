@@ -10,7 +10,6 @@ import pytest
 from mrbt_mesh.adapters.vda5050.layout_file import BROKER_VARIABLE, load_layout
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.mission_file import load_mission
-from tests.support.command import done, mrbt
 from tests.support.paths import EXAMPLES, mission_file
 from tests.support.vda5050.plant import VEHICLES
 
@@ -34,17 +33,6 @@ def test_the_examples_layout_fits_its_mission_and_the_vehicles_of_the_tests() ->
         for end in file.layout.nodes:
             assert file.layout.way(start, end)
     assert file.local_tasks["count"].filled(("R3",)).sets == {"counted(R3)": True}
-
-
-def test_the_examples_mission_is_its_single_tree_lifted(tmp_path: Path) -> None:
-    written = tmp_path / "mission.yaml"
-    folder = EXAMPLES / "warehouse"
-    words = ["tree", "lift", str(folder / "shift.xml"), "--robots", str(folder / "team.yaml")]
-    done(mrbt(*words, "-o", str(written)))
-    lifted, shipped = load_mission(written), load_mission(folder / "mission.yaml")
-    assert lifted.tree == shipped.tree
-    assert lifted.robots == shipped.robots
-    assert lifted.global_tasks.keys() == shipped.global_tasks.keys()
 
 
 GOOD = """

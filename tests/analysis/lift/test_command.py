@@ -1,297 +1,343 @@
-"""`mrbt tree lift`: the example, what it tells, and what it refuses."""
+"""`mrbt tree lift`: what it writes, what it says, and every reason for which it refuses a tree."""
 
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
+import anyio
 import pytest
 
-from mrbt_mesh.btcpp.files.document import Document, read_document
-from mrbt_mesh.btcpp.files.elements import Element
+from mrbt_mesh import RobotProgram
 from mrbt_mesh.core.bt.tree import Kind
-from mrbt_mesh.core.mission.mission import SameRobotAs
-from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.formats.mission_file import load_mission, mission_warnings
 from mrbt_mesh.runtime.program_loader import load_program
-from mrbt_mesh.sim.run import simulate
+from mrbt_mesh.sim import Kill, SimulationResult, simulate
 from tests.support.command import done, mrbt, refused
-from tests.support.effort import seeds
 from tests.support.paths import ROOT
 
-EXAMPLE = ROOT / "examples" / "lift"
-TREE, TEAM = EXAMPLE / "repair.xml", EXAMPLE / "team.yaml"
+S = 1_000_000
+MODELS = """<TreeNodesModel>
+<Action ID="Go"><input_port name="to"/></Action>
+<Action ID="See"><output_port name="what"/></Action>
+<Action ID="Take"><input_port name="what"/></Action>
+<Condition ID="Ready"/>
+</TreeNodesModel>"""
 
 
-def run(*arguments: object) -> tuple[int, str, str]:
-    return mrbt("tree", "lift", *map(str, arguments))
+def write(folder: Path, main: str, trees: str = "") -> Path:
+    """A file with the tree `Main`, whose root is in line 2."""
+    path = folder / "tree.xml"
+    path.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="Main"><BehaviorTree ID="Main">\n'
+        f"{main}</BehaviorTree>{trees}{MODELS}</root>"
+    )
+    return path
 
 
-def told(*arguments: object) -> dict[str, Any]:
-    data: dict[str, Any] = json.loads(done(run(*arguments, "--json")))
-    return data
+def lift(path: Path, *options: str) -> str:
+    return done(mrbt("tree", "lift", str(path), str(path.parent / "new"), *options))
 
 
-def test_the_committed_mission_is_what_the_command_writes(tmp_path: Path) -> None:
-    """Lifted again in a copy of its folder, since paths in it are relative."""
-    folder = tmp_path / "examples" / "lift"
-    folder.mkdir(parents=True)
-    for file in (TREE, TEAM):
-        (folder / file.name).write_text(file.read_text())
-    written = folder / "mission.yaml"
-    assert run(folder / TREE.name, "--robots", folder / TEAM.name, "-o", written)[0] == 0
-    assert written.read_text() == (EXAMPLE / "mission.yaml").read_text()
+def run(path: Path, *kills: tuple[int, str]) -> tuple[SimulationResult, list[str]]:
+    """A run of the folder beside the tree, and what was begun in it, with the robot."""
+    begun: list[str] = []
+    program = RobotProgram()
+    program.condition("Ready")(lambda: True)
+
+    @program.action("*")
+    async def work(kind: str, /, **ports: Any) -> None:
+        begun.append(" ".join([kind, *map(str, ports.values())]))
+        await anyio.sleep(1)
+
+    mission = load_mission(path.parent / "new" / "mission.yaml")
+    assert mission_warnings(mission) == []
+    schedule = [(at, Kill(robot)) for at, robot in kills]
+    result = simulate(mission, program, seed=1, schedule=schedule)
+    assert result.violations == []
+    return result, begun
 
 
-@pytest.mark.parametrize("seed", seeds(3))
-def test_six_robots_are_faster_by_what_the_longest_chain_allows(seed: int) -> None:
-    predicted = told(TREE, "--robots", TEAM)["factor"]
-    mission = load_mission(EXAMPLE / "mission.yaml")
+STEPS = '<Sequence><Go to="a"/><Go to="b"{}/><Go to="c"/><Go to="d"/></Sequence>'
+
+
+def test_a_tree_without_marks_is_one_task_of_one_robot(tmp_path: Path) -> None:
+    path = write(tmp_path, STEPS.format(""))
+    said = lift(path, "--robots", "4")
+    assert "One task, Main: one robot does all of it, another goes on from the beginning." in said
+    mission = load_mission(tmp_path / "new" / "mission.yaml")
+    assert [node.subject for node in mission.tree.nodes] == ["Main"]
+    assert len(mission.robots) == 4
+    result, begun = run(path)
+    assert (result.result, begun) == ("success", ["Go a", "Go b", "Go c", "Go d"])
+
+
+def test_another_robot_begins_anew_or_after_the_last_checkpoint(tmp_path: Path) -> None:
+    kill = (5 * S // 2, "R1")  # in `c`
+    for mark, again in (("", ["Go a", "Go b"]), (' _checkpoint="true"', [])):
+        folder = tmp_path / f"of{len(mark)}"
+        folder.mkdir()
+        path = write(folder, STEPS.format(mark))
+        lift(path)
+        result, begun = run(path, kill)
+        assert result.result == "success"
+        assert begun == ["Go a", "Go b", "Go c", *again, "Go c", "Go d"]
+
+
+def test_checkpoints_in_subtrees_and_several_of_them(tmp_path: Path) -> None:
+    inner = (
+        '<BehaviorTree ID="In"><Sequence><Go to="b" _checkpoint="true"/><See what="{x}"/>'
+        '<Take what="{x}"/></Sequence></BehaviorTree>'
+    )
+    main = '<Sequence><Go to="a" _checkpoint="true"/><SubTree ID="In"/><Go to="d"/></Sequence>'
+    path = write(tmp_path, main, inner)
+    lift(path)
+    result, begun = run(path, (3 * S // 2, "R1"), (4 * S + S // 2, "R2"))
+    assert result.result == "success"
+    # Each takes over where the one before was: `b` anew after `a`, `See` anew after `b`.
+    assert begun[:4] == ["Go a", "Go b", "Go b", "See"]
+    assert begun.count("Go a") == 1
+    assert begun.count("Go b") == 2
+    assert begun[-1] == "Go d"
+
+
+def test_a_checkpoint_of_an_earlier_round_is_none_of_this_one(tmp_path: Path) -> None:
+    body = '<Sequence _team="true"><Go to="a" _checkpoint="true"/><Go to="b"/></Sequence>'
+    path = write(tmp_path, f'<Repeat num_cycles="2">{body}</Repeat>')
+    lift(path)
+    result, begun = run(path)
+    assert (result.result, begun) == ("success", ["Go a", "Go b"] * 2)
+
+
+def test_what_is_marked_is_spread_and_nothing_else(tmp_path: Path) -> None:
+    inner = (
+        '<BehaviorTree ID="Fetch"><Sequence><See what="{x}"/><Take what="{x}"/><Go to="{home}"/>'
+        "</Sequence></BehaviorTree>"
+    )
+    main = (
+        '<Sequence><Go to="a"/><Ready/><Go to="b"/><Go to="c" _team="true"/>'
+        '<Sequence name="both" _parallel="true"><SubTree ID="Fetch" home="n"/>'
+        '<SubTree ID="Fetch" home="s"/></Sequence>'
+        '<Fallback><Go to="e"/><Go to="f"/></Fallback></Sequence>'
+    )
+    path = write(tmp_path, main, inner)
+    said = lift(path)
+    for line in (
+        "  Go_to_Go: Go, Ready, Go (Main/Sequence/Go:2)",
+        "  Go(c): Go (Main/Sequence/Go:2)",
+        "  Fetch(n): Fetch (Main/Sequence/both/Fetch:2)",
+        "  Fetch(s): Fetch (Main/Sequence/both/Fetch:2)",
+        "  Go_to_Go_2: Fallback (Main/Sequence/Fallback:2)",
+    ):
+        assert line in said.splitlines()
+    mission = load_mission(tmp_path / "new" / "mission.yaml")
+    kinds = [node.kind for node in mission.tree.nodes if node.children]
+    assert kinds == [Kind.SEQUENCE, Kind.PARALLEL]
+    result, begun = run(path)
+    assert result.result == "success"
+    assert begun[:3] == ["Go a", "Go b", "Go c"]
+    assert sorted(begun[3:5]) == ["See", "See"]
+    assert begun[-1] == "Go e"
+
+
+def test_marks_on_the_command_line_are_those_in_the_file(tmp_path: Path) -> None:
+    main = '<Sequence><Go to="a"{}/><Sequence name="two"{}><Go to="b"/><See/></Sequence></Sequence>'
+    (tmp_path / "file").mkdir()
+    (tmp_path / "words").mkdir()
+    path = write(tmp_path / "file", main.format(' _team="true"', ' _parallel="true"'))
+    lift(path)
+    given = write(tmp_path / "words", main.format("", ""))
+    lift(given, "--team", "Sequence/Go", "--parallel", "two")
+    texts = [(p.parent / "new" / "mission.yaml").read_text() for p in (path, given)]
+    assert texts[0] == texts[1]
+    assert json.loads(done(mrbt("tree", "lift", str(given), "--json"))) == {
+        "mission": None,
+        "tasks": [
+            {
+                "call": "Main",
+                "tree": "Main",
+                "nodes": ["Main/Sequence"],
+                "line": 2,
+                "checkpoints": False,
+            }
+        ],
+    }
+
+
+def test_every_action_is_the_papers_own_lift(tmp_path: Path) -> None:
+    main = '<Sequence><Go to="a"/><Fallback><Ready/><Go to="b"/></Fallback><See/></Sequence>'
+    path = write(tmp_path, main)
+    lift(path, "--every-action")
+    mission = load_mission(tmp_path / "new" / "mission.yaml")
+    subjects = [node.subject for node in mission.tree.nodes if node.subject]
+    assert subjects == ["Go(a)", "Ready", "Go(b)", "See"]
+    assert run(path)[1] == ["Go a", "See"]
+
+
+def test_a_failure_of_a_robots_tree_is_that_of_the_task(tmp_path: Path) -> None:
+    """No other robot tries what the single one would have failed with, also after a death."""
+    path = write(tmp_path, '<Sequence><Go to="a"/><Go to="b"/><AlwaysFailure/></Sequence>')
+    lift(path)
+    result, begun = run(path, (S // 2, "R1"))
+    assert result.result == "failure"
+    assert begun == ["Go a", "Go a", "Go b"]
+
+
+def test_a_program_of_ones_own_and_odd_values(tmp_path: Path) -> None:
+    """A value that is no argument, one with a `$`, and entries that only the program knows."""
+    inner = (
+        '<BehaviorTree ID="In"><Sequence _team="true"><Go to="{p}"/><Go to="{q}"/><Go to="{r}"/>'
+        "</Sequence></BehaviorTree>"
+    )
+    main = (
+        '<Sequence><Go to="x" _team="true"/><SubTree ID="In" p="1;2" q="{goal}" r="$5"/>'
+        '<SubTree ID="In" p="3.50" q="{goal}" r="{goal}"/></Sequence>'
+    )
+    path = write(tmp_path, main, inner)
+    (tmp_path / "own.py").write_text(
+        "from mrbt_mesh import RobotProgram\nrobot = RobotProgram()\nwent = []\n"
+        "robot.entry('goal')(lambda: 'there')\n"
+        "@robot.action('Go')\nasync def go(to: str) -> None:\n    went.append(to)\n"
+    )
+    said = lift(path, "--program", str(tmp_path / "own.py"))
+    assert "robot.py" not in said
+    mission = load_mission(tmp_path / "new" / "mission.yaml")
     assert mission.program is not None
-    program = load_program(mission.program)
-    alone = simulate(mission, program, seed=seed, robots=["R1"])
-    team = simulate(mission, program, seed=seed)
-    assert alone.result == team.result == "success"
-    assert team.violations == []
-    factor = alone.summary["duration_s"] / team.summary["duration_s"]
-    assert factor >= 0.9 * predicted, f"{factor:.2f} of {predicted}"
+    assert simulate(mission, load_program(mission.program), seed=1).result == "success"
+    (module,) = [m for m in list(sys.modules.values()) if getattr(m, "went", None)]
+    assert module.went == ["x", "1;2", "there", "$5", "3.500000", "there", "there"]
 
 
-def test_every_decision_is_explained() -> None:
-    data = told(TREE, "--robots", TEAM)
-    decisions = {decision["path"]: decision for decision in data["decisions"]}
-    diagnosis = decisions["repair/diagnosis[3]"]
-    assert diagnosis["parallel"]
-    assert diagnosis["arrangement"] == " | ".join(f"diagnose({k})" for k in range(1, 6))
-    whole = decisions["repair"]
-    assert not whole["parallel"]
-    assert {
-        "first": "remove_screws",
-        "second": "remove_cover",
-        "reason": "both touch screwed",
-        "added": False,
-    } in whole["dependences"]
-    _, out, _ = run(TREE, "--robots", TEAM)
-    assert "at most 3.00 times faster" in out
+REFUSALS = {
+    "an entry between tasks": (
+        '<Sequence><See what="{x}" _team="true"/><Take what="{x}"/></Sequence>',
+        "Main/Sequence/Take: it reads {x}: Main/Sequence/See (line 2) writes it, which another "
+        "robot may do; leave both in one task",
+    ),
+    "an entry of an earlier round": (
+        '<Repeat num_cycles="2"><Sequence><Fallback _team="true"><Take what="{x}"/>'
+        '<See what="{x}"/></Fallback></Sequence></Repeat>',
+        "it reads {x}: the loop above begins this task with an empty blackboard",
+    ),
+    "an unknown entry": (
+        '<Sequence><SetBlackboard value="1" output_key="{k}"/><Go to="b" _team="true"/></Sequence>',
+        "it writes an entry that is only known when it runs",
+    ),
+    "a reactive node": (
+        '<ReactiveSequence><Ready/><Go to="a" _team="true"/></ReactiveSequence>',
+        "a team does it once; Main/ReactiveSequence/Go, below it, is marked as the team's",
+    ),
+    "a precondition above": (
+        '<Sequence _skipIf="k == 1"><Go to="a" _team="true"/></Sequence>',
+        "_skipIf is not asked at every tick, or skips the node; use a Condition; Main/Sequence/Go",
+    ),
+    "a decorator above": (
+        '<Delay delay_msec="5"><Go to="a" _team="true"/></Delay>',
+        "Delay: it waits, which only an action can do in a team's tree; Main/Delay/Go, below it",
+    ),
+    "a control above": (
+        '<Switch2 variable="{v}" case_1="1" case_2="2"><Go to="a" _team="true"/><Go to="b"/>'
+        '<Go to="c"/></Switch2>',
+        "it chooses by a value on the blackboard, which a team does not share",
+    ),
+    "a port above": (
+        '<Repeat num_cycles="{n}"><Go to="a" _team="true"/></Repeat>',
+        "port 'num_cycles' uses the blackboard entry 'n', which a team does not share",
+    ),
+    "a node of its own above": (
+        '<Sometimes><Go to="a" _team="true"/></Sometimes>',
+        "an unknown Decorator; its effect is not known",
+    ),
+    "a task that is skipped": (
+        '<Fallback><Go to="a" _skipIf="k == 1" _team="true"/><Go to="b"/></Fallback>',
+        "it may be skipped, which a task of the team cannot be here",
+    ),
+    "a node that remembers": (
+        '<Repeat num_cycles="2"><Sequence><SequenceWithMemory><Go to="a"/></SequenceWithMemory>'
+        '<Go to="b" _team="true"/></Sequence></Repeat>',
+        "SequenceWithMemory remembers earlier rounds of the loop above, which other robots may",
+    ),
+    "a condition": (
+        '<Sequence><Ready _team="true"/><Go to="a"/></Sequence>',
+        "_team: a condition is no task; mark the node above it",
+    ),
+    "no Sequence": (
+        '<IfThenElse _parallel="true"><Ready/><Go to="a"/></IfThenElse>',
+        "_parallel: only a Sequence or a Fallback, not IfThenElse",
+    ),
+    "no truth": (
+        '<Sequence><Go to="a" _team="maybe"/></Sequence>',
+        "_team='maybe' is neither true nor false",
+    ),
+    "a checkpoint that is not reached in order": (
+        '<Fallback><Go to="a" _checkpoint="true"/><Go to="b"/></Fallback>',
+        "_checkpoint: is below Main/Fallback; only Sequences and SubTrees may be above",
+    ),
+    "a checkpoint below a condition": (
+        '<Sequence _skipIf="k == 1"><Go to="a" _checkpoint="true"/></Sequence>',
+        "_checkpoint: is below Main/Sequence, which has _skipIf",
+    ),
+    "a checkpoint that loses an entry": (
+        '<Sequence><See what="{x}"/><Go to="a" _checkpoint="true"/><Take what="{x}"/></Sequence>',
+        "_checkpoint: Main/Sequence/Take reads {x}, which was written before it",
+    ),
+    "a checkpoint in two places": (
+        '<Sequence _parallel="true"><SubTree ID="In"/><SubTree ID="In"/></Sequence>',
+        "In is begun in two places, and its checkpoints would be those of both",
+    ),
+    "a SubTree that is nowhere": (
+        '<Sequence><SubTree ID="Gone"/></Sequence>',
+        "there is no tree 'Gone'; name its file (--models) or its folder (--trees)",
+    ),
+}
+IN = (
+    '<BehaviorTree ID="In"><Sequence><Go to="a" _checkpoint="true"/><Go to="b"/></Sequence>'
+    "</BehaviorTree>"
+)
 
 
-def test_annotations_in_the_tree_count_as_well(tmp_path: Path) -> None:
-    tree = tmp_path / "tree.xml"
-    tree.write_text(
-        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence name="all" _independent="{}">'
-        '<Action ID="a" _writes="x"/><Action ID="b" _effects="done; !open" _reads="x"/>'
-        '<Action ID="c" {}/></Sequence></BehaviorTree></root>'.format("false", '_may_fail="false"')
-    )
-    team = tmp_path / "team.yaml"
-    team.write_text(
-        "local_tasks: {a: {}, b: {}, c: {}}\n"
-        "robot_types: {T: {capabilities: {a: 1, b: 1, c: 1}}}\nrobots: {R1: T, R2: T}\n"
-    )
-    (decision,) = told(tree, "--robots", team)["decisions"]
-    assert decision["arrangement"] == "(a ; b) | c"
-    tree.write_text(tree.read_text().replace('"false">', '"true">').replace(" _may_fail", " _x"))
-    (decision,) = told(tree, "--robots", team)["decisions"]
-    assert decision["arrangement"] == "(a ; b) | c"
-    assert decision["notes"]
+@pytest.mark.parametrize(("main", "reason"), REFUSALS.values(), ids=list(REFUSALS))
+def test_what_a_mark_would_break_is_refused(tmp_path: Path, main: str, reason: str) -> None:
+    path = write(tmp_path, main, IN)
+    problems = refused(mrbt("tree", "lift", str(path), str(tmp_path / "new")))
+    assert reason in problems
+    assert f"{path}:2: Main/" in problems, "the node and its place"
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("options", "reason"),
     [
-        ('ID="solder"', 'ID="glue"', "action 'glue' is no local task"),
-        ('<Action ID="place_cover"/>', '<Script code="a := 1"/>', "repair.xml:23: Repair/repair"),
-        ("</BehaviorTree>", "", "not well-formed XML"),
+        (["--team", "Gone"], "--team Gone: there is no such node"),
+        (["--team", "Seqence"], "did you mean 'Sequence'"),
+        (["--parallel", "Sequence/Go"], "_parallel: only a Sequence or a Fallback, not Go"),
+        (["--tree", "Other"], "there is no tree 'Other'"),
+        (["--as-action", "Go"], "--as-action: no SubTree node has the ID 'Go'"),
+        (["--trees", "nowhere"], "--trees nowhere: there is no such folder"),
+        (["--program", "robot"], "--program robot: a Python file is expected"),
     ],
 )
-def test_what_a_team_cannot_carry_out_is_refused(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
-    tree = tmp_path / "repair.xml"
-    tree.write_text(TREE.read_text().replace(old, new))
-    err = refused(run(tree, "--robots", TEAM))
-    assert message in err.replace("\n", " ") or message in err
-    assert "Traceback" not in err
+def test_wrong_options_are_refused(tmp_path: Path, options: list[str], reason: str) -> None:
+    path = write(tmp_path, STEPS.format(""))
+    assert reason in refused(mrbt("tree", "lift", str(path), str(tmp_path / "new"), *options))
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("local_tasks:", "tree: solder\nlocal_tasks:", "a team file has no tree"),
-        (
-            "diagnosed($part): true}\n  replace",
-            "diagnosed($k): true}\n  replace",
-            "unknown parameter",
-        ),
-        ("work: 3,", "work: -3,", "team.yaml"),
-        ("robots: {R1", "robot: {R1", "robot"),
-    ],
-)
-def test_a_team_file_with_problems_is_refused(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
-    team = tmp_path / "team.yaml"
-    text = TEAM.read_text()
-    assert old in text
-    team.write_text(text.replace(old, new, 1))
-    assert message in refused(run(TREE, "--robots", team))
+def test_a_folder_that_is_there_is_kept(tmp_path: Path) -> None:
+    path = write(tmp_path, STEPS.format(""))
+    lift(path)
+    words = ("tree", "lift", str(path), str(tmp_path / "new"))
+    assert "is not empty; name a new folder" in refused(mrbt(*words))
+    assert "--program" in refused(mrbt("tree", "lift", str(path), "--program", "robot.py"))
 
 
-def test_an_unknown_node_is_not_assumed_independent() -> None:
-    err = refused(run(TREE, "--robots", TEAM, "--assume-independent", "prats"))
-    assert "no node has the path or name 'prats'" in err
-
-
-# -- what belongs to a robot ------------------------------------------------------------------
-
-CARRY = """
-local_tasks:
-  pick: {parameters: [item], requires: {}, effects: {holding($item): true}, uses: [gripper]}
-  carry: {parameters: [item], requires: {holding($item): true}, writes: [place($item)]}
-  place:
-    parameters: [item]
-    requires: {holding($item): true}
-    effects: {holding($item): false}
-    uses: [gripper]
-conditions: {holding: {parameters: [item], per: robot}}
-resources: {gripper: {per: robot}}
-robot_types:
-  Arm: {capabilities: {pick: 1, carry: 1, place: 1}}
-robots: {R1: Arm, R2: Arm}
-"""
-TWO_ITEMS = "".join(
-    f'<Action ID="{task}" item="{item}"/>' for item in (1, 2) for task in ("pick", "carry", "place")
-)
-
-
-def written(folder: Path, team: str, nodes: str) -> tuple[int, str, Path]:
-    """Lift a Sequence of these nodes: exit status, messages, and the mission."""
-    (folder / "team.yaml").write_text(team)
-    (folder / "tree.xml").write_text(
-        f'<root BTCPP_format="4"><BehaviorTree ID="M"><Sequence>{nodes}</Sequence>'
-        "</BehaviorTree></root>"
-    )
-    output = folder / "mission.yaml"
-    code, out, err = run(folder / "tree.xml", "--robots", folder / "team.yaml", "--output", output)
-    return code, out + err, output
-
-
-def test_what_a_robot_holds_is_carried_and_placed_by_it(tmp_path: Path) -> None:
-    """What cannot be begun again: when the first one has it, there is nothing left to pick."""
-    gone = "requires: {there($item): true}, effects: {holding($item): true, there($item): false}"
-    team = CARRY.replace("requires: {}, effects: {holding($item): true}", gone)
-    team = team.replace("per: robot}}\nres", "per: robot}, there: {parameters: [item]}}\nres")
-    code, text, output = written(tmp_path, team, TWO_ITEMS)
-    assert code == 0, text
-    tasks = load_mission(output).global_tasks
-    for item in "12":
-        for name in ("carry", "place"):
-            (need,) = tasks[f"{name}({item})"].needs
-            assert need.same_robot_as == SameRobotAs(f"pick({item})", f"pick({item})")
-
-
-def test_what_can_be_begun_again_is_where_the_robot_dies(tmp_path: Path) -> None:
-    code, text, output = written(tmp_path, CARRY, TWO_ITEMS)
-    assert code == 0, text
-    mission = load_mission(output)
-    assert not [n for t in mission.global_tasks.values() for n in t.needs if n.same_robot_as]
-    asked = {n.subject for n in mission.tree.nodes if n.kind is Kind.CONDITION}
-    assert asked == {"holding(1)", "holding(2)"}
-
-
-def test_conditions_that_tell_why_something_failed_are_the_missions_too(tmp_path: Path) -> None:
-    told = "stuck: {parameters: [item], failure_reason: {global_task: pick($item), contains: jam}}"
-    team = CARRY.replace("per: robot}}\nres", f"per: robot}}, {told}}}\nres")
-    code, text, output = written(tmp_path, team, TWO_ITEMS)
-    assert code == 0, text
-    mission = load_mission(output)
-    assert mission.conditions_after_end("pick(1)", "pick(1)", False, "a jam") == [
-        ("stuck(1)", True)
-    ]
-
-
-@pytest.mark.parametrize(
-    ("resources", "arrangement"),
-    [
-        ("resources: {gripper: {per: robot}}", "(pick(1) ; carry(1) ; place(1)) | "),
-        ("resources: {gripper: {per: team}}", "pick(1) ; "),
-        ("", "pick(1) ; "),
-    ],
-)
-def test_robots_use_their_own_grippers_at_once(
-    tmp_path: Path, resources: str, arrangement: str
-) -> None:
-    team = CARRY.replace("resources: {gripper: {per: robot}}", resources)
-    assert arrangement in done(written(tmp_path, team, TWO_ITEMS))
-
-
-@pytest.mark.parametrize(
-    ("nodes", "reason"),
-    [
-        (
-            '<Fallback><Action ID="pick" item="1"/><Action ID="pick" item="2"/></Fallback>'
-            '<Action ID="place" item="1"/>',
-            "pick(1) need not have been done before it",
-        ),
-        ('<Action ID="place" item="1"/>', "nothing before it makes holding(1) true"),
-    ],
-)
-def test_where_nobody_can_tell_whose_it_is_the_command_says_so(
-    tmp_path: Path, nodes: str, reason: str
-) -> None:
-    code, text, output = written(tmp_path, CARRY, nodes)
-    assert code == 0, text
-    assert reason in " ".join(text.split())
-    needs = load_mission(output).global_tasks["place(1)"].needs
-    assert [need.same_robot_as for need in needs] == [None]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("carry: 1, ", "", "nobody can do carry(1): none of R1, R2 has the capability carry"),
-        (
-            "{R1: Arm, R2: Arm}",
-            "{R1: {type: Arm, capabilities: {place: null}}, "
-            "R2: {type: Arm, capabilities: {pick: null}}}",
-            "place(1) requires holding(1) of the robot that did pick(1), but none can do both "
-            "(pick(1): R1; place(1): R2)",
-        ),
-        ("gripper: {per: robot}", "gripper: {per: arm}", "per"),
-    ],
-)
-def test_a_team_that_cannot_do_it_is_refused(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
-    assert old in CARRY
-    code, text, _ = written(tmp_path, CARRY.replace(old, new), TWO_ITEMS)
-    assert code == 2
-    assert message in " ".join(text.split())
-
-
-def test_subtrees_and_models_in_other_files(tmp_path: Path) -> None:
-    """The example in three files is lifted to the same mission; without them it is refused."""
-    document = read_document(TREE)
-    main, fix, models = document.root.children
-    for name, parts in {"repair": [main], "trees/fix": [fix], "models": [models]}.items():
-        path = tmp_path / f"{name}.xml"
-        path.parent.mkdir(exist_ok=True)
-        root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "Repair"}, parts)
-        path.write_text(Document(str(path), [root]).text())
-    (tmp_path / "trees" / "package.xml").write_text("<package/>")
-    arguments = (tmp_path / "repair.xml", "--robots", TEAM)
-    others = ("--models", tmp_path / "models.xml", "--trees", tmp_path / "trees")
-    assert told(*arguments, *others)["decisions"] == told(TREE, "--robots", TEAM)["decisions"]
-    assert "there is no tree 'FixPart'" in refused(run(*arguments))
-    assert "there is no such folder" in refused(run(*arguments, "--trees", tmp_path / "nowhere"))
-    assert run(*arguments, "--models", tmp_path / "nothing.xml")[0] == 2
-
-
-def test_a_condition_of_the_team_file_needs_no_model(tmp_path: Path) -> None:
-    tree, mission = tmp_path / "tree.xml", tmp_path / "mission.yaml"
-    tree.write_text(
-        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Fallback><screwed/><place_screws/>'
-        "</Fallback></BehaviorTree></root>"
-    )
-    assert run(tree, "--robots", TEAM, "-o", mission)[0] == 0
-    kinds = [node.kind for node in load_mission(mission).tree.nodes]
-    assert kinds == [Kind.FALLBACK, Kind.CONDITION, Kind.ACTION]
+def test_the_example_is_what_the_command_writes(tmp_path: Path) -> None:
+    folder = ROOT / "examples" / "lift"
+    words = ("--robots", "6", "--program", str(folder / "robot.py"))
+    done(mrbt("tree", "lift", str(folder / "repair.xml"), str(tmp_path / "new"), *words))
+    assert (tmp_path / "new" / "trees.xml").read_text() == (folder / "trees.xml").read_text()
+    new, shipped = (load_mission(at / "mission.yaml") for at in (tmp_path / "new", folder))
+    assert new.tree == shipped.tree
+    assert new.global_tasks == shipped.global_tasks
+    assert new.robots == shipped.robots

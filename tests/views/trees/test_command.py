@@ -279,7 +279,7 @@ def test_check_for_a_team_notes_what_a_team_does_otherwise(tmp_path: Path) -> No
     "command",
     [
         ["tree", "check", "--strict"],
-        ["tree", "lift", "--tree", "Repair", "--robots", LIFT / "team.yaml"],
+        ["tree", "lift", "--tree", "Repair"],
     ],
 )
 def test_packages_are_sought_where_ros_2_has_them(tmp_path: Path, command: list[Any]) -> None:

@@ -1,11 +1,10 @@
-"""`mrbt tree lift --new`: a team for a tree, with a program to fill in, that runs at once."""
+"""The program that `mrbt tree lift` writes: to be filled in, and runs at once."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -26,7 +25,7 @@ def _path(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def new(folder: Path, file: Path, *more: str) -> tuple[int, str, str]:
-    return mrbt("tree", "lift", str(file), "--new", str(folder), *more)
+    return mrbt("tree", "lift", str(file), str(folder), *more)
 
 
 def written(folder: Path, tree: str, *more: str, name: str = "task") -> str:
@@ -50,12 +49,11 @@ def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
 ) -> None:
     folder = tmp_path / "mine"
     assert f"now: mrbt up {folder / 'mission.yaml'}" in done(new(folder, tree))
-    assert {path.name for path in folder.iterdir()} >= {
-        tree.name,
-        "team.yaml",
+    assert {path.name for path in folder.iterdir()} == {
         "mission.yaml",
-        "mission_units.xml",
+        "trees.xml",
         "robot.py",
+        "test_mission.py",
     }
     ast.parse((folder / "test_mission.py").read_text())
     mission = load_mission(folder / "mission.yaml")
@@ -63,14 +61,6 @@ def test_a_tree_of_ones_own_becomes_a_team_with_functions_to_fill_in(
     program = load_program(mission.program)
     for robot in mission.robots.values():
         assert check_program(program, mission, robot.capabilities) == []
-    # It is what `mrbt tree lift` writes for the files that lie there.
-    again = folder / "again.yaml"
-    lifted = ("--robots", str(folder / "team.yaml"), "--units", "auto", "-o", str(again))
-    assert mrbt("tree", "lift", str(folder / tree.name), *lifted)[0] == 0
-    text = again.read_text().replace("again_units", "mission_units")
-    assert mission.name == "mine"
-    # Lines are broken where names are longer.
-    assert text.split() == (folder / "mission.yaml").read_text().split()
 
 
 MODELS = """<root BTCPP_format="4" main_tree_to_execute="M">
@@ -106,35 +96,6 @@ def run_pytest(folder: Path) -> tuple[int, str]:
     words = [sys.executable, "-m", "pytest", "-q", *plugins, "test_mission.py"]
     run = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
     return run.returncode, run.stdout
-
-
-TYPED = """<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M"><Sequence>
-  <Measure a="{a}" b="{b}" c="{c}" d="{d}" e="{e}" f="{f}"/><Use a="{a}" d="{d}" f="{f}" g="7"/>
-  <ComputePathToPose goal="{goal}" path="{path}" error_code_id="{code}" planner_id="x"/>
-  <FollowPath path="{path}"/><Wait wait_duration="2.5"/><Spin spin_dist="left"/>
-  <WouldAPlannerRecoveryHelp error_code="{code}"/>
-</Sequence></BehaviorTree><TreeNodesModel><Action ID="Measure">
-  <output_port name="a" type="unsigned int"/><output_port name="b" type="float"/>
-  <output_port name="c" type="bool"/><output_port name="d" type="geometry_msgs::msg::Pose"/>
-  <output_port name="e" type="uint64_t"/><output_port name="f"/>
-</Action></TreeNodesModel></root>"""
-
-
-def test_ports_have_the_types_of_models_and_nav2s_nodes_need_none(tmp_path: Path) -> None:
-    text = written(tmp_path, TYPED)
-    for line in (
-        "a: Out[int], b: Out[float], c: Out[bool], d: Out[str], e: Out[int], f: Out[str]",
-        "async def use(a: InOut[int], d: InOut[str], f: InOut[str], g: str)",
-        "goal: str, path: Out[str], error_code_id: Out[int], planner_id: str",
-        " error_code_id.set(0) ",
-        "async def follow_path(path: str)",
-        "async def wait(wait_duration: float)",
-        "async def spin(spin_dist: str)",
-        "def would_a_planner_recovery_help(error_code: int) -> bool:",
-        '@robot.entry("goal") def goal() -> str:',
-    ):
-        assert line in " ".join(text.replace("(\n    ", "(").replace(",\n)", ")").split()), line
-    assert text.count("@robot.entry") == 1
 
 
 GUARDED = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
@@ -215,10 +176,10 @@ def test_nodes_of_ones_own_and_trees_of_other_files(tmp_path: Path) -> None:
     assert '@robot.node("WhenCalm")\nclass WhenCalm(TreeNode):' in text
     assert 'self.input("limit"), self.input("wind")' in text
     assert '@robot.node("Both-Of")\nclass Both_Of(TreeNode):' in text
-    assert '@robot.condition("GoalUpdated")' in text, "Nav2's files have no models"
+    assert '@robot.condition("GoalUpdated")' in text, "known without a model"
     assert "async def go(to: str, error: InOut[str] | None = None)" in text
     assert "def grasp(what: str)" in text
-    assert "Unused" not in (tmp_path / "mine" / "task.xml").read_text()
+    assert "Unused" not in (tmp_path / "mine" / "trees.xml").read_text()
 
 
 ODD = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
@@ -238,22 +199,6 @@ def test_names_and_ports_as_odd_as_files_have_them(tmp_path: Path) -> None:
     functions = [n.name for n in ast.parse(text).body if isinstance(n, ast.AsyncFunctionDef)]
     assert functions[:4] == ["do_robot", "do_anyio", "do_str", "do_warnings"]
     assert functions[4:9] == ["set_goal", "set_goal_2", "set_goal_3", "do_2nd_try", "do_class"]
-
-
-def test_units_and_problems_are_told_of_the_users_own_file(tmp_path: Path) -> None:
-    tree = tmp_path / "task.xml"
-    tree.write_text(OF_ONES_OWN)
-    output = done(new(tmp_path / "mine", tree, "--tree", "Other"))
-    assert "1 unit, carried out by one robot" in output
-    long = "x" * 60
-    ports = " ".join(f'{long[: 4 + n]}="{n}"' for n in range(3))
-    tree.write_text(
-        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence _skipIf="a := ">'
-        f"<Go {ports}/></Sequence></BehaviorTree></root>"
-    )
-    problems = refused(new(tmp_path / "other", tree))
-    assert "task.xml:1:" in problems
-    assert tempfile.gettempdir() not in problems.replace(str(tmp_path), "")
 
 
 @pytest.mark.parametrize(
@@ -281,29 +226,18 @@ ELSEWHERE = """<root BTCPP_format="4"><include path="gone.xml"/><BehaviorTree ID
 </TreeNodesModel></root>"""
 
 
-@pytest.mark.parametrize(("command", "each"), [("new", "*"), ("lift", "Move to Waypoint")])
-def test_a_subtree_that_is_in_no_file_may_be_an_action(
-    tmp_path: Path, command: str, each: str
-) -> None:
+@pytest.mark.parametrize("each", ["*", "Move to Waypoint"])
+def test_a_subtree_that_is_in_no_file_may_be_an_action(tmp_path: Path, each: str) -> None:
     """As the objectives that MoveIt Pro brings along: the program has them carried out."""
     tree, folder = tmp_path / "tree.xml", tmp_path / "mine"
     tree.write_text(ELSEWHERE)
-    team = tmp_path / "team.yaml"
-    team.write_text("local_tasks: {}\nrobot_types: {R: {capabilities: {}}}\nrobots: {R1: R}\n")
-    words = ["tree", "lift", tree, "--new", folder]
-    if command == "lift":
-        folder.mkdir()
-        words[3:] = ["--robots", team, "--units", "auto", "-o", folder / "mission.yaml"]
-    assert "(--as-action 'Move to Waypoint')" in refused(mrbt(*map(str, words))).replace("\n", " ")
+    assert "(--as-action 'Move to Waypoint')" in refused(new(folder, tree)).replace("\n", " ")
     for name, said in (("Open Griper", "did you mean 'Open Gripper'"), ("Main", "there is a tree")):
-        assert said in refused(mrbt(*map(str, words), "--as-action", name))
-    done(mrbt(*map(str, words), "--as-action", each, "--as-action", "Open Gripper"))
-    mission = load_mission(folder / "mission.yaml")
-    assert list(mission.global_tasks) == ["Move_to_Waypoint_to_Open_Gripper"]
-    if command == "new":
-        text = (folder / "robot.py").read_text()
-        assert "async def move_to_waypoint(waypoint: str) -> None:" in text
-        runs(folder)
+        assert said in refused(new(folder, tree, "--as-action", name))
+    done(new(folder, tree, "--as-action", each, "--as-action", "Open Gripper"))
+    text = (folder / "robot.py").read_text()
+    assert "async def move_to_waypoint(waypoint: str) -> None:" in text
+    runs(folder)
 
 
 FOLLOW = """<root main_tree_to_execute="MainTree"><BehaviorTree ID="MainTree"><Sequence>
@@ -313,18 +247,7 @@ FOLLOW = """<root main_tree_to_execute="MainTree"><BehaviorTree ID="MainTree"><S
 
 
 def test_a_file_of_nav2_with_a_long_name(tmp_path: Path) -> None:
-    """Its goal comes from outside; the mission has the folder's name."""
+    """The mission has the folder's name."""
     text = written(tmp_path, FOLLOW, name=f"follow_{'point_' * 12}größer")
-    assert '@robot.entry("goal")\ndef goal() -> str:' in text
+    assert "async def compute_path_to_pose(goal: InOut[str], path: InOut[str]) -> None:" in text
     assert load_mission(tmp_path / "mine" / "mission.yaml").name == "mine"
-
-
-def test_a_unit_is_not_called_as_a_node_in_it(tmp_path: Path) -> None:
-    tree = tmp_path / "task.xml"
-    tree.write_text(
-        '<root BTCPP_format="4"><BehaviorTree ID="M"><Root><AlwaysFailure/><AlwaysSuccess/></Root>'
-        "</BehaviorTree></root>"
-    )
-    assert new(tmp_path / "mine", tree)[0] == 0
-    mission = load_mission(tmp_path / "mine" / "mission.yaml")
-    assert [each.tree for each in mission.program_trees.values()] == ["Root_unit"]
