@@ -22,8 +22,10 @@ class InputError(Exception):
 class MissingExtraError(InputError):
     """A part of the project needs libraries that are not installed; the text has the remedy."""
 
-    def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs the extra {extra!r}: pip install 'mrbt-mesh[{extra}]'")
+    @classmethod
+    def of(cls, what: str, extra: str) -> MissingExtraError:
+        """`what` needs the extra."""
+        return cls(f"{what} needs the extra {extra!r}: pip install 'mrbt-mesh[{extra}]'")
 
 
 class TaskFailedError(Exception):
@@ -69,7 +71,7 @@ def whole_file_error(file: str, message: str) -> FileError:
 def require(what: str, extra: str, *modules: str) -> None:
     """Raise MissingExtraError unless the `modules` that the `extra` brings are installed."""
     if not all(map(is_installed, modules)):
-        raise MissingExtraError(what, extra)
+        raise MissingExtraError.of(what, extra)
 
 
 def is_installed(module: str) -> bool:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import pytest
 
-from mrbt_mesh.errors import FileError, read_limited
+from mrbt_mesh.errors import FileError, MissingExtraError, read_limited
+
+
+def test_that_an_extra_is_missing_can_be_said_by_another_process() -> None:
+    error = MissingExtraError.of("the simulator", "planner")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
 def test_a_file_up_to_its_limit(tmp_path: Path) -> None:

@@ -28,4 +28,4 @@ def planner_need(mission: Mission, named: str | None = None) -> str:
 def planner_problem(mission: Mission, lacks_planner: bool, named: str | None = None) -> str:
     """Why a robot cannot plan the mission, with the remedy; empty if it can."""
     need = planner_need(mission, named) if lacks_planner else ""
-    return str(MissingExtraError(f"mission {mission.name} {need}", PLANNER)) if need else ""
+    return str(MissingExtraError.of(f"mission {mission.name} {need}", PLANNER)) if need else ""
