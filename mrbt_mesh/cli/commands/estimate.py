@@ -71,6 +71,7 @@ def estimate(
     from mrbt_mesh.cli.options import checked_program
     from mrbt_mesh.cli.terminal import console, print_json, table, with_bar
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.runtime.solver_loader import solver_for
     from mrbt_mesh.sim.estimate import Experiment, outcomes, summarise
     from mrbt_mesh.sim.run import SimulationError
     from mrbt_mesh.sim.world.setup import FailureModel
@@ -80,6 +81,7 @@ def estimate(
     if not minor_rate:
         refuse("no capability is lost: see --minor-rate", "--repair-after")
     loaded = load_mission(mission)
+    solver_for(loaded)
     who = [*sorted(loaded.robots), *sorted({robot.type for robot in loaded.robots.values()})]
     actions = _read("--failure-rate", failure_rate, sorted(loaded.local_tasks), ("",))
     failures = FailureModel(
