@@ -13,57 +13,32 @@ APT_INSTALL := apt-get update -qq && apt-get -o DPkg::Lock::Timeout=600 install 
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-kernel test-mesh test-long test-plain test-slow test-docker test-interop test-conformance test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills soak \
-	test-browser screenshots bench-page clean bench bench-scale bench-security bench-tokens bench-failover bench-resume \
-	bench-membership bench-submissions bench-history bench-jobs bench-order bench-robustness bench-metrics bench-recording verify-recordings walk paper
+.PHONY: help setup demo test test-kernel test-mesh test-long test-plain test-slow test-docker test-interop test-conformance \
+	test-ros2 test-vda5050 test-world test-environments test-soak tolerance lint check-lock lock drills test-browser screenshots \
+	coverage clean verify-recordings
 
 help:
 	@echo "make demo            six robot processes repair a vehicle, live in this terminal"
 	@echo "make setup           .venv with everything from requirements-dev.lock, as the others do first"
 	@echo "make test            checks and tests, in about five minutes on two idle cores"
-	@echo "make test-plain      the fast tests with MRBT_PLAIN=1: nothing but the plain definitions"
+	@echo "make gate            every suite in the larger size, as .ci/run after make test; SUITES=browser: some"
+	@echo "make lint            ruff, mypy, import-linter"
+	@echo "make coverage        how much of the code the fast tests enter"
+	@echo "make docs            the documentation as a site, in build/site"
+	@echo "make reference       write the reference of commands and of the Python API anew"
 	@echo "make test-kernel     the kernel's tests where features and the periphery are deleted"
 	@echo "make test-mesh       the mesh's own tests where analysis, views, adapters and btcpp are deleted"
-	@echo "make test-long       the fast tests with 1,000 seeds of chaos and 1,000 examples each"
 	@echo "make test-browser    the live page in headless Chromium; as root, installs Debian's if missing"
-	@echo "make screenshots     pictures of page and terminal in build/pictures: blocked, one dead, 24 robots ..."
 	@echo "make test-docker     the docker-compose demo; as root, installs Debian's docker.io if missing"
-	@echo "make test-slow       what the gate has and make test has not: wireless teams, intruders, ..."
 	@echo "make test-interop    other programs judge: BehaviorTree.CPP, an open monitor, Foxglove's protocol"
-	@echo "make test-conformance all traces of BehaviorTree.CPP 4.10, told by the executor of local trees"
 	@echo "make test-ros2       robots of ROS 2: rclpy's action servers, in a .venv-ros2 that is made once"
 	@echo "make test-vda5050    AGVs: mosquitto and npm's virtual vehicles; as root, installs Debian's if missing"
 	@echo "make test-world      the workshop with bodies: MuJoCo, the mission in virtual time, a drill"
-	@echo "make test-environments other Pythons, libraries, locales, users; a project that cannot be written"
-	@echo "make tolerance       what mrbt analyze foretells of faults, against thousands of simulated runs"
-	@echo "make gate            every suite in the larger size, as .ci/run after make test; SUITES=browser: some"
-	@echo "make lint            ruff, mypy, import-linter"
-	@echo "make docs            the documentation as a site, in build/site"
-	@echo "make reference       write the reference of commands and of the Python API anew"
-	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
-	@echo "make bench           the planner against what one would use instead: docs/explanation/performance.md"
-	@echo "make bench-failover  time from a kill or a freeze until the replacement has started"
-	@echo "make bench-scale     teams of 6 to 64 processes and 8 to 1,000 simulated robots: docs/explanation/scale.md"
-	@echo "make bench-security  what signing costs, and takeovers in a flood of 20,000 messages a second"
-	@echo "make bench-tokens    what a stranger's liveliness tokens cost a team"
-	@echo "make bench-resume    50 rounds of killing the whole team and resuming it"
-	@echo "make bench-submissions 1,000 jobs, and a robot that is killed every five seconds"
-	@echo "make bench-history   an hour of jobs, faults and two servers, judged from what robots did"
-	@echo "make bench-jobs      200,000 jobs in a virtual week, and plans with 10,000 open jobs"
-	@echo "make bench-order     200 streams of jobs where robots travel, judged, and 200 small missions against brute force"
-	@echo "make bench-membership false deaths, detection and agreement on bad networks"
-	@echo "make bench-robustness robots that die of their work, against published figures"
-	@echo "make bench-page      frame times of the live page, what mrbt watch --web costs, and memory over ten minutes"
-	@echo "make bench-metrics   what it costs a robot to be measured"
-	@echo "make bench-recording what recording costs a robot, beside all that its process does"
-	@echo "make verify-recordings 200 runs of chaos, all drills, 200 forgeries: no false alarm, all named"
-	@echo "make walk            through how many files an event goes, and how often from one to another"
-	@echo "make paper           the paper's example, run again: docs/data/paper.md and its pictures"
 	@echo "make test-soak       a team of real processes for ten minutes: no errors, and nothing grows"
-	@echo "make soak            chaos in the simulator on seeds of its own, MINUTES=30"
+	@echo "make drills          all drills on real processes; as root on Linux those with bad networks too"
 	@echo "make lock            write both lock files again from pyproject.toml"
-	@echo "make check-lock      whether both lock files are what pyproject.toml asks for"
 	@echo "make clean           remove .venv and caches"
+	@echo "More tests: CONTRIBUTING.md. Measurements: python -m benchmarks --help"
 
 setup: $(READY)
 
@@ -128,6 +103,11 @@ test-plain: $(READY)
 test-slow: $(READY)
 	$(BIN)/pytest -m slow
 
+coverage: $(READY)
+	$(BIN)/coverage erase
+	$(BIN)/pytest -n auto --cov=mrbt_mesh --cov-report= -m "not processes and not slow"
+	$(BIN)/coverage report --sort=cover
+
 # What mrbt analyze foretells of faults against simulated runs: some 6,200 of them, ten minutes.
 tolerance: $(READY)
 	MRBT_TESTS=long $(BIN)/pytest -n auto tests/analysis/tolerance/test_fault_counts_random_missions.py
@@ -142,11 +122,6 @@ screenshots: $(READY) chromium
 	cp build/pictures/dead-1440x900-light.png docs/web/page-light.png
 	cp build/pictures/dead-1440x900-dark.png docs/web/page-dark.png
 	$(BIN)/python -m benchmarks.page animation docs/kill.gif
-
-bench-page: $(READY) chromium
-	$(BIN)/python -m benchmarks.page frames
-	$(BIN)/python -m benchmarks.page cost
-	$(BIN)/python -m benchmarks.page watched
 
 .PHONY: chromium
 chromium:
@@ -240,54 +215,6 @@ test-environments: $(READY) locales
 drills: $(READY)
 	$(BIN)/mrbt drill --all --brief --junit drills.xml
 
-# SciPy and the like are not in requirements-dev.lock: the product and its tests do not need them.
-bench: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -e '.[bench]'
-	$(BIN)/python -m benchmarks --json bench.json
-
-bench-scale: $(READY)
-	$(BIN)/python -m benchmarks.scale --json scale.json
-
-bench-security: $(READY)
-	$(BIN)/python -m benchmarks.security
-
-bench-tokens: $(READY)
-	$(BIN)/python -m benchmarks.tokens
-
-bench-resume: $(READY)
-	$(BIN)/python -m benchmarks.resume
-
-# Jobs that are handed in while robots are killed: none may be lost.
-bench-submissions: $(READY)
-	$(BIN)/python -m benchmarks.submissions
-
-# Clients, servers and faults for an hour, judged from what robots did. As root on Linux.
-bench-history: $(READY)
-	$(BIN)/python -m benchmarks.history
-
-# An hour or more.
-bench-jobs: $(READY)
-	$(BIN)/python -m benchmarks.open_jobs
-	$(BIN)/python -m benchmarks.job_week
-
-bench-order: $(READY)
-	$(BIN)/python -m benchmarks.task_order
-
-bench-failover: $(READY)
-	$(BIN)/python -m benchmarks.failover
-
-bench-membership: $(READY)
-	$(BIN)/python -m benchmarks.membership --json membership.json
-
-bench-robustness: $(READY)
-	$(BIN)/python -m benchmarks.robustness --json robustness.json
-
-bench-metrics: $(READY)
-	$(BIN)/python -m benchmarks.metrics --json metrics.json
-
-bench-recording: $(READY)
-	$(BIN)/python -m benchmarks.recording
-
 # Recordings of honest runs, proved; falsified ones, found; and what-if with nothing changed.
 verify-recordings: $(READY)
 	MRBT_TESTS=long $(BIN)/pytest -n auto tests/views/replay/test_what_if_unchanged.py
@@ -296,19 +223,8 @@ verify-recordings: $(READY)
 	$(BIN)/python -m benchmarks.forged_recordings
 	$(BIN)/python -m benchmarks.honest_recordings
 
-walk: $(READY)
-	$(BIN)/python -m benchmarks.walk
-
-paper: $(READY)
-	$(BIN)/python -m paper
-
-MINUTES := 30
-JOBS := 2
 test-soak: $(READY)
 	MRBT_TESTS=gate $(BIN)/pytest -n 2 tests/processes/test_soak.py tests/sim/test_run_soak.py
-
-soak: $(READY)
-	$(BIN)/mrbt sim chaos --generated --seeds $$(date +%s)000 --minutes $(MINUTES) --jobs $(JOBS)
 
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-annotate \
 	--no-header --no-emit-index-url pyproject.toml

@@ -1,4 +1,4 @@
-"""The paper's example, run again and written down: `make paper` writes docs/data/paper.md.
+"""The paper's example, run again and written down: `python -m paper` writes docs/data/paper.md.
 
 `account` runs the mission, `scene` says what its record shows at a moment, `situations` finds
 the paper's eight, `picture` draws them, `standing` runs the team from one damage to the next,

@@ -1,1 +1,1 @@
-"""Through how many files one event goes: what a reader has to open to follow it (`make walk`)."""
+"""Through how many files one event goes: what a reader has to open to follow it (`python -m benchmarks.walk`)."""

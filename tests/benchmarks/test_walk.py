@@ -1,4 +1,4 @@
-"""What `make walk` counts."""
+"""What `python -m benchmarks.walk` counts."""
 
 from __future__ import annotations
 

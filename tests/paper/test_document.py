@@ -55,7 +55,7 @@ def test_the_committed_files_are_what_make_paper_writes() -> None:
         for path, text in written.items()
         if not (ROOT / path).is_file() or (ROOT / path).read_text(encoding="utf-8") != text
     ]
-    assert stale == [], "run `make paper` and commit what it writes"
+    assert stale == [], "run `python -m paper` and commit what it writes"
     pictures = {path for path in written if path != DOCUMENT}
     assert {path.relative_to(ROOT) for path in (ROOT / PICTURES).iterdir()} == pictures
 

@@ -2,7 +2,7 @@
 
     MRBT_CHAOS_SEEDS=1000 pytest tests/sim/test_chaos.py      # more of them, as in `make test-long`
 
-`make soak MINUTES=30` goes on with seeds that nobody has tried yet.
+`mrbt sim chaos --generated --minutes 30` goes on with seeds that nobody has tried yet.
 """
 
 from __future__ import annotations
