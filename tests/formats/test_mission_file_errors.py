@@ -146,7 +146,7 @@ def test_the_good_one_is_good() -> None:
         ("weld($part): {", "weld($prt): {", 17, "unknown parameter $prt; did you mean 'part'?"),
         ("weld($part): {", "weld($parts): {", 17, "in fix(1): an argument is text or a number"),
         ("weld($part): {", "weld(1): {}\n      weld($part): {", 18, "fix(1) needs weld(1) twice"),
-        ("max: 2}", "max: 2}\n    failure: often", 18, "resilient or paper is expected"),
+        ("max: 2}", "max: 2}\n    failure: often", 18, "resilient, paper or first is expected"),
         ("max: 2}", "max: 2}\n    blocked: never", 18, "wait is expected, found the text 'never'"),
         ("max: 2}", "max: 2}\n    blocked: 3", 18, "wait, or {fail_after_s: 20} is expected"),
         ("max: 2}", "max: 2}\n    blocked: {fail_after_s: 0}", 18, "a number above 0"),

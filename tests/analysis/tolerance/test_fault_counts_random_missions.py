@@ -101,7 +101,7 @@ def test_tasks_for_the_robots_that_did_another_one(first: int) -> None:
     assert found[False, False] > found[False, True], "most of the others are not"
 
 
-@pytest.mark.parametrize("seed", [12, 15])
+@pytest.mark.parametrize("seed", [15, 86])
 def test_a_team_that_waits_for_the_dead_is_found_out(seed: int) -> None:
     differing = [case for case in cases(seed) if not _agrees(case)]
     assert differing == []

@@ -40,7 +40,15 @@ def test_nothing_is_pending_while_somebody_living_may_try(policy: FailurePolicy)
     assert pending(world) == []
 
 
-@pytest.mark.parametrize("policy", FailurePolicy)
+def test_with_the_policy_first_it_has_failed_already() -> None:
+    world = world_of("R1 R2", failure=FailurePolicy.FIRST)
+    world.claim("R2", world.activation("a"))
+    world.outcome(world.activation("a"), False, "R1")
+    assert pending(world) == []
+    assert world.asked() == ["b"]
+
+
+@pytest.mark.parametrize("policy", [RESILIENT, PAPER])
 def test_the_rest_is_dead_has_lost_it_or_leaves(policy: FailurePolicy) -> None:
     world = world_of("R1 R2 R3 R4", failure=policy)
     for robot in ("R2", "R3", "R4"):

@@ -61,7 +61,7 @@ def test_i4_bounds_that_are_not_met(run: Run, monkeypatch: pytest.MonkeyPatch) -
     mission, program = example("explore")
     result = simulate(mission, program, seed=1, timeout_us=2 * SECOND_US)
     team = Team(agent for _, agent in sorted(result.agents.items()))
-    monkeypatch.setattr("mrbt_mesh.core.planning.make_plan.optimum", lambda team, solver: None)
+    monkeypatch.setattr("mrbt_mesh.core.planning.make_plan.optimum", lambda *_: None)
     for agent in team.agents:
         agent.view.facts.claims.clear()
         agent.view.facts.changes += 1
