@@ -59,10 +59,10 @@ def _introduction(account: Account) -> list[str]:
         *_paragraph(
             "Section VI of *Adaptive Fault Tolerant Execution of Multi-Robot Missions using "
             "Behavior Trees* (Colledanchise, Marzinotto, Dimarogonas, Ögren): six robots repair "
-            "the electronics of a vehicle. `python -m paper` writes this page and its pictures; nothing "
-            "in them is drawn by hand. The tables, the tree and the figures on faults come from "
-            "the mission file, `examples/vehicle_repair/mission.yaml`, the situations from the "
-            f"record of one run in virtual time (seed {account.seed})."
+            "the electronics of a vehicle. `python -m paper` writes this page and its pictures; "
+            "nothing in them is drawn by hand. The tables, the tree and the figures on faults come "
+            "from the mission file, `examples/vehicle_repair/mission.yaml`, the situations from "
+            f"the record of one run in virtual time (seed {account.seed})."
         ),
     ]
 
