@@ -66,7 +66,7 @@ def project(
             (folder / NODE_FOLDER).mkdir()
             say("building the image")
             compose = Compose(folder, environment)
-            compose("build", timeout_s=400)
+            compose("build", timeout_s=900)
             size = compose.docker("image", "inspect", "--format", "{{.Size}}", "mrbt-mesh")
             own = int(size) - int(compose.docker("image", "inspect", "--format", "{{.Size}}", base))
             say(f"the image has {int(size) / 1e6:.0f} MB, {own / 1e6:.0f} MB beyond its base")

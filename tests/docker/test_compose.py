@@ -12,7 +12,7 @@ from mrbt_mesh.drills.physical import spans
 from tests.support.docker_compose import ROBOTS, ROUTED_OBSERVER, Compose
 from tests.support.paper_run import check_order
 
-pytestmark = [pytest.mark.docker, pytest.mark.processes, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.docker, pytest.mark.processes, pytest.mark.timeout(1_500)]
 
 
 def test_a_killed_container_is_replaced_and_comes_back_with_its_journal(

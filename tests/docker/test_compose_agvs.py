@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.docker,
     pytest.mark.slow,
     pytest.mark.processes,
-    pytest.mark.timeout(900),
+    pytest.mark.timeout(1_500),
     pytest.mark.skipif(bool(lacking()), reason=lacking()),
 ]
 PROFILE = ("--profile", "vda5050")

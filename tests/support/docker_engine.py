@@ -171,7 +171,8 @@ def _in_memory() -> Iterator[Path]:
         try:
             yield Path(folder)
         finally:
-            run(["umount", folder])
+            # A debootstrap that was ended leaves /proc mounted below it.
+            run(["umount", "--recursive", folder])
 
 
 def wheels(say: Callable[[str], None]) -> Path:
