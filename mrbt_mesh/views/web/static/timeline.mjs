@@ -250,7 +250,7 @@ export class TimelineView {
     const x = this._x(now);
     if (x >= this._gutter) {
       context.strokeStyle = this._colours.running;
-      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, this._ownHeight(height)); context.stroke();
+      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
     }
   }
 
