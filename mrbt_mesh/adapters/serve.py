@@ -57,7 +57,7 @@ def serve(
     """
     require("mrbt serve", "web", "starlette", "uvicorn")
     if rmf is not None:
-        require("--rmf", "rmf", "fastjsonschema", "websockets")
+        require("--rmf", "rmf", "websockets")
         from mrbt_mesh.adapters.rmf.connection import check_uri
 
         check_uri("--rmf", rmf)

@@ -7,7 +7,7 @@ whose `FEATURE` is an instance of `Feature`; CONTRIBUTING.md tells how to write 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -35,10 +35,10 @@ NAMES: tuple[str, ...] = ("contact",)
 
 
 class CommandField(NamedTuple):
-    """A field that operators command, as a fact of which the newest value counts.
+    """A field that operators command: a replicated fact, of which the newest value counts.
 
-    `read` raises ValueError for anything that is no value; `parts`: how many a name has, the field
-    itself included. `is_of_robot`: the second one is a robot's id.
+    `read`: raises ValueError for what is no value. `parts`: of how many parts the names of such
+    facts consist, the field itself included. `is_of_robot`: the second part is a robot's id.
     """
 
     read: Callable[[Any], Any]
@@ -50,15 +50,18 @@ class Index:
     """What a feature reads from the facts of one run of one mission."""
 
     def add(self, entry: Entry) -> None:
-        """An entry of one of the feature's kinds is believed from now on; it may replace one."""
+        """Take in an entry of one of the feature's kinds; it replaces the one of the same name."""
 
     def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
-        """Better reasons, by robot, for some of these robots to which a plan assigns nothing."""
+        """Why a plan assigns nothing to some of these robots, where the feature knows it better.
+
+        `reasons`: robot -> the reason that the planner gives.
+        """
         return {}
 
 
 class Kit(NamedTuple):
-    """What a part of an agent may use of the kernel's parts."""
+    """The kernel's parts of an agent that a feature's part may use."""
 
     context: Context
     health: Health
@@ -89,7 +92,7 @@ class Part:
     # -- a step -------------------------------------------------------------------------------
 
     def check(self, now_us: int) -> bool:
-        """Act on the time; returns whether the agent has to follow it up."""
+        """Do what is due now; returns whether the agent has to follow a change of facts."""
         return False
 
     def follow(self, now_us: int) -> None:
@@ -187,3 +190,10 @@ class Feature:
 def features() -> tuple[Feature, ...]:
     """All features, in the order of `NAMES`."""
     return tuple(import_module(f"mrbt_mesh.features.{name}").FEATURE for name in NAMES)
+
+
+def used(sections: Mapping[str, Any]) -> Iterator[tuple[Feature, Any]]:
+    """The features that have a section there, each with its section."""
+    for feature in features():
+        if feature.section in sections:
+            yield feature, sections[feature.section]

@@ -12,6 +12,7 @@ is shown. At the end: a table of suites, what was skipped and why, and tests tha
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -169,8 +170,8 @@ def tail(suite: Suite, lines: int) -> str:
 
 def percent(suite: Suite) -> str:
     """How far a suite is, as pytest has last said."""
-    words = tail(suite, 1).rpartition("[")[2].partition("]")
-    return words[0].strip() if words[1] else "begun" if tail(suite, 1) else "waits"
+    said = re.findall(r"\[ *(\d+%)\]", tail(suite, 3))
+    return said[-1] if said else "begun" if tail(suite, 1) else "waits"
 
 
 def table(outcomes: Mapping[str, Outcome]) -> Iterator[str]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
-from mrbt_mesh.core.feature import features
+from mrbt_mesh.core.feature import used
 from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT, MAX_UNITS, is_argument
 from mrbt_mesh.core.mission.conditions import ConditionType
 from mrbt_mesh.core.mission.jobs import may_be_above_jobs, most_nodes, with_one_of_each
@@ -105,10 +105,9 @@ def _check(mission: Mission) -> None:
         _check_capabilities(robot.capabilities, f"robot {robot.id}", mission)
     for kind, capabilities in mission.robot_types.items():
         _check_capabilities(capabilities, f"robot type {kind}", mission)
-    for each in features():
-        if each.section in mission.sections:
-            problem = each.problem(mission.sections[each.section], mission)
-            _expect(problem is None, problem or "")
+    for feature, section in used(mission.sections):
+        problem = feature.problem(section, mission)
+        _expect(problem is None, problem or "")
     for task in mission.local_tasks.values():
         _expect(type(task.work) is int and task.work > 0, f"local task {task.name}: work")
         _expect(all(isinstance(p, str) for p in task.parameters), f"local task {task.name}")

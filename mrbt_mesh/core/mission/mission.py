@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeAlias
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.feature import features
+from mrbt_mesh.core.feature import features, used
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
@@ -561,10 +561,8 @@ class Mission:
             yield from known.global_tasks.values()
 
     @cached_property
-    def may_need_arrays(self) -> bool:
-        """Whether assignments may get so large that arrays are faster, if all is asked for at the
-        same time. Robots that join without being named here do not change it.
-        """
+    def most_demands(self) -> int:
+        """How many local tasks may be asked for at the same time, by jobs as well."""
         tasks, nodes = {task.id: task for task in self.all_tasks()}, self.tree.nodes
 
         def needs(index: int) -> int:
@@ -573,7 +571,14 @@ class Mission:
                 return len(tasks[node.subject].needs)
             return sum(map(needs, node.children)) * (node.limit if node.kind is Kind.JOBS else 1)
 
-        return needs_arrays(len(self.robots), needs(0))
+        return needs(0)
+
+    @property
+    def may_need_arrays(self) -> bool:
+        """Whether assignments may get so large that arrays are faster. Robots that join without
+        being named here do not change it.
+        """
+        return needs_arrays(len(self.robots), self.most_demands)
 
     @cached_property
     def has_bids(self) -> bool:
@@ -584,9 +589,7 @@ class Mission:
     def stops_in_time(self) -> bool:
         """Whether others count on it that robots stop in time by their own clocks."""
         of_features = any(
-            each.stops_in_time(self.sections[each.section])
-            for each in features()
-            if each.section in self.sections
+            feature.stops_in_time(section) for feature, section in used(self.sections)
         )
         return of_features or any(task.exclusive for task in self.all_tasks())
 
@@ -758,9 +761,8 @@ class Mission:
             "jobs": [known.to_json() for known in self.jobs.values()],
             "revision": self.revision.to_json(self.tree) if self.revision is not None else None,
         }
-        for each in features():
-            if each.section in self.sections:
-                optional[each.section] = each.to_json(self.sections[each.section])
+        for feature, section in used(self.sections):
+            optional[feature.section] = feature.to_json(section)
         return {name: value for name, value in optional.items() if value} | {
             "compiled": COMPILED_VERSION,
             "name": self.name,
@@ -829,9 +831,7 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},
             revision=revision,
             sections={
-                each.section: each.from_json(data[each.section])
-                for each in features()
-                if each.section in data
+                feature.section: feature.from_json(section) for feature, section in used(data)
             },
         )
     except (KeyError, TypeError, AttributeError) as error:

@@ -21,7 +21,8 @@ def planner_need(mission: Mission, named: str | None = None) -> str:
     if solver := named or mission.solver:
         return f"with the solver {solver!r}"
     if mission.may_need_arrays:
-        return f"with {len(mission.robots)} robots and so many tasks or jobs at the same time"
+        robots, demands = len(mission.robots), mission.most_demands
+        return f"with {robots} robots and up to {demands} local tasks at the same time"
     return ""
 
 

@@ -1,4 +1,4 @@
-"""What a feature's checker is told of a run."""
+"""Checkers of invariants that features promise, and the call of all of them."""
 
 from __future__ import annotations
 

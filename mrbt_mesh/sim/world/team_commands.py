@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -71,14 +72,14 @@ class Propose(TeamCommand):
 
 
 @dataclass(frozen=True, slots=True)
-class OfRobot(TeamCommand):
+class OfRobot(TeamCommand, ABC):
     """A command of a feature about a robot."""
 
     robot: str
 
+    @abstractmethod
     def content(self) -> tuple[str, Any]:
         """The field that is commanded, and its value as plain data."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)

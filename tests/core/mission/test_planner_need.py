@@ -28,8 +28,8 @@ def test_a_small_mission_needs_nothing() -> None:
         (LIMITED, None, "with its side constraints"),
         (replace(REPAIR, solver="cp_sat"), None, "with the solver 'cp_sat'"),
         (REPAIR, "my:own", "with the solver 'my:own'"),
-        (LARGE, None, "with 40 robots and so many tasks or jobs at the same time"),
-        (DELIVERIES, None, "with 6 robots and so many tasks or jobs at the same time"),
+        (LARGE, None, "with 40 robots and up to 24 local tasks at the same time"),
+        (DELIVERIES, None, "with 6 robots and up to 60 local tasks at the same time"),
     ],
 )
 def test_others_need_it_for_a_reason(mission: object, named: str | None, need: str) -> None:
