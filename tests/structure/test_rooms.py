@@ -21,7 +21,7 @@ NAMED = {
     "constraints": (45, 17),
     "contact": (0, 0),
     "exclusive": (227, 69),
-    "jobs": (240, 81),
+    "jobs": (239, 80),
     "keys": (142, 40),
     "large_teams": (11, 3),
     "revisions": (209, 54),

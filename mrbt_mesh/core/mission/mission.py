@@ -573,7 +573,7 @@ class Mission:
 
         return needs(0)
 
-    @property
+    @cached_property
     def may_need_arrays(self) -> bool:
         """Whether assignments may get so large that arrays are faster. Robots that join without
         being named here do not change it.
