@@ -42,7 +42,7 @@ class JobHistory:
     holds: list[tuple[int, int | None]] = field(default_factory=list)
     is_older: bool = False
     results: dict[str, str] = field(default_factory=dict)
-    _unix: dict[str, int] = field(default_factory=dict)
+    _clock_offset_us: int | None = None
 
     def ends(self, state: JobState, robots: tuple[str, ...]) -> None:
         """It was cancelled, or a robot has written its end (`KnownJob.end` says which one counts):
@@ -98,13 +98,16 @@ class JobHistory:
         return _until(began, ended_us) if ended_us is not None else []
 
     def unix_us(self, name: str, clock_offset_us: int | None) -> int | None:
-        """One of the times as a Unix time, by the clock that is so much ahead when it is asked for
-        first; None: it is not known.
+        """One of the times as a Unix time; None: it is not known.
+
+        All of them by the clock that is so much ahead when one is asked for first.
         """
         at_us = getattr(self, f"{name}_us")
         if at_us is None or clock_offset_us is None:
             return None
-        return self._unix.setdefault(name, at_us + clock_offset_us)
+        if self._clock_offset_us is None:
+            self._clock_offset_us = clock_offset_us
+        return int(at_us + self._clock_offset_us)
 
 
 def _until(spans: Iterable[tuple[int, int | None]], end_us: int) -> list[tuple[int, int]]:

@@ -81,14 +81,7 @@ class JobLog:
             case Claim(activation=name, phase=phase):
                 self._claimed(entry.author, name, phase, at_us)
             case OperatorCommand(value=Job() as job):
-                history = self._of(entry.parts[1])
-                history.type = history.type or job.type
-                history.submitted_us = at_us
-                history.not_before_us, history.deadline_us = job.not_before_us, job.deadline_us
-                if not job.not_before_us:
-                    history.ready_us = at_us
-                if history.priority is None:
-                    history.priority = job.priority
+                self._submitted(self._of(entry.parts[1]), job, at_us)
             case OperatorCommand(value=int(priority)) if entry.parts[0] == records.JOB_PRIORITY:
                 self._of(entry.parts[1]).priority = priority
             case OperatorCommand(value=Hold() as hold) if entry.parts[0] == records.JOB_HOLD:
@@ -105,6 +98,18 @@ class JobLog:
             case ConditionValue(value=value) if of_job := job_of(entry):
                 name = split_owner(entry.parts[1])[0]
                 self._of(of_job).results[name] = self._mission.entry_text(entry.parts[1], value)
+
+    def _submitted(self, history: JobHistory, job: Job, at_us: int | None) -> None:
+        if at_us is not None and history.begun_us is not None:
+            # The robot that began it was heard before the one that the job was handed to.
+            at_us = min(at_us, history.begun_us)
+        history.type = history.type or job.type
+        history.submitted_us = at_us
+        history.not_before_us, history.deadline_us = job.not_before_us, job.deadline_us
+        if not job.not_before_us:
+            history.ready_us = at_us
+        if history.priority is None:
+            history.priority = job.priority
 
     def _claimed(self, robot: str, name: str, phase: Phase, at_us: int | None) -> None:
         activation = parse_activation(name)

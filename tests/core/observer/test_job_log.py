@@ -90,6 +90,17 @@ def test_a_unix_time_stays_when_clocks_are_set() -> None:
     assert found.unix_us("ended", 1_000) is None
 
 
+def test_the_times_of_a_job_are_by_one_clock() -> None:
+    found = seen((submission("one", "once"), 10), (claim("once", "0", Phase.RUNNING), 20))
+    assert found.unix_us("submitted", 1_000) == 1_010
+    assert found.unix_us("begun", 985) == 1_020
+
+
+def test_a_job_is_submitted_before_it_begins_however_facts_come() -> None:
+    found = seen((claim("once", "0", Phase.RUNNING), 10), (submission("one", "once"), 20))
+    assert (found.submitted_us, found.begun_us) == (10, 10)
+
+
 @pytest.mark.parametrize(
     ("kind", "attempts", "count"), [("once", "", 1), ("again", "2", 3), ("inside", "2", 1)]
 )
