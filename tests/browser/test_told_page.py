@@ -140,6 +140,7 @@ def test_a_condition_that_does_not_hold_is_no_failure(browser: Browser) -> None:
     page, _ = told_page(browser, mission, {"robot/C1": robot("station_1")}, answers)
     page.click('.card .name:text-is("C1")')
     rows = page.locator('#why-body .own[aria-label="T_Li"] [role=listitem] > :first-child')
+    rows.nth(2).wait_for()
     assert rows.evaluate_all("all => all.map(each => each.className)") == [
         "s-failure",
         "s-idle",
