@@ -48,9 +48,8 @@ from mrbt_mesh.formats.expand import (
     read_template,
     split_template,
 )
-from mrbt_mesh.formats.failure_reasons import condition_types, local_condition_types
+from mrbt_mesh.formats.failure_reasons import condition_types
 from mrbt_mesh.formats.jobs import JobTypes, may_request
-from mrbt_mesh.formats.local_trees import LocalTrees
 from mrbt_mesh.formats.mission_model import (
     BidModel,
     Blocked,
@@ -63,6 +62,7 @@ from mrbt_mesh.formats.mission_model import (
     validate,
 )
 from mrbt_mesh.formats.problems import Report, SourcePath
+from mrbt_mesh.formats.program_trees import ProgramTrees
 from mrbt_mesh.formats.travel import TravelBuilder
 from mrbt_mesh.formats.yaml_source import read_yaml
 
@@ -99,7 +99,7 @@ class _Builder:
         self.parameters = {**self.blackboard.elsewhere, **model.parameters}
         self.globals = frozenset(self.parameters)
         self.tasks = 0
-        self.local_trees = LocalTrees(model, report)
+        self.program_trees = ProgramTrees(model, report)
         self.travel = TravelBuilder(model, report)
         self.jobs = JobTypes(model, self.travel.places, report)
 
@@ -119,7 +119,6 @@ class _Builder:
         self.check_global_tasks()
         self.check_effects()
         conditions = condition_types(model, self.report) | self.blackboard.types
-        local_conditions = local_condition_types(model, self.report)
         template, subtrees, job_trees = self.templates()
         # Problems so far would be found again for every value.
         self.report.raise_if_any()
@@ -139,9 +138,8 @@ class _Builder:
             self.check_same_robots(tree, global_tasks, expander, jobs)
         constraints = self.constraints(global_tasks, jobs)
         needed = dict(sorted(needed.items()))
-        local_trees = self.local_trees.ground(needed)
-        program_trees = self.local_trees.ground_programs(needed, folder)
-        travel = self.travel.build(robots, needed, local_trees, jobs.values())
+        program_trees = self.program_trees.ground(needed, folder)
+        travel = self.travel.build(robots, needed, jobs.values())
         sections = {each.section: each.build(model, types, self.report) for each in features()}
         self.report.raise_if_any()
         assert tree is not None
@@ -159,8 +157,6 @@ class _Builder:
             constraints=constraints,
             ends=MissionEnd(model.ends),
             recorded=Recorded(model.recorded),
-            local_trees=local_trees,
-            local_conditions=local_conditions,
             program_trees=program_trees,
             travel=travel,
             jobs=jobs,
@@ -176,7 +172,6 @@ class _Builder:
             "local_tasks": self.model.local_tasks,
             "conditions": self.model.conditions,
             "blackboard": self.model.blackboard,
-            "local_conditions": self.model.local_conditions,
             "global_tasks": self.model.global_tasks,
             "subtrees": self.model.subtrees,
         }
@@ -367,9 +362,8 @@ class _Builder:
         return replace(
             known,
             global_tasks=tasks,
-            local_trees=self.local_trees.ground(local_calls),
             at=self.travel.of_job(known, local_calls),
-            program_trees=self.local_trees.ground_programs(local_calls, folder),
+            program_trees=self.program_trees.ground(local_calls, folder),
         )
 
     def needs(

@@ -261,14 +261,16 @@ class Declared:
     actions: Mapping[str, Sequence[str]]
     conditions: Mapping[str, Sequence[str]]
     subtrees: Mapping[str, Sequence[str]]
-    words: tuple[str, str, str] = ("global task", "condition", "subtree")
     jobs: Collection[str] | None = None
     comparisons: Comparisons | None = None
 
     def table(self, kind: Kind) -> tuple[str, Mapping[str, Sequence[str]]]:
         """What a leaf or SubTree of this kind names, and the declared ones."""
-        position = (Kind.ACTION, Kind.CONDITION, Kind.SUBTREE).index(kind)
-        return self.words[position], (self.actions, self.conditions, self.subtrees)[position]
+        if kind is Kind.ACTION:
+            return "global task", self.actions
+        if kind is Kind.CONDITION:
+            return "condition", self.conditions
+        return "subtree", self.subtrees
 
 
 def check_templates(

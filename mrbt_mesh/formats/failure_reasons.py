@@ -34,18 +34,6 @@ def condition_types(model: MissionModel, report: Report) -> dict[str, ConditionT
     }
 
 
-def local_condition_types(model: MissionModel, report: Report) -> dict[str, ConditionType]:
-    """The conditions of robots' own, which their programs set."""
-    for name, each in model.local_conditions.items():
-        if each.failure_reason is not None:
-            place = ("local_conditions", name, "failure_reason")
-            report.add(place, "only conditions of the team take a failure_reason")
-    return {
-        name: ConditionType(name, tuple(each.parameters), each.default, each.per == "robot")
-        for name, each in sorted(model.local_conditions.items())
-    }
-
-
 def _reason(
     model: MissionModel, name: str, condition: ConditionModel, report: Report
 ) -> FailureReason | None:

@@ -7,7 +7,7 @@ can be turned back into a place in the file.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeAlias, TypeVar
+from typing import Annotated, Any, ClassVar, TypeAlias, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -78,9 +78,13 @@ def one_of(expected: str, accepts: Callable[[Any], bool]) -> PlainValidator:
 
 
 class FileModel(BaseModel):
-    """A mapping of the file. Unknown keys are reported, with the key that was meant."""
+    """A mapping of the file. Unknown keys are reported, with the key that was meant.
+
+    `removed_keys`: what to do in place of a key that earlier versions had.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    removed_keys: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def known_keys(cls) -> list[str]:
@@ -98,7 +102,8 @@ class FileModel(BaseModel):
             if report.is_full:
                 break
             if key not in known:
-                hint = nearest(key, known)
+                remedy = cls.removed_keys.get(key)
+                hint = nearest(key, known) if remedy is None else f": {remedy}"
                 if not key.isidentifier():
                     hint += '; text with commas or brackets needs quotes, e.g. "go(1, 2)"'
                 report.add((*data.path, key), f"unknown key {key!r}{hint}")

@@ -9,13 +9,12 @@ Write the schema anew with `python -m mrbt_mesh.formats.mission_model`.
 from __future__ import annotations
 
 import json
-import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import (
-    Discriminator,
+    BeforeValidator,
     Field,
     JsonValue,
     Tag,
@@ -75,10 +74,11 @@ _LIST = rf"^\${NAME_PATTERN}$"
 _PLACE_OR_LIST = rf"^(place|\${NAME_PATTERN})$"
 _AT = rf"^([A-Za-z0-9_.+-]|\${NAME_PATTERN}){{1,64}}$"
 
-TREE_FILE = r"[^\n#]+\.xml(#[^\n#]+)?"
+_TREE_FILE = r"^[^\n#]+\.xml(#[^\n#]+)?$"
+_IN_A_FILE = "write a BehaviorTree.CPP file and name it, e.g. tree: fetch.xml#Fetch"
 
 EXPLAINED_HERE = TREE_EXPLAINED | {
-    f"^{TREE_FILE}$": "a BehaviorTree.CPP file is expected, e.g. fetch.xml#Fetch",
+    _TREE_FILE: "a BehaviorTree.CPP file is expected, e.g. fetch.xml#Fetch",
     _PROGRAM: "a Python file is expected, e.g. robot.py or robot.py:name",
     _PLACE: "a place is expected: 1 to 64 letters, digits, _, ., + or -",
     _AT: "a place is expected, e.g. dock, $place or shelf_$number",
@@ -86,15 +86,8 @@ EXPLAINED_HERE = TREE_EXPLAINED | {
     _SOLVER: "the name of a solver is expected, e.g. cp_sat or package.module:function",
 }
 
-NodeOrFile: TypeAlias = Annotated[
-    Annotated[str, Field(pattern=f"^{TREE_FILE}$"), Tag("<file>")]
-    | Annotated[CallText, Tag("<text>")]
-    | Annotated[NodeModel, Tag("<mapping>")],
-    Discriminator(
-        lambda value: _tree_tag(value),
-        custom_error_type="shape",
-        custom_error_message="a node, e.g. {Sequence: [...]}, an action's name, or FILE.xml#TreeID",
-    ),
+TreeFile: TypeAlias = Annotated[
+    str, Field(pattern=_TREE_FILE), BeforeValidator(lambda value: _refuse_nodes(value))
 ]
 ProgramText: TypeAlias = Annotated[str, Field(pattern=_PROGRAM)]
 SolverText: TypeAlias = Annotated[str, Field(pattern=_SOLVER)]
@@ -114,10 +107,11 @@ Way: TypeAlias = Annotated[float, Field(ge=0, le=MAX_MS / 1_000)]
 _Model = TypeVar("_Model", bound=FileModel)
 
 
-def _tree_tag(value: Any) -> str | None:
-    if isinstance(value, str):
-        return "<file>" if ".xml" in value else "<text>"
-    return "<mapping>" if isinstance(value, dict | NodeModel) else None
+def _refuse_nodes(value: Any) -> Any:
+    """Earlier versions read a robot's tree from the mission file itself."""
+    if isinstance(value, dict):
+        raise PydanticCustomError("node", f"a robot's tree is not written in YAML: {_IN_A_FILE}")
+    return value
 
 
 def with_features(model: type[_Model]) -> type[_Model]:
@@ -150,37 +144,21 @@ class LocalTaskModel(FileModel):
 class LocalTaskOrTreeModel(LocalTaskModel):
     """A local-task type that may be a tree.
 
-    `tree`: a behavior tree of other local tasks and of `local_conditions`, which each robot ticks
-    for itself; its status is the outcome, its work that of its actions
-    (docs/how-to/robot-trees.md). Or `FILE.xml#TreeID`, a BehaviorTree.CPP tree, relative to the
-    mission file: the robot's program has its leaves; `ports` are its entries at first, `outputs`
-    the conditions and entries of the team's blackboard that its entries set when it has ended.
+    `tree`: `FILE.xml#TreeID`, a BehaviorTree.CPP tree, relative to the mission file, which each
+    robot runs for itself (docs/how-to/robot-trees.md): the robot's program has its leaves; `ports`
+    are its entries at first, `outputs` the conditions and entries of the team's blackboard that its
+    entries set when it has ended.
     """
 
-    tree: NodeOrFile | None = None
+    tree: TreeFile | None = None
     ports: dict[str, Scalar] = {}
     outputs: dict[str, CallText] = {}
 
-    @property
-    def tree_file(self) -> str | None:
-        """`FILE.xml#TreeID`, if the tree is one of BehaviorTree.CPP."""
-        is_file = isinstance(self.tree, str) and re.fullmatch(TREE_FILE, self.tree) is not None
-        return self.tree if isinstance(self.tree, str) and is_file else None
-
     @model_validator(mode="after")
     def _ports_of_a_file(self) -> LocalTaskOrTreeModel:
-        if self.tree_file is None and (self.ports or self.outputs):
+        if self.tree is None and (self.ports or self.outputs):
             raise PydanticCustomError(
                 "ports", "ports and outputs are those of a tree in a file: tree: FILE.xml#TreeID"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _work_of_actions(self) -> LocalTaskOrTreeModel:
-        is_own = self.tree is not None and self.tree_file is None
-        if is_own and "work" in self.model_fields_set:
-            raise PydanticCustomError(
-                "work", "a local task has a tree or work; the work of a tree is that of its actions"
             )
         return self
 
@@ -507,10 +485,13 @@ class MissionModel(FileModel):
     problem, `constraints`: what else it has to respect (docs/how-to/constraints.md). `jobs`: types
     of jobs, which Jobs nodes name.
     `blackboard`: what else robots tell one another (docs/how-to/conditions.md).
-    `local_conditions`: what the trees of local tasks may read; each robot has its own.
     `recorded: required`: a robot that does not record takes no exclusive task.
     """
 
+    removed_keys = {
+        "local_conditions": "a robot's trees read what its program knows (@robot.condition, "
+        f"@robot.entry), or conditions of the team; {_IN_A_FILE}"
+    }
     mission: Name
     program: ProgramText | None = None
     blocked: Blocked = "wait"
@@ -523,7 +504,6 @@ class MissionModel(FileModel):
     local_tasks: dict[Name, LocalTaskOrTreeModel]
     conditions: dict[Name, ConditionModel] = {}
     blackboard: dict[Name, EntryModel] = {}
-    local_conditions: dict[Name, ConditionModel] = {}
     robot_types: dict[Name, RobotTypeModel]
     robots: Annotated[dict[RobotName, RobotEntry], Field(min_length=1, max_length=MAX_ROBOTS)]
     global_tasks: Annotated[dict[Name, GlobalTaskModel], Field(max_length=MAX_GLOBAL_TASKS)] = {}

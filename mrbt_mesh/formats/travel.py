@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
-from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.mission.mission import JobType, Robot, travel_problems
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.travel import MAX_PLACES, Travel
@@ -75,14 +74,11 @@ class TravelBuilder:
         self,
         robots: Mapping[str, Robot],
         local_tasks: LocalCalls,
-        local_trees: Mapping[str, Tree],
         jobs: Iterable[JobType],
     ) -> Travel | None:
-        """For these ground local tasks and their trees; None where none happens at a place."""
+        """For these ground local tasks; None where none happens at a place."""
         travel = self._model.travel
         at = self._ground(local_tasks)
-        for trees in (local_trees, *(job.local_trees for job in jobs)):
-            self._check_trees(trees)
         if travel is None or not any((at, *(job.at for job in jobs))):
             return None
         given = travel.start
@@ -194,11 +190,3 @@ class TravelBuilder:
             if isinstance(place, Placeholder) or self._check_place(place, path, ground):
                 found[ground] = place
         return found
-
-    def _check_trees(self, local_trees: Mapping[str, Tree]) -> None:
-        """A local task that is a tree happens at one place, its own."""
-        for ground, tree in local_trees.items():
-            for leaf in sorted({type_name(node.subject) for node in tree.actions()} & {*self._at}):
-                kind = type_name(ground)
-                message = f"{leaf} is part of the tree of {kind}; give at to {kind} in its place"
-                self._report.add(("local_tasks", leaf, "at"), message)

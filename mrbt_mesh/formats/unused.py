@@ -18,16 +18,15 @@ from mrbt_mesh.formats.yaml_source import read_mapping
 
 # What is declared, what it is called, and the parts of the file that may use it.
 _DECLARED = (
-    ("local_tasks", "local task", ("global_tasks", "local_tasks", "jobs", "constraints")),
+    ("local_tasks", "local task", ("global_tasks", "jobs", "constraints")),
     ("global_tasks", "global task", ("global_tasks", "tree", "subtrees", "jobs", "constraints")),
     ("conditions", "condition", ("global_tasks", "local_tasks", "tree", "subtrees", "jobs")),
     ("blackboard", "entry", ("global_tasks", "local_tasks", "tree", "subtrees", "jobs")),
-    ("local_conditions", "local condition", ("local_tasks",)),
     ("robot_types", "robot type", ("robots",)),
     ("subtrees", "subtree", ("tree", "subtrees", "jobs")),
     ("jobs", "type of jobs", ("tree", "subtrees")),
 )
-_FOR_PROGRAMS = frozenset({"conditions", "blackboard", "local_conditions"})
+_FOR_PROGRAMS = frozenset({"conditions", "blackboard"})
 # What views read.
 _FOR_VIEWS = frozenset({"map"})
 MAX_PROGRAM_FILES = 100

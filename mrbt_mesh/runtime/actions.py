@@ -38,11 +38,9 @@ from mrbt_mesh.core.agent.inputs import (
     TravelTimesMade,
 )
 from mrbt_mesh.core.bt.activation import parse_activation
-from mrbt_mesh.core.bt.local_run import LocalConditions
-from mrbt_mesh.core.bt.tree import Tree
 from mrbt_mesh.core.facts.records import NO_TRAVEL_TIMES, TravelTimes
 from mrbt_mesh.core.mission.conditions import truth_of
-from mrbt_mesh.core.mission.jobs import local_tree, program_tree
+from mrbt_mesh.core.mission.jobs import program_tree
 from mrbt_mesh.core.mission.mission import (
     MAX_BID_WITHIN_US,
     MAX_PERFORMANCE,
@@ -54,7 +52,6 @@ from mrbt_mesh.core.mission.travel import MAX_MS, MAX_TIMED_PLACES
 from mrbt_mesh.plugins import tree_format
 from mrbt_mesh.runtime.backgrounds import BackgroundRunner
 from mrbt_mesh.runtime.context import RobotContext, Simulation, TaskContext
-from mrbt_mesh.runtime.local_trees import LeafEnd, LocalTreeRunner
 from mrbt_mesh.runtime.program import RobotProgram, TaskFunction, functions_of
 from mrbt_mesh.runtime.program_function import BackgroundFunction, ProgramFunction
 from mrbt_mesh.runtime.program_loader import check_program
@@ -151,7 +148,6 @@ class ActionRunner:
         # Those that were cancelled long ago, as the team has been told.
         self._lingering: set[UserCall] = set()
         self._bids: list[BidMade] = []
-        self._own = LocalConditions(lambda name: self._mission.local_condition_default(name))
         # How many of the program's sensors run.
         self.backgrounds = 0
         self._are_times_old = asyncio.Event()
@@ -202,51 +198,13 @@ class ActionRunner:
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
         # A way has no outcome with which conditions could be set.
         ticket = None if effect.travel_to else effect.ticket
-        tree = None if effect.travel_to else local_tree(self._mission, effect.local_task)
-        port = self._port(ticket, job=self._job_of(effect))
+        port = self._port(ticket, self._job_of(effect))
         end: Input = ActionStopped(effect.ticket)
         with scope:
-            if tree is None:
-                end = await self._call(effect, port)
-                for name, value in port.local_conditions.items():
-                    self._own.set(name, value)
-            else:
-                end = await self._run_tree(effect, tree, port)
+            end = await self._call(effect, port)
         port.close()
         del self._scopes[effect.ticket]
         self._host.submit(end)
-
-    async def _run_tree(self, effect: StartAction, tree: Tree, port: AgentPort) -> ActionFinished:
-        """Carry out a local task that is a tree; its status is the outcome.
-
-        Conditions of the team go with that outcome; where it fails, so does the reason of the
-        action that failed last. What made actions fail is logged when it happens.
-        """
-        reason = ""
-
-        async def run_leaf(local_task: str) -> LeafEnd:
-            nonlocal reason
-            inner = self._port(effect.ticket, port, self._job_of(effect))
-            end = await self._call(replace(effect, local_task=local_task), inner)
-            port.conditions |= inner.conditions
-            inner.close()
-            reason = reason if end.success else end.reason
-            level, outcome = ("info", "success") if end.success else ("warning", "failure")
-            self._host.log(
-                level,
-                "local_tree_action_finished",
-                local_task=effect.called["local_task"],
-                action=local_task,
-                outcome=outcome,
-                error=end.error,
-            )
-            return end.success, inner.local_conditions
-
-        runner = LocalTreeRunner(self._group, tree, self._own, run_leaf, port.report_tree)
-        success = await runner.run()
-        conditions = tuple(sorted(port.conditions.items()))
-        reason = "" if success else reason
-        return ActionFinished(effect.ticket, success, conditions, reason=reason)
 
     async def _call(self, effect: StartAction, port: AgentPort) -> ActionFinished:
         """Call the program's function; whatever it does wrong is a failure of this local task."""
@@ -267,11 +225,7 @@ class ActionRunner:
             scope = self._scopes.get(effect.ticket)
             if scope is not None and self._mission.stops_in_time:
                 call.gate = partial(self.gate.pass_through, lambda: scope.cancel_called)
-            # Of a tree, the actions are recorded.
-            is_recorded = self._program.record_work and not (
-                place and local_tree(self._mission, effect.local_task) is not None
-            )
-            first = self._first_event(context, place) if is_recorded else ""
+            first = self._first_event(context, place) if self._program.record_work else ""
             work = perform(call, context, port, first, place)
             try:
                 success = await self._watched(call, work, effect.ticket)
@@ -429,9 +383,8 @@ class ActionRunner:
             raise ValueError("the program has no function @robot.travel_time")
         self._are_times_old.set()
 
-    def _port(self, ticket: int | None, whole: AgentPort | None = None, job: str = "") -> AgentPort:
-        renew = self._renew_travel_times
-        return AgentPort(self._host, self._mission, ticket, self._own, renew, whole, job)
+    def _port(self, ticket: int | None, job: str = "") -> AgentPort:
+        return AgentPort(self._host, self._mission, ticket, self._renew_travel_times, job)
 
     def _job_of(self, effect: StartAction) -> str:
         """The job whose blackboard entries the task sets and reads; empty: none."""

@@ -80,19 +80,6 @@ class RobotContext:
         """The value of an entry as this robot knows it now; None: it is not set."""
         return self._port.read_value(name)
 
-    def set_local_condition(self, name: str, value: bool, *, at_once: bool = False) -> None:
-        """Set a local condition of this robot, ground, e.g. `holding(2)`.
-
-        The trees of local tasks read it (`local_conditions` of the mission file). It is not sent to
-        the team, and lasts as long as the robot's process. It changes after the outcome of this
-        action, or now with `at_once`. Raises ValueError for one that is not declared.
-        """
-        self._port.set_local_condition(name, value, at_once)
-
-    def read_local_condition(self, name: str) -> bool:
-        """The value of a local condition of this robot."""
-        return self._port.read_local_condition(name)
-
     def report_position(self, x: float, y: float, heading: float | None = None) -> None:
         """Show observers where this robot is, in the units of the mission's map.
 

@@ -14,8 +14,7 @@ Annotations decide what a function receives: a parameter of type TaskContext or 
 the context, the others get the arguments of the local task. Each decorator takes a name; without
 one, the function's name counts.
 
-Where the mission file has a tree for a local task, the program has the tree's actions instead; of
-a BehaviorTree.CPP tree its leaves:
+Where the mission file has a tree for a local task, the program has the tree's leaves instead:
 
     @robot.action("MoveTo")
     async def move_to(goal: str) -> None: ...

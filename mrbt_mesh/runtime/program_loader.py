@@ -83,24 +83,17 @@ def check_program(
     """What is wrong with `program` for these `capabilities` (types or ground), sorted.
 
     A local task, or a bid where the mission asks for bids, without a function; of a local task that
-    is a tree its actions, of one in a BehaviorTree.CPP file what its leaves lack, with file, line
-    and node; a function that does not take the arguments that the mission gives, with its place.
+    is a tree what its leaves lack, with file, line and node; a function that does not take the
+    arguments that the mission gives, with its place.
     """
     mission = with_one_of_each(mission)
     claimed = {type_name(capability) for capability in capabilities}
     declared = claimed & mission.local_tasks.keys()
     needs = [need for task in mission.global_tasks.values() for need in task.needs]
-    trees: dict[str, set[str]] = {}
-    for ground, tree in mission.local_trees.items():
-        leaves = trees.setdefault(type_name(ground), set())
-        leaves |= {node.subject for node in tree.actions()}
     programs = {type_name(ground): tree for ground, tree in mission.program_trees.items()}
     grounds = {need.local_task for need in needs if type_name(need.local_task) in declared}
-    calls = {name: "" for name in (declared | grounds) if type_name(name) not in trees | programs}
-    for name in sorted(declared & trees.keys()):
-        for leaf in trees[name]:
-            calls.setdefault(leaf, f" (in the tree of {name})")
-    found = [_task_problem(program, mission, ground, calls[ground]) for ground in sorted(calls)]
+    calls = {name for name in declared | grounds if type_name(name) not in programs}
+    found = [_task_problem(program, mission, ground) for ground in sorted(calls)]
     by_bid = {need.local_task for need in needs if need.by_bid}
     found += [_bid_problem(program, mission, each, each in by_bid) for each in sorted(grounds)]
     known = claimed | mission.local_tasks.keys()
@@ -119,7 +112,7 @@ def check_program(
 _Problem: TypeAlias = tuple[str, str]
 
 
-def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str) -> _Problem:
+def _task_problem(program: RobotProgram, mission: Mission, ground: str) -> _Problem:
     name = type_name(ground)
     functions = functions_of(program)
     function = functions.local_task(name)
@@ -127,7 +120,7 @@ def _task_problem(program: RobotProgram, mission: Mission, ground: str, of: str)
         close = difflib.get_close_matches(name, functions.local_tasks, n=1)
         hint = f"rename {close[0]!r}, or add" if close else "add"
         add = f'{hint} @robot.local_task("{name}")'
-        return name, f"no function for the local task {name}{of}; {add}"
+        return name, f"no function for the local task {name}; {add}"
     return _call_problem(function, mission, ground)
 
 

@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping
 from numbers import Real
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 from mrbt_mesh.core.agent.inputs import (
     CapabilityChanged,
@@ -18,7 +18,6 @@ from mrbt_mesh.core.agent.inputs import (
     ProgressReported,
     TreeTicked,
 )
-from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.membership.wire import MAX_COORDINATE, Position
 from mrbt_mesh.core.mission.blackboard import Value, ValueType
 from mrbt_mesh.core.mission.conditions import truth_of
@@ -27,8 +26,6 @@ from mrbt_mesh.core.mission.names import declared_name
 from mrbt_mesh.runtime.user_code import outside, shown
 
 CONDITIONS_PER_OUTCOME = 1_000
-
-_Kept = TypeVar("_Kept")
 
 
 class Host(Protocol):
@@ -78,9 +75,8 @@ def truth(value: Any, what: str) -> bool:
 class AgentPort:
     """Behind one TaskContext; collects the conditions that go with the outcome.
 
-    `renew_travel_times`: what the program calls when they have changed. `own` are the robot's local
-    conditions. `whole` is the port of the local task to whose tree this one's action belongs;
-    `job`, the job that the task is of, if any. `conditions`: also other entries of the blackboard.
+    `renew_travel_times`: what the program calls when they have changed. `job`: the job that the
+    task is of, if any. `conditions`: also other entries of the blackboard.
     """
 
     def __init__(
@@ -88,22 +84,17 @@ class AgentPort:
         host: Host,
         mission: Mission,
         ticket: int | None,
-        own: LocalConditions,
         renew_travel_times: Callable[[], None],
-        whole: AgentPort | None = None,
         job: str = "",
     ) -> None:
         self._host = host
         self._mission = mission
         self._ticket = ticket
-        self._own = own
         self._renew_travel_times = renew_travel_times
-        self._whole = whole
         self._job = job
         self._thread = threading.get_ident()
         self._is_over = False
         self.conditions: dict[str, Value | None] = {}
-        self.local_conditions: dict[str, bool] = {}
         self._tree_statuses = b""
 
     def close(self) -> None:
@@ -116,7 +107,7 @@ class AgentPort:
         if at_once or self._ticket is None:
             self._submit(ConditionSet(name, holds))
         else:
-            self._keep(self.conditions, name, holds)
+            self._keep(name, holds)
 
     def check_condition(self, name: str) -> None:
         """Raise ValueError unless this is a condition that the program may set."""
@@ -135,7 +126,7 @@ class AgentPort:
         if at_once or self._ticket is None:
             self._submit(ConditionSet(name, found, self._job))
         else:
-            self._keep(self.conditions, name, found)
+            self._keep(name, found)
 
     def _typed(self, known: ValueType, name: str, value: Any) -> Value:
         try:
@@ -157,54 +148,31 @@ class AgentPort:
 
     def read_value(self, name: str) -> str | int | float | None:
         known = self.check_entry(name)
-        read = self._whole.conditions if self._whole is not None else {}
-        value = self._host.read_value(name, self._job)
-        value = self.conditions.get(name, read.get(name, value))
+        value = self.conditions.get(name, self._host.read_value(name, self._job))
         return value / 10**known.decimals if known.decimals and value is not None else value
 
     def set_conditions(self, values: Mapping[str, Any]) -> None:
-        """Set entries of the team, or the robot's own conditions, with the outcome, all or none."""
-        own = {
-            name: truth(value, f"local condition {name!r}")
-            for name, value in values.items()
-            if isinstance(name, str) and self._mission.knows_local_condition(name)
-        }
+        """Set conditions and other entries with the outcome, all or none."""
         told: dict[str, Value | None] = {}
-        for name in values.keys() - own.keys():
+        for name, value in values.items():
             if isinstance(name, str) and self._mission.holds_value(name):
-                told[name] = self._typed(self.check_entry(name), name, values[name])
+                told[name] = self._typed(self.check_entry(name), name, value)
             else:
                 self.check_condition(name)
-                told[name] = truth(values[name], f"condition {name!r}")
-        for name, value in told.items():
-            self._keep(self.conditions, name, value)
-        for name, holds in own.items():
-            self._keep(self.local_conditions, name, holds)
+                told[name] = truth(value, f"condition {name!r}")
+        for name, kept in told.items():
+            self._keep(name, kept)
 
-    def _keep(self, values: dict[str, _Kept], name: str, value: _Kept) -> None:
+    def _keep(self, name: str, value: Value | None) -> None:
         """Keep a condition or entry until the outcome is reported."""
         if self._is_over:
             raise RuntimeError(f"{name!r} is set after the local task has ended: use at_once=True")
-        values[name] = value
-        if len(values) > CONDITIONS_PER_OUTCOME:
+        self.conditions[name] = value
+        if len(self.conditions) > CONDITIONS_PER_OUTCOME:
             raise ValueError(f"more than {CONDITIONS_PER_OUTCOME} conditions set by one local task")
 
     def read_condition(self, name: str) -> bool:
-        known = self._whole.read_condition if self._whole is not None else self._host.read_condition
-        return bool(self.conditions.get(name, known(name)))
-
-    def set_local_condition(self, name: str, value: bool, at_once: bool) -> None:
-        if not isinstance(name, str) or not self._mission.knows_local_condition(name):
-            declared = ", ".join(sorted(self._mission.local_conditions)) or "none"
-            raise ValueError(f"{shown(name)} is not declared in local_conditions ({declared})")
-        holds = truth(value, f"local condition {name!r}")
-        if at_once or self._ticket is None:
-            self._own.set(name, holds)
-        else:
-            self._keep(self.local_conditions, name, holds)
-
-    def read_local_condition(self, name: str) -> bool:
-        return self.local_conditions.get(name, self._own.value(name))
+        return bool(self.conditions.get(name, self._host.read_condition(name)))
 
     def report_progress(self, fraction: float) -> None:
         is_number = isinstance(fraction, Real) and not isinstance(fraction, bool)

@@ -81,11 +81,6 @@ def test_mistakes_are_told_with_their_line(given: str, message: str) -> None:
             "clear: {effects: {blocked(a): true}}}\nconditions",
             "m.yaml:3: .* no success sets it",
         ),
-        (
-            "robots:",
-            "local_conditions: {c: {failure_reason: {local_task: clear, equals: x}}}\nrobots:",
-            "m.yaml:8: .* only conditions of the team",
-        ),
     ],
 )
 def test_only_failures_set_such_a_condition(old: str, new: str, message: str) -> None:

@@ -36,14 +36,10 @@ local_tasks:
   stow:
     parameters: [place]
     at: $place
-    tree: {Sequence: [{Condition: free($place)}, place($place)]}
-  place: {parameters: [place]}
   call: {effects: {called: true}}
 conditions:
   clear: {parameters: [place]}
   called: {}
-local_conditions:
-  free: {parameters: [place], default: true}
 robot_types:
   cart: {capabilities: {lift: 1, stow: 1, call: 1}}
 robots: {A1: cart, A2: cart}
@@ -120,7 +116,6 @@ def test_a_type_has_parameters_usual_values_and_tasks_with_placeholders() -> Non
     ]
     before = deliver.global_tasks["bring({number},{to})"].needs[0].same_robot_as
     assert before == SameRobotAs("fetch({number})", "lift({number})")
-    assert list(deliver.local_trees) == ["stow({to})"]
     assert deliver.at == {"lift({number})": "shelf_{number}", "stow({to})": "{to}"}
     (where,) = jobs["inspect"].parameters
     assert where.choices == ("dock_1", "dock_2", "shelf_1", "shelf_2")
@@ -160,8 +155,6 @@ def test_jobs_are_put_into_the_tree_with_all_that_they_need() -> None:
     ground = ["fetch(2)", "look(shelf_2)", "bring(2,dock_2)", "look(dock_1)"]
     assert subjects(node) == ["look(shelf_1)", "clear(dock_2)", *ground]
     assert {*mission.global_tasks} == {"look(shelf_1)", *ground}
-    assert list(mission.local_trees) == ["stow(dock_2)"]
-    assert subjects(mission.local_trees["stow(dock_2)"].spec()) == ["free(dock_2)", "place(dock_2)"]
     assert mission.travel is not None
     assert mission.travel.at == {"lift(2)": "shelf_2", "stow(dock_2)": "dock_2"}
     assert mission.global_tasks["bring(2,dock_2)"].effects == (("called", True),)
@@ -204,43 +197,43 @@ NODE = "Jobs: {types: [inspect, deliver], at_most: 7}"
     ("old", "new", "line", "message"),
     [
         # Parameters.
-        ("where: place", "where: places", 47, "place, or the name of a parameter that is a list"),
-        ("where: place", "where: 3", 47, "place, a list, $name of a list, or {min: 1, max: 20} is"),
-        ("where: place", "2nd: place", 47, "a name is expected"),
-        ("to: $docks", "to: $dock", 36, "unknown parameter $dock; did you mean 'docks'?"),
-        ("to: $docks", "to: $number", 36, "is expected, but $number is the number 3"),
-        ("docks: [dock_1, dock_2]", "docks: []", 36, "1 to 10000 values is expected, but $docks"),
-        ("to: $docks", "to: []", 36, "at least 1 expected, found 0"),
-        ("to: $docks", "to: [dock_1, dock_1]", 36, "dock_1 is given twice; keep one"),
-        ("to: $docks", "to: [1, '1']", 36, "1 is given twice; keep one"),
-        ("to: $docks", "to: [a b]", 36, "an argument has 1 to 64 letters, digits"),
-        ("to: $docks", "to: [[a]]", 36, "text, a number, true or false is expected"),
-        ("min: 1, max: 2", "min: 3, max: 2", 35, "min is 3, but max is 2"),
-        ("min: 1, max: 2", "min: 1", 35, "the key 'max' is missing"),
-        ("min: 1, max: 2", "min: 1, max: 1e3", 35, "a whole number is expected"),
+        ("where: place", "where: places", 43, "place, or the name of a parameter that is a list"),
+        ("where: place", "where: 3", 43, "place, a list, $name of a list, or {min: 1, max: 20} is"),
+        ("where: place", "2nd: place", 43, "a name is expected"),
+        ("to: $docks", "to: $dock", 32, "unknown parameter $dock; did you mean 'docks'?"),
+        ("to: $docks", "to: $number", 32, "is expected, but $number is the number 3"),
+        ("docks: [dock_1, dock_2]", "docks: []", 32, "1 to 10000 values is expected, but $docks"),
+        ("to: $docks", "to: []", 32, "at least 1 expected, found 0"),
+        ("to: $docks", "to: [dock_1, dock_1]", 32, "dock_1 is given twice; keep one"),
+        ("to: $docks", "to: [1, '1']", 32, "1 is given twice; keep one"),
+        ("to: $docks", "to: [a b]", 32, "an argument has 1 to 64 letters, digits"),
+        ("to: $docks", "to: [[a]]", 32, "text, a number, true or false is expected"),
+        ("min: 1, max: 2", "min: 3, max: 2", 31, "min is 3, but max is 2"),
+        ("min: 1, max: 2", "min: 1", 31, "the key 'max' is missing"),
+        ("min: 1, max: 2", "min: 1, max: 1e3", 31, "a whole number is expected"),
         # Usual values.
-        ("priority: 5", "priority: 1001", 37, "a number of at most 1000 is expected"),
-        ("priority: 5", "priority: -1", 37, "a number of at least 0 is expected"),
-        ("deadline_s: 600", "deadline_s: 0", 38, "a number above 0 is expected"),
+        ("priority: 5", "priority: 1001", 33, "a number of at most 1000 is expected"),
+        ("priority: 5", "priority: -1", 33, "a number of at least 0 is expected"),
+        ("deadline_s: 600", "deadline_s: 0", 34, "a number above 0 is expected"),
         (
             "deadline_s: 600",
             "deadline: 600",
-            38,
+            34,
             "unknown key 'deadline'; did you mean 'deadline_s'",
         ),
-        ("attempts: 2", "attempts: 0", 39, "a number from 1, or -1 for no limit"),
-        ("    attempts: 2\n", "    tries: 2\n", 39, "unknown key 'tries'"),
+        ("attempts: 2", "attempts: 0", 35, "a number from 1, or -1 for no limit"),
+        ("    attempts: 2\n", "    tries: 2\n", 35, "unknown key 'tries'"),
         # Trees of types.
-        ("tree: look($where)", "tree: look($were)", 48, "unknown parameter $were; did you mean"),
-        ("tree: look($where)", "tree: loop($where)", 48, "'loop' is no declared global task"),
-        ("clear($to)", "clear", 42, "condition 'clear' takes 1 argument (place), found 0"),
+        ("tree: look($where)", "tree: look($were)", 44, "unknown parameter $were; did you mean"),
+        ("tree: look($where)", "tree: loop($where)", 44, "'loop' is no declared global task"),
+        ("clear($to)", "clear", 38, "condition 'clear' takes 1 argument (place), found 0"),
         (
             "tree: look($where)",
             "tree: {Sequence: {for_each: {x: $where}, do: look($x)}}",
-            48,
+            44,
             "for_each x: $where has one value, a job's own; for_each goes over lists",
         ),
-        ("- look(dock_1)", "- look($to.$number)", 45, "joins parameters of a job in one argument"),
+        ("- look(dock_1)", "- look($to.$number)", 41, "joins parameters of a job in one argument"),
         (
             "to: $docks",
             f"to: [{'x' * 60}, short]",
@@ -248,79 +241,73 @@ NODE = "Jobs: {types: [inspect, deliver], at_most: 7}"
             f"'{'x' * 60}' is no declared place",
         ),
         ("min: 1, max: 2", "min: 1, max: 3", 9, "'shelf_3' is no declared place; did you mean"),
-        ("fetch($number), look", "look", 44, "which does not come before it in the tree"),
-        ("tree: look($where)", "tree: {Jobs: [deliver]}", 48, "a node of the team's tree"),
+        ("fetch($number), look", "look", 40, "which does not come before it in the tree"),
+        ("tree: look($where)", "tree: {Jobs: [deliver]}", 44, "a node of the team's tree"),
         # The node.
         (
             "[inspect, deliver]",
             "[inspect, delivr]",
-            52,
+            48,
             "'delivr' is no declared job type; did you",
         ),
-        ("[inspect, deliver]", "[inspect]", 33, "no Jobs node has it; write {Jobs: [deliver]}"),
+        ("[inspect, deliver]", "[inspect]", 29, "no Jobs node has it; write {Jobs: [deliver]}"),
         (
             "[inspect, deliver]",
             "[deliver, inspect, deliver]",
-            52,
+            48,
             "deliver is in a Jobs node already",
         ),
-        (JOBS, f"{JOBS}\n    - Jobs: [inspect]", 53, "inspect is in a Jobs node already"),
-        ("[inspect, deliver]", "[]", 52, "at least 1 expected, found 0"),
+        (JOBS, f"{JOBS}\n    - Jobs: [inspect]", 49, "inspect is in a Jobs node already"),
+        ("[inspect, deliver]", "[]", 48, "at least 1 expected, found 0"),
         (
             "{types: [inspect, deliver], at_most: 7}",
             "deliverr",
-            52,
+            48,
             "'deliverr' is no declared job",
         ),
-        ("{types: [inspect, deliver], at_most: 7}", "deliver", 46, "write {Jobs: [inspect]} where"),
-        ("  inspect:\n", "  all: {tree: look(dock_1)}\n  inspect:\n", 46, "choose another name"),
-        ("{types: [inspect, deliver], at_most: 7}", "3", 52, "all, a list of job types, or {types"),
-        ("at_most: 7", "at_most: 0", 52, "a number of at least 1 is expected"),
-        ("at_most: 7", "at_most: 1001", 52, "a number of at most 1000 is expected"),
-        ("at_most: 7", "most: 7", 52, "unknown key 'most'; did you mean 'at_most'?"),
+        ("{types: [inspect, deliver], at_most: 7}", "deliver", 42, "write {Jobs: [inspect]} where"),
+        ("  inspect:\n", "  all: {tree: look(dock_1)}\n  inspect:\n", 42, "choose another name"),
+        ("{types: [inspect, deliver], at_most: 7}", "3", 48, "all, a list of job types, or {types"),
+        ("at_most: 7", "at_most: 0", 48, "a number of at least 1 is expected"),
+        ("at_most: 7", "at_most: 1001", 48, "a number of at most 1000 is expected"),
+        ("at_most: 7", "most: 7", 48, "unknown key 'most'; did you mean 'at_most'?"),
         (
             NODE,
             f"Inverter: {{{NODE}}}",
-            52,
-            "jobs cannot be below Inverter (line 52); move the node",
+            48,
+            "jobs cannot be below Inverter (line 48); move the node",
         ),
-        (NODE, f"ForceSuccess: {{{NODE}}}", 52, "jobs cannot be below ForceSuccess"),
+        (NODE, f"ForceSuccess: {{{NODE}}}", 48, "jobs cannot be below ForceSuccess"),
         (
             NODE,
             f"KeepRunningUntilFailure: {{{NODE}}}",
-            52,
+            48,
             "cannot be below KeepRunningUntilFailure",
         ),
-        (NODE, f"Repeat: {{cycles: 2, do: {{{NODE}}}}}", 52, "jobs cannot be below Repeat"),
+        (NODE, f"Repeat: {{cycles: 2, do: {{{NODE}}}}}", 48, "jobs cannot be below Repeat"),
         (
             NODE,
             f"Fallback: {{memory: while_running, children: [{{{NODE}}}]}}",
-            52,
-            "jobs cannot be below Fallback with memory (line 52)",
+            48,
+            "jobs cannot be below Fallback with memory (line 48)",
         ),
         (
             NODE,
             f"Parallel: {{for_each: {{x: [1, 2]}}, do: {{{NODE}}}}}",
-            52,
+            48,
             "inspect is in a Jobs node already, and its jobs can be in one only; name it once",
         ),
         (
             "ends: never\n",
             "",
-            31,
+            27,
             "write ends: never, or ends_mission: true for a type of jobs",
         ),
         (
             "parameters: [place]}\n  called",
             "parameters: [place], tree: {Jobs: all}}\n  called",
-            17,
+            15,
             "unknown key 'tree'",
-        ),
-        (
-            "place: {parameters: [place]}",
-            "place: {parameters: [place], tree: {Jobs: all}}",
-            14,
-            "a node of the team's tree",
         ),
     ],
 )
@@ -333,7 +320,7 @@ def test_as_many_jobs_as_there_may_be_have_room_in_the_tree() -> None:
     loop = "tree: {Sequence: {for_each: {x: [1, 2, 3, 4, 5, 6, 7, 8]}, do: look($x)}}"
     many = changed(("tree: look($where)", loop), ("at_most: 7", "at_most: 1000"))
     (problem,) = problems_of(many)
-    assert problem.line == 49
+    assert problem.line == 45
     assert "has 20003 nodes, and 20000 are allowed; give its Jobs" in problem.message
     fitting = compile_mission(load(many.replace("at_most: 1000", "at_most: 999")))
     assert '"Jobs","","",999,' in fitting
@@ -344,7 +331,7 @@ def test_as_many_jobs_as_there_may_be_have_room_in_the_tree() -> None:
 def test_a_text_that_may_become_too_long_is_refused() -> None:
     long = changed(("where: place", f"where: [{'x' * 60}]"), ("look($where)", "look(shelf_$where)"))
     (problem,) = problems_of(long)
-    assert problem.line == 48
+    assert problem.line == 44
     assert "but shelf_{where} becomes a text of up to 66 characters" in problem.message
 
 
@@ -355,7 +342,7 @@ def test_a_jobs_node_of_a_subtree_is_looked_at_where_it_is_used() -> None:
     assert load(inside).tree.containing(Kind.JOBS)[0]
     for node in ("Inverter: {SubTree: work}", "Parallel: [{SubTree: work}, {SubTree: work}]"):
         (problem,) = problems_of(inside.replace("SubTree: work", node))
-        assert problem.line == 31
+        assert problem.line == 27
         assert "jobs cannot be below" in problem.message or "already" in problem.message
     (problem, *_) = problems_of(inside.replace("tree: look($where)", "tree: {SubTree: work}"))
     assert "a job's tree holds no other jobs" in problem.message
@@ -412,9 +399,8 @@ def test_warnings_know_the_tasks_of_jobs() -> None:
             ("- Condition: called", "- Inverter: {Condition: failed}"),
         )
         assert len(cautions(load(text))) == count
-    assert (
-        len(cautions(load(text.replace("global_task: look(shelf_1)", "local_task: place(a)")))) == 1
-    )
+    text = text.replace("global_task: look(shelf_1)", "local_task: spare")
+    assert len(cautions(load(text.replace("  call: {", "  spare: {}\n  call: {")))) == 1
 
 
 def test_a_jobs_node_is_written_as_it_is_read() -> None:
@@ -428,8 +414,9 @@ def test_a_tree_in_a_file_gets_the_values_of_the_job(tmp_path: Path) -> None:
     (tmp_path / "t.xml").write_text(f'<root BTCPP_format="4">{tree}</root>')
     text = changed(
         (
-            "tree: {Sequence: [{Condition: free($place)}, place($place)]}",
-            "tree: t.xml#T\n    ports: {to: here-$place, n: 2}\n    outputs: {done: clear($place)}",
+            "    at: $place\n",
+            "    at: $place\n    tree: t.xml#T\n    ports: {to: here-$place, n: 2}\n"
+            "    outputs: {done: clear($place)}\n",
         ),
     )
     mission = load(text, tmp_path)
@@ -467,13 +454,9 @@ def test_a_tree_in_a_file_gets_the_values_of_the_job(tmp_path: Path) -> None:
         (["jobs", 0, 3, 0, 1, 0, 0], "lift({nr})", ""),
         (["jobs", 0, 3, 0, 1, 0, 1], 0, "no robot is needed"),
         (["jobs", 0, 3, 2, 1, 0, 3, 0], "look({number})", "same_robot_as"),
-        (
-            ["jobs", 0, 4],
-            {"stow(dock_1)": ["Action", "", "x", 0, 0, "none", 0, []]},
-            "ground names",
-        ),
-        (["jobs", 0, 5, "stow({to})"], "shelf_{to}", "places"),
-        (["jobs", 0, 6], {"files": [], "trees": {"stow({to})": [0, "T", [], []]}}, ""),
+        (["jobs", 0, 4, "stow(dock_1)"], "dock_1", "ground names"),
+        (["jobs", 0, 4, "stow({to})"], "shelf_{to}", "places"),
+        (["jobs", 0, 5], {"files": [], "trees": {"stow({to})": [0, "T", [], []]}}, ""),
         (["ends"], "once", "never ends"),
         (["tree", 7, 1, 3], 0, ""),
         (["tree", 7, 1, 3], 1001, "jobs at a time"),
@@ -512,14 +495,9 @@ HEAD: dict[str, Any] = {
     },
     "local_tasks": {
         "weld": {"parameters": ["part"], "at": "p_$part", "effects": {"hot($part)": True}},
-        "hold": {
-            "parameters": ["a", "b"],
-            "tree": {"Fallback": [{"Condition": "free($b)"}, "grasp(x$a)"]},
-        },
-        "grasp": {"parameters": ["part"]},
+        "hold": {"parameters": ["a", "b"]},
     },
     "conditions": {"hot": {"parameters": ["part"]}, "cold": {}},
-    "local_conditions": {"free": {"parameters": ["part"]}},
     "robot_types": {"A": {"capabilities": {"weld": 1, "hold": 1}}},
     "robots": {"A1": "A"},
     "global_tasks": {
@@ -600,8 +578,5 @@ def test_a_job_is_its_tree_with_the_values(tree: Any, a: str, n: int) -> None:
     assert plain(job.children[0]) == plain(expected.tree.spec())
     assert {node.job for node in found.tree.nodes} == {"", "j"}
     assert found.global_tasks == expected.global_tasks
-    assert {n: plain(t.spec()) for n, t in found.local_trees.items()} == {
-        n: plain(t.spec()) for n, t in expected.local_trees.items()
-    }
     places = [each.travel.at if each.travel else {} for each in (found, expected)]
     assert places[0] == places[1]

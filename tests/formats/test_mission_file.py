@@ -322,7 +322,7 @@ def _damaged(change: str) -> str:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ("d['compiled'] = 99", "version 2 expected, found 99"),
+        ("d['compiled'] = 99", "version 3 expected, found 99"),
         ("d.pop('compiled')", "not a compiled mission"),
         ("d.pop('tree')", "damaged: KeyError"),
         ("d['name'] = 3", "name 3"),

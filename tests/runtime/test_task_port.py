@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.agent.inputs import ConditionSet
-from mrbt_mesh.core.bt.local_run import LocalConditions
 from mrbt_mesh.core.membership.wire import Position
 from mrbt_mesh.core.mission.blackboard import ValueType
 from mrbt_mesh.core.mission.conditions import ConditionType
@@ -28,8 +27,7 @@ ENTRIES = (
 
 def port(host: Host, ticket: int | None = 7, job: str = "j1") -> AgentPort:
     mission = replace(make_mission(action("a")), conditions={each.name: each for each in ENTRIES})
-    own = LocalConditions(mission.local_condition_default)
-    return AgentPort(host, mission, ticket, own, lambda: None, job=job)
+    return AgentPort(host, mission, ticket, lambda: None, job)
 
 
 def test_values_go_with_the_outcome_or_at_once() -> None:

@@ -93,31 +93,26 @@ def test_couriers_bid_from_where_they_are_and_the_sum_of_ways_is_the_least(run: 
     assert sorted(taken) == pytest.approx(sorted(said), abs=0.05), "they took as long as they said"
 
 
-def test_each_robot_does_its_local_task_by_its_own_tree(run: Run) -> None:
+def test_each_robot_assembles_by_its_own_tree(run: Run) -> None:
     done = spans(run("assembly", 1).events)
-    by_robot = {r: [s for s in done if s.robot == r] for r in ("R1", "R2")}
-    told = {r: [(s.local_task, s.part, s.end) for s in found] for r, found in by_robot.items()}
-    grasp, slip = ("grasp", "", "success"), ("turn", "2", "cancel")
-    # What it holds it need not take up again for the next part; what has slipped it must.
-    assert sorted(told.values()) == [
-        [grasp, ("turn", "1", "success"), ("turn", "3", "success")],
-        [grasp, slip, grasp, ("turn", "2", "success")],
-    ]
+    took = {s.ground: pytest.approx(s.end_s - s.start_s, abs=0.2) for s in done if s.end}
+    # To grasp takes a second, to turn two. What it holds it need not take up again for the next
+    # part; what has slipped it must.
+    assert took == {"fasten(1)": 3, "fasten(2)": 4, "fasten(3)": 2}
+    robots = {s.ground: s.robot for s in done}
+    assert robots["fasten(1)"] == robots["fasten(3)"] != robots["fasten(2)"]
 
 
-def test_a_local_task_that_is_a_tree_begins_anew_with_another_robot(run: Run) -> None:
+def test_an_assembly_begins_anew_with_another_robot(run: Run) -> None:
     result = run("assembly", 1, schedule=[(1_500_000, Kill("R1"))])
     done = spans(result.events)
-    assert {s.part for s in done if s.end == "success" and s.local_task == "turn"} == {
-        "1",
-        "2",
-        "3",
-    }
+    assert {s.part for s in done if s.end == "success"} == {"1", "2", "3"}
     (cut_off,) = (s for s in done if s.end is None)
-    assert (cut_off.robot, cut_off.ground) == ("R1", "turn(1)")
+    assert (cut_off.robot, cut_off.ground) == ("R1", "fasten(1)")
     # R2 holds a tool of its own, so the tree has nothing to grasp for.
-    after = [s.ground for s in done if s.start_s > cut_off.start_s + 2]
-    assert after == ["turn(1)", "turn(3)"]
+    after = [s for s in done if s.start_s > cut_off.start_s + 2]
+    assert [s.ground for s in after] == ["fasten(1)", "fasten(3)"]
+    assert [s.end_s - s.start_s for s in after] == pytest.approx([2, 2], abs=0.1)
     assert [each["replacement"] for each in result.summary["takeovers"]] == ["R2"]
 
 

@@ -21,8 +21,13 @@ from tests.support.paths import ROOT
 PERIPHERY = ("adapters", "analysis", "btcpp", "views")
 COPIED = ("agents", "deploy", "docs", "drills", "examples", "mrbt_mesh", "pyproject.toml", "tests")
 # They need the plug-in for trees of BehaviorTree.CPP.
-WITH_TREES = ("examples/inspection", "tests/formats/test_program_trees.py")
-DESELECTED = "not inspect and not examples_are_where"
+WITH_TREES = (
+    *("examples/assembly", "examples/inspection", "examples/lift"),
+    *("tests/formats/test_program_trees.py", "tests/sim/test_run_soak.py"),
+)
+DESELECTED = (
+    "not inspect and not assembl and not lift and not tree_in_a_file and not examples_are_where"
+)
 TESTS = tuple(
     f"tests/{name}" for name in ("core", "drills", "formats", "recording", "runtime", "sim")
 )

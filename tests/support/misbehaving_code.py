@@ -317,7 +317,6 @@ saying(
 )
 saying("undeclared", lambda t: t.set_condition("light", True), "'light' is not declared")
 saying("no_name", lambda t: t.set_condition(3, True), "condition 3 is not declared")
-saying("own_undeclared", lambda t: t.set_local_condition("x", True), "'x' is not declared")
 saying(
     "nan_position", lambda t: t.report_position(float("nan"), 0), "a position consists of numbers"
 )

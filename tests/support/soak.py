@@ -9,7 +9,6 @@ mission: soak
 program: robot.py
 ends: never
 conditions: {wanted: {default: true}, full: {default: false}}
-local_conditions: {holding: {default: false}}
 travel:
   places: {dock: [0, 0], field: [60, 0]}
   speed: {bot: 1}
@@ -18,34 +17,24 @@ travel:
 local_tasks:
   plain: {work: 120}
   patrol: {tree: patrol.xml, work: 240}
-  fetch:
-    tree:
-      Sequence:
-        - Fallback: [{Condition: holding}, grasp]
-        - Timeout: {seconds: 600, do: carry}
-  grasp: {work: 60}
-  carry: {work: 60}
   at_dock: {work: 30, at: dock}
   at_field: {work: 30, at: field}
   offered: {work: 60}
 robot_types:
   plain: {capabilities: {plain: 1, offered: 1}}
   tree: {capabilities: {patrol: 1}}
-  own: {capabilities: {fetch: 1}}
   bot: {capabilities: {at_dock: 1, at_field: 1}}
-robots: {P: plain, B: tree, L: own, T: bot}
+robots: {P: plain, B: tree, T: bot}
 global_tasks:
   plain: {needs: {plain: {min: 1}}}
   offered: {needs: {offered: {min: 1, performance: bid}}}
   patrol: {needs: {patrol: {min: 1}}}
-  fetch: {needs: {fetch: {min: 1}}}
   at_dock: {needs: {at_dock: {min: 1}}}
   at_field: {needs: {at_field: {min: 1}}}
 tree:
   Parallel:
     - Repeat: {cycles: -1, do: {Sequence: [{Condition: wanted}, plain, offered]}}
     - Repeat: {cycles: -1, do: patrol}
-    - Repeat: {cycles: -1, do: fetch}
     - Repeat: {cycles: -1, do: {Sequence: [at_dock, at_field]}}
 """
 PATROL = """\
@@ -95,18 +84,6 @@ async def offer(task: TaskContext) -> float:
     with anyio.move_on_after(0.01):
         await asyncio.Event().wait()
     return 1.0
-
-
-@robot.local_task
-async def grasp(task: TaskContext) -> dict[str, bool]:
-    await wait(60)
-    return {{"holding": True}}
-
-
-@robot.local_task
-async def carry(task: TaskContext) -> dict[str, bool]:
-    await wait(60)
-    return {{"holding": False}}
 
 
 @robot.local_task("at_dock")

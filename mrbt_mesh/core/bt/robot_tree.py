@@ -43,7 +43,7 @@ def assignment_tree() -> Tree:
 def local_tree(local_tasks: Iterable[str]) -> Tree:
     """T_Li (paper, section V): rest while nothing is assigned, else perform the local task.
 
-    Here a local task is one leaf. Where it is a tree itself, that is ticked beside (`local_run`).
+    A local task is one leaf here; where it is a tree, the robot's program runs that.
     """
     rest = NodeSpec(Kind.INVERTER, (NodeSpec(Kind.CONDITION, subject=ASSIGNED),))
     branches = (

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import MAX_NODES, Kind, Tree
+from mrbt_mesh.core.bt.tree import MAX_NODES, Kind
 from mrbt_mesh.core.feature import used
 from mrbt_mesh.core.mission.blackboard import MAX_DECIMALS, MAX_TEXT, MAX_UNITS, is_argument
 from mrbt_mesh.core.mission.conditions import ConditionType
@@ -122,8 +122,7 @@ def _check(mission: Mission) -> None:
             fits = names == set(condition.parameters) and not condition.default
             _expect(fits, f"condition {condition.name}: failure reason")
     _check_global_tasks(mission)
-    _check_nodes(mission.tree, "tree", mission.global_tasks.__contains__, mission.knows_condition)
-    _check_local_trees(mission)
+    _check_nodes(mission)
     _check_program_trees(mission)
     _check_travel(mission)
 
@@ -168,7 +167,7 @@ def _check_jobs(mission: Mission) -> None:
         deadline_us = known.deadline_us
         _expect(deadline_us is None or (type(deadline_us) is int and deadline_us > 0), here)
         _expect(isinstance(known.ends_mission, bool), f"{here}: ends_mission")
-        own = (known.global_tasks, known.local_trees, known.at, known.program_trees)
+        own = (known.global_tasks, known.at, known.program_trees)
         _expect(all("{" in name for of_job in own for name in of_job), f"{here}: ground names")
         at = all(each in places for place in known.at.values() for each in known.values(place))
         _expect(at, f"{here}: places")
@@ -235,19 +234,6 @@ def _check_global_tasks(mission: Mission) -> None:
             _expect(isinstance(need.by_bid, bool) and in_time, f"{here}: bids")
 
 
-def _check_local_trees(mission: Mission) -> None:
-    def is_local_task(ground: str) -> bool:
-        return split_call(ground)[0] in mission.local_tasks
-
-    for condition in mission.local_conditions.values():
-        _expect(isinstance(condition.default, bool), f"condition {condition.name}: default")
-    for name, tree in mission.local_trees.items():
-        split_call(name)
-        _expect(not tree.containing(Kind.JOBS)[0], f"tree of {name}: jobs")
-        _expect(type_name(name) in mission.local_tasks, f"tree of {name}: unknown local task")
-        _check_nodes(tree, f"tree of {name}", is_local_task, mission.knows_local_condition)
-
-
 def _check_program_trees(mission: Mission) -> None:
     for name, tree in mission.program_trees.items():
         split_call(name)
@@ -278,18 +264,13 @@ def _check_travel(mission: Mission) -> None:
         _expect(False, problem)
 
 
-def _check_nodes(
-    tree: Tree,
-    name: str,
-    knows_action: Callable[[str], bool],
-    knows_condition: Callable[[str], bool],
-) -> None:
-    for node in tree.nodes:
-        here = f"{name} node {node.index}"
+def _check_nodes(mission: Mission) -> None:
+    for node in mission.tree.nodes:
+        here = f"tree node {node.index}"
         _expect(isinstance(node.name, str) and isinstance(node.subject, str), here)
         numbers = (node.limit, node.timeout_us, node.failures)
         _expect(all(type(number) is int for number in numbers), here)
         if node.kind is Kind.ACTION:
-            _expect(knows_action(node.subject), f"{here}: {node.subject!r}")
+            _expect(node.subject in mission.global_tasks, f"{here}: {node.subject!r}")
         elif node.kind is Kind.CONDITION:
-            _expect(knows_condition(node.subject), f"{here}: {node.subject!r}")
+            _expect(mission.knows_condition(node.subject), f"{here}: {node.subject!r}")

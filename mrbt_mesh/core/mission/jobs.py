@@ -86,8 +86,7 @@ def with_jobs(mission: Mission, jobs: Sequence[OpenJob]) -> Mission:
         job.id: {THIS_JOB: job.id} | mission.jobs[job.type].values_of(job.arguments) for job in jobs
     }
     by_type: dict[str, list[OpenJob]] = {}
-    tasks, trees = dict(mission.global_tasks), dict(mission.local_trees)
-    programs = dict(mission.program_trees)
+    tasks, programs = dict(mission.global_tasks), dict(mission.program_trees)
     at = dict(mission.travel.at) if mission.travel is not None else {}
     for job in jobs:
         known, those = mission.jobs[job.type], values[job.id]
@@ -95,8 +94,6 @@ def with_jobs(mission: Mission, jobs: Sequence[OpenJob]) -> Mission:
         for task in known.global_tasks.values():
             of_job = bound_task(task, those)
             tasks[of_job.id] = of_job
-        for name, tree in known.local_trees.items():
-            trees[bound(name, those)] = build_tree(_bound_spec(tree.spec(), those))
         for name, program in known.program_trees.items():
             programs[bound(name, those)] = _bound_program(program, those)
         at |= {bound(name, those): bound(place, those) for name, place in known.at.items()}
@@ -118,14 +115,7 @@ def with_jobs(mission: Mission, jobs: Sequence[OpenJob]) -> Mission:
     if travel is not None:
         travel = travel.with_places(at)
     tree = build_tree(ground(0))
-    return replace(
-        mission,
-        tree=tree,
-        global_tasks=tasks,
-        local_trees=trees,
-        program_trees=programs,
-        travel=travel,
-    )
+    return replace(mission, tree=tree, global_tasks=tasks, program_trees=programs, travel=travel)
 
 
 def with_one_of_each(mission: Mission) -> Mission:
@@ -152,18 +142,11 @@ def bound_task(task: GlobalTask, values: Mapping[str, str]) -> GlobalTask:
 def _of_job(tree: Tree, index: int, job: OpenJob, values: Mapping[str, str]) -> NodeSpec:
     """A type's tree with the values of a job."""
     node = tree.nodes[index]
-    spec = _bound_spec(node.spec(), values)
+    name, subject = bound(node.name, values), bound(node.subject, values)
     children = tuple(_of_job(tree, child, job, values) for child in node.children)
     is_root = tree.nodes[node.parent].kind is Kind.JOBS
-    name = job.label if is_root else spec.name
-    return replace(spec, children=children, origin=index, job=job.id, name=name)
-
-
-def _bound_spec(spec: NodeSpec, values: Mapping[str, str]) -> NodeSpec:
-    """A subtree with these values, in a tree of its own or as a part of the mission's."""
-    children = tuple(_bound_spec(child, values) for child in spec.children)
-    name, subject = bound(spec.name, values), bound(spec.subject, values)
-    return replace(spec, children=children, name=name, subject=subject)
+    name = job.label if is_root else name
+    return replace(node.spec(children), origin=index, job=job.id, name=name, subject=subject)
 
 
 def _bound_program(tree: ProgramTree, values: Mapping[str, str]) -> ProgramTree:
@@ -213,15 +196,8 @@ def task_of_job(mission: Mission, number: int, subject: str) -> GlobalTask | Non
     return bound_task(task, values) if task is not None else None
 
 
-def local_tree(mission: Mission, local_task: str) -> Tree | None:
-    """The tree of other local tasks that this one is, also in a job's tree; None: it is none."""
-    found = mission.local_trees.get(local_task)
-    of_job = None if found else _of_types(mission, local_task, lambda kind: kind.local_trees)
-    return found if of_job is None else build_tree(_bound_spec(of_job[0].spec(), of_job[1]))
-
-
 def program_tree(mission: Mission, local_task: str) -> ProgramTree | None:
-    """The BehaviorTree.CPP tree that this local task is, as in `local_tree`."""
+    """The BehaviorTree.CPP tree that this local task is, also in a job's tree; None: it is none."""
     found = mission.program_trees.get(local_task)
     of_job = (
         _of_types(mission, local_task, lambda known: known.program_trees) if not found else None

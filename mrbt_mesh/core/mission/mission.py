@@ -56,7 +56,7 @@ MAX_PRIORITY = 1_000
 MAX_AT_MOST = 1_000
 MAX_NUMBER = 1_000_000_000
 MAX_BID_WITHIN_US = 10 * MICRO
-COMPILED_VERSION = 2
+COMPILED_VERSION = 3
 
 _NUMBER = re.compile(r"0|-?[1-9][0-9]{0,9}")
 
@@ -310,7 +310,6 @@ class JobType:
     deadline_us: int | None = None
     ends_mission: bool = False
     global_tasks: Mapping[str, GlobalTask] = field(default_factory=dict)
-    local_trees: Mapping[str, Tree] = field(default_factory=dict)
     at: Mapping[str, str] = field(default_factory=dict)
     program_trees: Mapping[str, ProgramTree] = field(default_factory=dict)
 
@@ -358,7 +357,6 @@ class JobType:
             [[each.name, list(each.choices), each.low, each.high] for each in self.parameters],
             [self.priority, self.deadline_us, self.ends_mission],
             [task.to_json() for task in self.global_tasks.values()],
-            {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()},
             dict(self.at),
             program_trees_to_json(self.program_trees),
         ]
@@ -366,7 +364,7 @@ class JobType:
     @classmethod
     def from_json(cls, data: list[Any]) -> JobType:
         """The inverse; raises TypeError or ValueError for anything else."""
-        name, parameters, usual, tasks, trees, at, programs = data
+        name, parameters, usual, tasks, at, programs = data
         priority, deadline_us, ends_mission = usual
         return cls(
             name,
@@ -375,7 +373,6 @@ class JobType:
             deadline_us,
             ends_mission,
             {row[0]: GlobalTask.from_json(row) for row in tasks},
-            {each: build_tree(spec_from_json(spec)) for each, spec in sorted(trees.items())},
             dict(at),
             program_trees_from_json(programs),
         )
@@ -488,13 +485,11 @@ class Mission:
 
     `parameters` are the file's values, for robots' programs to read; `program` names the
     default robot program, relative to the mission file. It, `costs` and `solver` are no part of
-    the digest: robots with different solvers make the same plans. `local_trees`: those of ground
-    local tasks that are trees of others; `local_conditions`: those that these trees may read;
-    `program_trees`: those of ground local tasks that are BehaviorTree.CPP trees. `travel`: None
-    where nothing is said of places. `jobs`: types of jobs, whose trees are below Jobs nodes.
-    `revision`: None, unless it takes the place of another mission while a team runs.
-    `recorded`: whether robots that do not record take exclusive tasks. `sections`: what features
-    add (`core.feature`), by the names of their sections.
+    the digest: robots with different solvers make the same plans. `program_trees`: those of ground
+    local tasks that are BehaviorTree.CPP trees. `travel`: None where nothing is said of places.
+    `jobs`: types of jobs, whose trees are below Jobs nodes. `revision`: None, unless it takes the
+    place of another mission while a team runs. `recorded`: whether robots that do not record take
+    exclusive tasks. `sections`: what features add (`core.feature`), by the names of their sections.
     """
 
     name: str
@@ -511,8 +506,6 @@ class Mission:
     constraints: tuple[Constraint, ...] = ()
     ends: MissionEnd = MissionEnd.ONCE
     recorded: Recorded = Recorded.IF_POSSIBLE
-    local_trees: Mapping[LocalTaskId, Tree] = field(default_factory=dict)
-    local_conditions: Mapping[str, ConditionType] = field(default_factory=dict)
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
     travel: Travel | None = None
     jobs: Mapping[str, JobType] = field(default_factory=dict)
@@ -720,42 +713,27 @@ class Mission:
     def _failure_conditions(self) -> list[ConditionType]:
         return [self.conditions[n] for n in sorted(self.conditions) if self.is_failure_reason(n)]
 
-    def local_condition_default(self, ground: str) -> bool:
-        """The value of a local condition while its program has not set it."""
-        known = self.local_conditions.get(type_name(ground))
-        return known is not None and bool(known.default)
-
-    def knows_local_condition(self, ground: str) -> bool:
-        """Whether `ground` is a declared local condition."""
-        return _is_declared(ground, self.local_conditions)
-
     def nominal_work(self, ground: LocalTaskId) -> int:
-        """The nominal work of a local task in micro-units: of a tree, that of all its actions."""
-        tree = self.local_trees.get(ground)
-        leaves = [ground] if tree is None else [node.subject for node in tree.actions()]
-        known = (self.local_tasks.get(type_name(leaf)) for leaf in leaves)
-        return sum(task.work if task is not None else MICRO for task in known)
+        """The nominal work of a local task in micro-units."""
+        known = self.local_tasks.get(type_name(ground))
+        return known.work if known is not None else MICRO
 
     def declared_work(self, ground: LocalTaskId) -> int | None:
         """The same; None where the mission does not say, or says what it is anyway."""
         work = self.nominal_work(ground)
-        tree = self.local_trees.get(ground)
-        return None if work == MICRO * (1 if tree is None else len(list(tree.actions()))) else work
+        return None if work == MICRO else work
 
     def to_json(self) -> dict[str, Any]:
         """The compiled mission as plain data; `mission_from_json` takes it back.
 
         Entries that only some missions have are left out of others, which so keep their digests.
         """
-        local_trees = {name: spec_to_json(tree.spec()) for name, tree in self.local_trees.items()}
         program_trees = program_trees_to_json(self.program_trees) if self.program_trees else None
         optional = {
             "constraints": [constraint_to_json(constraint) for constraint in self.constraints],
             "solver": self.solver,
             "ends": None if self.ends is MissionEnd.ONCE else str(self.ends),
             "recorded": None if self.recorded is Recorded.IF_POSSIBLE else str(self.recorded),
-            "local_trees": local_trees,
-            "local_conditions": {c.name: c.to_json() for c in self.local_conditions.values()},
             "program_trees": program_trees,
             "travel": self.travel.to_json() if self.travel is not None else None,
             "jobs": [known.to_json() for known in self.jobs.values()],
@@ -821,11 +799,6 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             costs=Costs(*data["costs"]),
             solver=data.get("solver"),
             constraints=tuple(map(constraint_from_json, data.get("constraints", ()))),
-            local_trees={
-                name: build_tree(spec_from_json(spec))
-                for name, spec in sorted(data.get("local_trees", {}).items())
-            },
-            local_conditions=conditions_from_json(data.get("local_conditions", {})),
             program_trees=program_trees_from_json(data.get("program_trees", {})),
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},

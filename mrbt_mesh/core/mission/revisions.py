@@ -23,7 +23,7 @@ from functools import cached_property
 
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.guards import Guard, conditions_in
-from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory, Node, NodeSpec, Tree
+from mrbt_mesh.core.bt.tree import ATTEMPT_KINDS, Kind, Memory, Node, Tree
 from mrbt_mesh.core.mission.jobs import type_at
 from mrbt_mesh.core.mission.mission import GlobalTask, JobType, Mission, RetiredPart, Revision
 from mrbt_mesh.core.mission.names import bound
@@ -257,13 +257,11 @@ class _Parts:
         for need in task.needs:
             name = need.local_task
             of_type = kind or _NO_TYPE
-            tree = of_type.local_trees.get(name) or mission.local_trees.get(name)
             program = of_type.program_trees.get(name) or mission.program_trees.get(name)
             at = of_type.at.get(name) or (travel.at.get(name, "") if travel is not None else "")
             content = (
                 need.to_json(),
                 at,
-                tree and _bare(tree.spec()),
                 program and (program.xml, program.tree, program.ports, program.outputs),
             )
             yield self._bound(index, repr(content))
@@ -302,8 +300,3 @@ def _below(nodes: tuple[Node, ...], index: int) -> Iterator[int]:
     yield index
     for child in nodes[index].children:
         yield from _below(nodes, child)
-
-
-def _bare(spec: NodeSpec) -> NodeSpec:
-    """A tree without the names of its nodes."""
-    return replace(spec, name="", children=tuple(map(_bare, spec.children)))

@@ -27,12 +27,8 @@ class NamedFault:
 
 
 def local_task_names(mission: Mission) -> set[str]:
-    """All that the mission asks robots for: ground local tasks, the actions of their trees, and
-    the types of both.
-    """
+    """All that the mission asks robots for: ground local tasks, and their types."""
     grounds = {need.local_task for task in mission.all_tasks() for need in task.needs}
-    for tree in mission.local_trees.values():
-        grounds |= {node.subject for node in tree.actions()}
     return grounds | {type_name(name) for name in grounds} | mission.local_tasks.keys()
 
 

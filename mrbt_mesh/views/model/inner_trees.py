@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -15,11 +14,10 @@ from mrbt_mesh.btcpp.files.document import LEAVES, Category, parse_document
 from mrbt_mesh.btcpp.files.expand import ExpandedNode, expand
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import library_of
-from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Tree, build_tree
+from mrbt_mesh.core.bt.tree import Kind
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
-from mrbt_mesh.views.model.mission_view import tree_view
 
 MAX_PORT_CHARACTERS = 40
 _INNER = re.compile(r"\{(\w+_[0-9]+__)+")
@@ -32,20 +30,12 @@ def program_tree(program: ProgramTree) -> ExpandedNode:
     return expand(library, program.tree).root
 
 
-def trees_by_type(mission: Mission) -> dict[str, ProgramTree | Tree]:
-    """One tree for each type of local task that has one, without the arguments of its leaves."""
-    trees: dict[str, ProgramTree | Tree] = {**mission.local_trees, **mission.program_trees}
-    found: dict[str, ProgramTree | Tree] = {}
-    for ground, tree in sorted(trees.items()):
-        if type_name(ground) not in found:
-            without = build_tree(_typed(tree.spec())) if isinstance(tree, Tree) else tree
-            found[type_name(ground)] = without
+def trees_by_type(mission: Mission) -> dict[str, ProgramTree]:
+    """One tree for each type of local task that has one."""
+    found: dict[str, ProgramTree] = {}
+    for ground, tree in sorted(mission.program_trees.items()):
+        found.setdefault(type_name(ground), tree)
     return found
-
-
-def _typed(spec: NodeSpec) -> NodeSpec:
-    children = tuple(map(_typed, spec.children))
-    return replace(spec, subject=type_name(spec.subject), children=children)
 
 
 def node_label(node: ExpandedNode) -> str:
@@ -89,11 +79,7 @@ def with_inner_trees(
     return found, after
 
 
-def _rows(tree: ProgramTree | Tree, parent: int, first: int) -> Iterator[dict[str, Any]]:
-    if isinstance(tree, Tree):
-        for row in tree_view(tree):
-            yield {**row, "parent": parent if row["parent"] < 0 else first + row["parent"]}
-        return
+def _rows(tree: ProgramTree, parent: int, first: int) -> Iterator[dict[str, Any]]:
     waiting = [(program_tree(tree), parent)]
     number = first
     while waiting:

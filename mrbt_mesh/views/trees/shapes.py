@@ -178,11 +178,8 @@ def robot_shape(mission: Mission, robot: str) -> Shape:
         if leaf.label in trees:
             tree = trees[leaf.label]
             leaf.look, leaf.symbol = "subtree", LOOKS["subtree"]
-            if isinstance(tree, Tree):
-                leaf.children = [_team_shape(tree)]
-            else:
-                leaf.notes.append(f"{tree.source}#{tree.tree}")
-                leaf.children = [_expanded_shape(program_tree(tree))]
+            leaf.notes.append(f"{tree.source}#{tree.tree}")
+            leaf.children = [_expanded_shape(program_tree(tree))]
     kind = Kind.PARALLEL
     whole = Shape("control", f"T_i ({kind} {len(parts)}/{len(parts)})", SYMBOLS[kind], [], parts)
     return Shape("tree", robot, notes=[mission.name], children=[whole])

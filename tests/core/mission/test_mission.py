@@ -110,7 +110,7 @@ def test_the_robots_program_and_the_order_of_declarations_do_not_change_the_dige
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"compiled": 99}, "compiled mission version 2 expected, found 99"),
+        ({"compiled": 99}, "compiled mission version 3 expected, found 99"),
         ({"tree": ["Sequence"]}, "not enough values to unpack"),
         ({"robots": 3}, "compiled mission is damaged"),
         ({"assignment": "spare_scarce"}, "compiled mission has an unknown entry: 'assignment'"),

@@ -11,14 +11,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 from mrbt_mesh.analysis.team_tree import ALWAYS, TeamTree, to_team_tree
 from mrbt_mesh.btcpp.files.check import check_library
 from mrbt_mesh.btcpp.files.document import parse_document
 from mrbt_mesh.btcpp.files.findings import Findings
 from mrbt_mesh.btcpp.files.library import library_of
-from mrbt_mesh.core.bt.evaluation import Evaluation, Request
+from mrbt_mesh.core.bt.evaluation import Request
 from mrbt_mesh.core.bt.guards import conditions_in
 from mrbt_mesh.core.bt.tree import NodeSpec, Status
 from tests.support.build import World
@@ -79,29 +79,10 @@ def team_tree(trace: Trace) -> TeamTree:
     return to_team_tree(library, "Main", None)
 
 
-class Ticked(Protocol):
-    """A tree that is ticked over facts, which change as the story goes."""
-
-    @property
-    def status(self) -> Status: ...
-    def set(self, name: str, value: bool) -> None: ...
-    def outcome(self, activation: str, success: bool) -> None: ...
-    def tick(self) -> Evaluation: ...
-
-
-def at_first(trace: Trace) -> tuple[str, ...]:
-    """The conditions that hold at the beginning."""
-    return (*(name for name, values in trace.conditions.items() if values[0] == "1"), ALWAYS)
-
-
 def team_run(spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
-    """The same story, told in facts."""
-    return told(World(spec, at_first(trace)), spec, trace)
-
-
-def told(world: Ticked, spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
-    """What a tree shows in each step of the story."""
-    known = conditions_in(spec)
+    """The same story, told in facts: what the team's tree shows in each step of it."""
+    at_first = (name for name, values in trace.conditions.items() if values[0] == "1")
+    world, known = World(spec, (*at_first, ALWAYS)), conditions_in(spec)
 
     def begin(step: int) -> None:
         for name, values in trace.conditions.items():
@@ -116,7 +97,7 @@ def told(world: Ticked, spec: NodeSpec, trace: Trace) -> tuple[Shown, ...]:
 
 
 def steps(
-    world: Ticked,
+    world: World,
     count: int,
     begin: Callable[[int], None],
     end: Callable[[str, int, int, int], bool | None],

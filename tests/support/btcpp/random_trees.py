@@ -1,4 +1,4 @@
-"""Random trees with a blackboard, run by BehaviorTree.CPP itself and by local trees.
+"""Random trees with a blackboard, run by BehaviorTree.CPP itself and by ours.
 
 `Case` is one tree with its story: entries that the program sets before some ticks, and how each
 action ends. `ours` and `RealTrees.told` run it and tell it tick by tick. The library runs in a

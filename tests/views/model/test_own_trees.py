@@ -57,12 +57,12 @@ def statuses_of(example: str, robot: str, until_us: int) -> dict[str, Status]:
     return {row["label"]: Status(status) for row, status in reversed([*rows])}
 
 
-def test_a_tree_of_the_mission_is_seen_inside() -> None:
+def test_a_tree_is_seen_inside_below_its_branch() -> None:
     found = statuses_of("assembly", "R1", 200_000)
     assert found["assigned(fasten)"] == Status.SUCCESS
-    assert found["holding"] == Status.FAILURE
-    assert found["grasp"] == Status.RUNNING
-    assert found["turn"] == Status.IDLE
+    assert found["Holding"] == Status.FAILURE
+    assert found["Grasp"] == Status.RUNNING
+    assert found["Turn(part={part})"] == Status.IDLE
 
 
 def test_a_tree_that_the_robots_program_runs_is_seen_inside() -> None:

@@ -1,9 +1,7 @@
-"""Local tasks that are trees: `local_tasks: NAME: {tree: ...}` of a mission file.
+"""Local tasks that are trees: `local_tasks: NAME: {tree: FILE.xml#TreeID}` of a mission file.
 
-A tree in YAML has the shape of the team's: its actions are local tasks without a tree, its SubTrees
-local tasks with one, its conditions the robots' own. `tree: FILE.xml#TreeID` is a BehaviorTree.CPP
-tree; it becomes part of the mission with all that its file includes, so that every robot runs the
-same. There is one ground tree for each ground local task that some global task needs.
+A BehaviorTree.CPP tree becomes part of the mission with all that its file includes, so that every
+robot runs the same. There is one for each ground local task that some global task needs.
 """
 
 from __future__ import annotations
@@ -12,19 +10,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from mrbt_mesh.core.bt.tree import Tree, TreeError, build_tree
 from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.program_trees import ProgramTree
 from mrbt_mesh.errors import InputError
 from mrbt_mesh.formats.expand import (
-    Declared,
-    Expander,
     LocalCalls,
     Scope,
-    TooManyNodesError,
     check_call,
     check_references,
-    check_templates,
     ground_call,
     substitute,
 )
@@ -32,30 +25,14 @@ from mrbt_mesh.formats.mission_model import LocalTaskOrTreeModel, MissionModel
 from mrbt_mesh.formats.problems import Report
 from mrbt_mesh.plugins import tree_format
 
-WORDS = ("local task", "local condition", "local task with a tree")
 
-
-class LocalTrees:
+class ProgramTrees:
     """The trees of a mission's local tasks; problems go to the report."""
 
     def __init__(self, model: MissionModel, report: Report) -> None:
         self._model = model
         self._report = report
-        tasks = {name: task.parameters for name, task in model.local_tasks.items()}
-        trees = {
-            name: task.tree
-            for name, task in model.local_tasks.items()
-            if task.tree and task.tree_file is None
-        }
-        declared = Declared(
-            {name: parameters for name, parameters in tasks.items() if name not in trees},
-            {name: entry.parameters for name, entry in model.local_conditions.items()},
-            {name: tasks[name] for name in trees},
-            WORDS,
-        )
-        bodies = {name: (tree, ("local_tasks", name, "tree")) for name, tree in trees.items()}
         self._files: dict[str, tuple[str, str, str] | None] | None = None
-        self._templates = check_templates(bodies, declared, model.parameters, report)
         conditions = {
             name: entry.parameters
             for entries in (model.conditions, model.blackboard)
@@ -70,32 +47,13 @@ class LocalTrees:
                 place = ("local_tasks", name, "outputs", entry)
                 check_call(condition, "condition", conditions, scope, place, report)
 
-    def ground(self, local_tasks: LocalCalls) -> dict[str, Tree]:
-        """The tree of each of these ground local tasks that has one in YAML."""
-        expander = Expander(self._templates, self._model.parameters, self._report)
-        found: dict[str, Tree] = {}
-        for ground, arguments in local_tasks.items():
-            name = type_name(ground)
-            if name not in self._templates:
-                continue
-            parameters, body = self._templates[name]
-            try:
-                spec = expander.expand(body, self._scope(parameters, arguments))
-                if spec is not None:
-                    found[ground] = build_tree(spec)
-            except TooManyNodesError:
-                break
-            except TreeError as error:
-                self._report.add(("local_tasks", name, "tree"), f"{ground}: {error}")
-        return found
-
-    def ground_programs(self, local_tasks: LocalCalls, folder: Path) -> dict[str, ProgramTree]:
+    def ground(self, local_tasks: LocalCalls, folder: Path) -> dict[str, ProgramTree]:
         """The tree of each of these ground local tasks that has one in a file below `folder`."""
         if self._files is None:
             self._files = {
-                name: self._read(name, task.tree_file, folder)
+                name: self._read(name, task.tree, folder)
                 for name, task in sorted(self._model.local_tasks.items())
-                if task.tree_file is not None
+                if task.tree is not None
             }
         found: dict[str, ProgramTree] = {}
         for ground, arguments in local_tasks.items():
