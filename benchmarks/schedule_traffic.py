@@ -19,7 +19,7 @@ from benchmarks.report import grid, run_program, say
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Proposal
 from mrbt_mesh.core.facts.store import Entry, Version
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.sim.run import simulate
 from mrbt_mesh.sim.world.faults import Kill
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.mission.conditions import ConditionType
     from mrbt_mesh.core.mission.mission import Mission
     from mrbt_mesh.core.mission.program_trees import ProgramTree
-    from mrbt_mesh.core.observer.observer import Observer
+    from mrbt_mesh.observer.observer import Observer
     from mrbt_mesh.runtime.context import TaskContext
     from mrbt_mesh.runtime.journal_writer import Durations
     from mrbt_mesh.runtime.team import Team

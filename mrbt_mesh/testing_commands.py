@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRows
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError, nearest
 from mrbt_mesh.features.contact.commands import Borrow, Return
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING, JobRows
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.job_requests import arguments_of, check_job, check_priority
 from mrbt_mesh.sim.world.named_faults import NamedFault, check_number, check_robot
 from mrbt_mesh.sim.world.team_commands import (

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.drills.physical import Span, of, spans
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Fault, Kill, SimulationResult, simulate
 from mrbt_mesh.sim.run import DEFAULT_TIMEOUT_US

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.run_record import RunRecord
 from paper.scene import Part, Scene
 
 

@@ -6,8 +6,8 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault
 from mrbt_mesh.drills.physical import Span
+from mrbt_mesh.observer.episodes import MajorFault, MinorFault
 from paper.account import Account
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.mission.names import split_call
-from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.run_record import RunRecord
 from paper.account import ROOT, AccountError, run
 
 MISSION = ROOT / "examples" / "vehicle_repair" / "standing_by.yaml"

@@ -17,7 +17,7 @@ from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, build_tree
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.mission import MICRO, GlobalTask, Mission, Need, Robot
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.app import Page

@@ -9,8 +9,8 @@ from __future__ import annotations
 from mrbt_mesh.core.bt.evaluator import parallel_status
 from mrbt_mesh.core.bt.tree import Kind, NodeSpec, Status, build_tree
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.own_trees import OwnTrees
 
 

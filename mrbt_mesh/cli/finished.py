@@ -52,7 +52,7 @@ def has_ended(run_dir: RunDir) -> bool:
 
     Raises InputError if its mission is over, so that robots would find nothing to do.
     """
-    from mrbt_mesh.core.observer.summary import ABORTED
+    from mrbt_mesh.observer.summary import ABORTED
 
     summary = summary_of_finished(run_dir)
     if summary is None:
@@ -76,9 +76,9 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     """The summary of a run that has ended, from its recordings and journals."""
     from mrbt_mesh.cli.operator_end import with_operator_end
     from mrbt_mesh.core.assignment.solvers import default_solver
-    from mrbt_mesh.core.observer.observer import Observer
-    from mrbt_mesh.core.observer.summary import run_summary
     from mrbt_mesh.formats.mission_file import load_mission
+    from mrbt_mesh.observer.observer import Observer
+    from mrbt_mesh.observer.summary import run_summary
     from mrbt_mesh.runtime.fencing import boottime_us
     from mrbt_mesh.runtime.past import tell_past
     from mrbt_mesh.runtime.solver_loader import chosen_engine

@@ -13,8 +13,8 @@ from mrbt_mesh.cli.command_notes import note_command
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.mission import performance
 from mrbt_mesh.core.mission.names import name_order
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import time_at_work
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.time_at_work import time_at_work
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.team import Team

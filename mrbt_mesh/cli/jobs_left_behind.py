@@ -5,8 +5,8 @@ from __future__ import annotations
 from mrbt_mesh.cli.terminal import warn
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows, left_behind
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows, left_behind
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.solver_loader import chosen_engine

@@ -10,8 +10,8 @@ import time
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.observer.headline import ENDED
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.headline import ENDED
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.command_log import TeamEnd, last_end, team_ends
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import RunDir

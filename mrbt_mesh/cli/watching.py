@@ -23,9 +23,9 @@ from mrbt_mesh.cli.operator_end import with_operator_end
 from mrbt_mesh.cli.options import ShowOptions
 from mrbt_mesh.cli.plugged import ChosenViews
 from mrbt_mesh.cli.terminal import errors, print_json
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.recording.folder import observer_files, robot_files
 from mrbt_mesh.runtime.capacity import Overload
 from mrbt_mesh.runtime.fencing import boottime_us

@@ -17,7 +17,6 @@ from pydantic_core import PydanticCustomError
 from mrbt_mesh.core.facts.records import Decision, Phase
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_ROBOTS, MICRO, Mission
 from mrbt_mesh.core.mission.names import split_call
-from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.beside import words
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.file_model import (
@@ -30,6 +29,7 @@ from mrbt_mesh.formats.file_model import (
     one_of,
 )
 from mrbt_mesh.formats.problems import Report
+from mrbt_mesh.observer.task_log import TaskState
 
 MAX_SECONDS = 3_600.0
 MAX_STEPS, MAX_BESIDE = 1_000, 9

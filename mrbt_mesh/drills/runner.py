@@ -13,8 +13,6 @@ import anyio
 
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import RECORDING
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.drills.beside import beside
 from mrbt_mesh.drills.drill_file import Drill
 from mrbt_mesh.drills.inject import DrillInjector, InjectedFault
@@ -27,6 +25,8 @@ from mrbt_mesh.drills.recorded_work import read_work
 from mrbt_mesh.drills.routers import DrillRouters, routers
 from mrbt_mesh.drills.triggers import Schedule, Snapshot
 from mrbt_mesh.formats.mission_file import compile_mission
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import remember

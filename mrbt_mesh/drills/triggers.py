@@ -9,8 +9,6 @@ from typing import Any
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import (
     DONE,
     BlockedTrigger,
@@ -23,6 +21,8 @@ from mrbt_mesh.drills.model import (
     StepModel,
     TakeoverTrigger,
 )
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.task_log import TaskState
 from mrbt_mesh.runtime.fencing import boottime_us
 
 

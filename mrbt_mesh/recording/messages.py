@@ -21,8 +21,8 @@ from mrbt_mesh.core.facts.store import BatchProof, Entry, Incarnation, Version, 
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.membership.wire import RecordingHead
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.recording.channels import FORMAT
 from mrbt_mesh.recording.metadata import RunMetadata
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.wire import MessageKind
-from mrbt_mesh.core.observer.episodes import DeathTimes
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.episodes import DeathTimes
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import (
     STATUS_NAMES,

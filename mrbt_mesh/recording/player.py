@@ -19,8 +19,8 @@ from mrbt_mesh.core.membership.peer import ArrivalHistory, Peer, State
 from mrbt_mesh.core.membership.timing import NEVER_US
 from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import read_incarnation, unpack_death
 from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingError

@@ -21,8 +21,8 @@ from mrbt_mesh.core.facts.store import Change, Incarnation, Version
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.wire import MessageKind, RecordingHead
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.observer.task_log import TaskLog
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.task_log import TaskLog
 from mrbt_mesh.recording import channels
 from mrbt_mesh.recording.messages import (
     STATUS_NAMES,

@@ -9,7 +9,7 @@ from collections import defaultdict
 from dataclasses import replace
 from datetime import datetime
 
-from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
+from mrbt_mesh.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.runtime.limited_file import NewLines
 from mrbt_mesh.runtime.run_dir import RunDir
 

@@ -5,7 +5,7 @@ their event loops, and why they have died.
 from __future__ import annotations
 
 from mrbt_mesh.core.facts.records import PROCESS
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.blocked_loop import SUBJECT
 from mrbt_mesh.runtime.run_dir import RunDir
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mrbt_mesh.core.membership.keys import Keys
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import earlier_files, first_parts, robot_files
 from mrbt_mesh.recording.metadata import OBSERVER, RunMetadata
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder

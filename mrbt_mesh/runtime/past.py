@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import first_parts, observer_files, robot_files
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording, RecordingError, open_recording

@@ -51,7 +51,7 @@ if TYPE_CHECKING:  # short commands need none of it
 
     from mrbt_mesh.core.facts.store import Incarnation
     from mrbt_mesh.core.mission.mission import Mission
-    from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
+    from mrbt_mesh.observer.episodes import DeathTimes, MajorFault
 
 KEYS_FOLDER = "keys"
 RUN_FILE, MISSION_FILE, SUMMARY_FILE = "run.json", "mission.json", "summary.json"

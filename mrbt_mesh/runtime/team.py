@@ -17,8 +17,8 @@ import psutil
 
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.episodes import DeathTimes
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.episodes import DeathTimes
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.capacity import allow_open_files
 from mrbt_mesh.runtime.command_log import last_end
 from mrbt_mesh.runtime.fencing import boottime_us

@@ -43,8 +43,8 @@ from mrbt_mesh.core.mission.job_arguments import (
 )
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN
-from mrbt_mesh.core.observer.job_rows import JobRow, JobRows, why_over
 from mrbt_mesh.errors import InputError, lone
+from mrbt_mesh.observer.job_rows import JobRow, JobRows, why_over
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.job_requests import (
     JobRefusedError,

@@ -36,8 +36,8 @@ from mrbt_mesh.core.membership.envelope import Envelope, ForgedError, Guard, Ref
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MessageKind, WireError, decode, encode
-from mrbt_mesh.core.observer.newest import LIVE_ENTRIES
-from mrbt_mesh.core.observer.observer import Observer, RunEnd
+from mrbt_mesh.observer.newest import LIVE_ENTRIES
+from mrbt_mesh.observer.observer import Observer, RunEnd
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import FloodGate
 from mrbt_mesh.runtime.inbox import Inbox

@@ -17,8 +17,8 @@ from mrbt_mesh.core.engine import Engine
 from mrbt_mesh.core.facts.revisions import read_mission
 from mrbt_mesh.core.membership.keys import Keys
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.robot_loop import LoopWatchdog
 from mrbt_mesh.runtime.solver_loader import chosen_engine

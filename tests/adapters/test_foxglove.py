@@ -15,8 +15,8 @@ import pytest
 from mrbt_mesh.adapters.foxglove import FoxgloveServer
 from mrbt_mesh.core.agent.inputs import PositionReported
 from mrbt_mesh.core.membership.wire import Position
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.channels import (
     ALIVE,
     BEATS,

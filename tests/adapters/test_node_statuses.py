@@ -6,8 +6,8 @@ import pytest
 
 from mrbt_mesh.adapters.node_statuses import ObservedTree
 from mrbt_mesh.core.bt.tree import Kind, Status
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 from tests.support.script import Script
 from tests.support.watched import COVER, watched
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from unittest import mock
 
 from mrbt_mesh.cli.guide import Guide, has_work_left, next_to_kill, replaceable
-from mrbt_mesh.core.observer.time_at_work import time_at_work
+from mrbt_mesh.observer.time_at_work import time_at_work
 from tests.support.runs import run_example
 from tests.support.watched import ALONE, COVER, WELD, watched
 

@@ -12,7 +12,7 @@ from mrbt_mesh.cli.options import chosen_robots
 from mrbt_mesh.cli.printing import plain
 from mrbt_mesh.cli.views.summary_view import render_summary
 from mrbt_mesh.core.mission.compiled import compile_mission
-from mrbt_mesh.core.observer.job_rows import JobRow
+from mrbt_mesh.observer.job_rows import JobRow
 from mrbt_mesh.runtime.robot_options import RobotOptions
 from mrbt_mesh.runtime.run_dir import RunDir
 from mrbt_mesh.runtime.team import Team, new_run

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.cli.operator_end import with_operator_end
-from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.command_log import last_end, note_command, team_ends
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import COMMANDS_FILE, RunDir

@@ -9,9 +9,9 @@ import pytest
 
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.drills.model import RoleModel, StepModel
 from mrbt_mesh.drills.triggers import FaultLog, Schedule, Snapshot, Takeover, chosen, holds
+from mrbt_mesh.observer.task_log import TaskState
 from mrbt_mesh.sim import Kill, simulate
 from tests.support.runs import example
 

@@ -8,9 +8,9 @@ import re
 import pytest
 
 from mrbt_mesh.cli.watching import BATCH_S
-from mrbt_mesh.core.observer.episodes import after_text
-from mrbt_mesh.core.observer.headline import headline
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.observer.episodes import after_text
+from mrbt_mesh.observer.headline import headline
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording

@@ -11,7 +11,7 @@ import pytest
 
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.observer.episodes import DeathTimes, MajorFault
+from mrbt_mesh.observer.episodes import DeathTimes, MajorFault
 from mrbt_mesh.runtime.logged_deaths import LoggedDeaths
 from mrbt_mesh.runtime.run_dir import RunDir
 

@@ -13,9 +13,9 @@ from mrbt_mesh import RobotProgram, TaskContext
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
 from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.recording.folder import observer_file, robot_files
 from mrbt_mesh.recording.reader import Recording, RecordingError, open_recording
 from mrbt_mesh.runtime import past

@@ -15,8 +15,8 @@ from mrbt_mesh.core.agent.inputs import PositionReported, TimerFired
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Position
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import number_of_part, parts_of
 from mrbt_mesh.recording.reader import read_recording
 from mrbt_mesh.recording.writer import RecordingWriter

@@ -8,7 +8,7 @@ import pytest
 
 from mrbt_mesh.core.facts.records import Claim, Phase
 from mrbt_mesh.core.facts.store import Incarnation
-from mrbt_mesh.core.observer.episodes import MajorFault
+from mrbt_mesh.observer.episodes import MajorFault
 from mrbt_mesh.runtime.run_dir import RunDir
 
 NOW_US = 50_000_000

@@ -11,8 +11,8 @@ import pytest
 from mrbt_mesh import TaskContext
 from mrbt_mesh.cli.views.summary_view import JOB_STATES
 from mrbt_mesh.core.mission.compiled import compile_mission
-from mrbt_mesh.core.observer.job_rows import JobRows
 from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.observer.job_rows import JobRows
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import KillAfter, Operate, Revise, Unblock, partition

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import Freeze, Kill, LinkKnobs, NetworkKnobs, Suspend, Thaw, simulate
 from tests.support import effort

@@ -17,8 +17,8 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.headline import headline
 from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.observer.headline import headline
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import Freeze, Operate, Revise, Thaw

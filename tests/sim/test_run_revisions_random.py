@@ -18,10 +18,10 @@ from mrbt_mesh.core.mission import revisions
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.jobs import type_at
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning import revised
 from mrbt_mesh.errors import FileError
 from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.sim import Fault, Kill, Restart, SimulationResult, simulate
 from mrbt_mesh.sim.world.faults import Operate, Revise

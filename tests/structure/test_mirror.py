@@ -12,7 +12,7 @@ Tree = Callable[[dict[str, str]], Path]
 
 PACKAGES = (
     *("adapters", "analysis", "btcpp", "cli", "core", "drills", "features", "formats"),
-    *("recording", "runtime", "sim", "views"),
+    *("observer", "recording", "runtime", "sim", "views"),
 )
 HOMES = {name: f"mrbt_mesh/{name}" for name in PACKAGES}
 HOMES |= {name: name for name in ("agents", "benchmarks", "examples", "paper")}

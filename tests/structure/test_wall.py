@@ -24,7 +24,7 @@ MOST_LEFT_OUT = 10
 
 @pytest.mark.slow
 def test_the_mesh_passes_its_tests_without_the_periphery(tmp_path: Path) -> None:
-    packages = ("core", "drills", "formats", "recording", "runtime", "sim")
+    packages = ("core", "drills", "formats", "observer", "recording", "runtime", "sim")
     left_out = [name for name in copy_mesh(tmp_path) if name.split("/")[1] in packages]
     assert len(left_out) <= MOST_LEFT_OUT, left_out
     (tmp_path / "tests" / "test_where.py").write_text(

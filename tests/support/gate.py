@@ -65,7 +65,7 @@ SUITES = (
     Suite(
         "plain",
         "computing",
-        (*COMPUTING, "-m", "not processes", "tests/core/agent", "tests/core/observer", "tests/sim"),
+        (*COMPUTING, "-m", "not processes", "tests/core/agent", "tests/observer", "tests/sim"),
         # In the larger size plans are compared with the plain ones anyway, byte for byte (I7 in
         # chaos: each; elsewhere a quarter, tests/sim/conftest.py), and whole runs effect for effect
         # (tests/sim/test_run_engines.py).

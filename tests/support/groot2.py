@@ -16,7 +16,7 @@ import zmq
 from mrbt_mesh.adapters.groot2.monitor import MonitoredTree
 from mrbt_mesh.adapters.groot2.viewer import answer_all, listening
 from mrbt_mesh.adapters.node_statuses import ObservedTree
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from tests.support.script import Script
 
 TIMEOUT_MS = 10_000

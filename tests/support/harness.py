@@ -32,7 +32,7 @@ from mrbt_mesh.core.membership.keys import Keys, make_command
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Header, MessageKind, decode, encode
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 
 # (message, receiver) -> the message in an envelope.
 Seal = Callable[[bytes, str], bytes]

@@ -29,7 +29,8 @@ DESELECTED = (
     "not inspect and not assembl and not lift and not tree_in_a_file and not examples_are_where"
 )
 TESTS = tuple(
-    f"tests/{name}" for name in ("core", "drills", "formats", "recording", "runtime", "sim")
+    f"tests/{name}"
+    for name in ("core", "drills", "formats", "observer", "recording", "runtime", "sim")
 )
 _IMPORT = re.compile(rf"^\s*(?:from|import) (?:mrbt_mesh|tests)\.(?:{'|'.join(PERIPHERY)})\b", re.M)
 _SHARED = re.compile(r"^\s*from (tests\.support[\w.]*) import", re.M)

@@ -11,7 +11,7 @@ from mrbt_mesh.core.agent.config import AgentConfig
 from mrbt_mesh.core.agent.effects import Effect
 from mrbt_mesh.core.agent.inputs import Input
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from tests.support import harness
 from tests.support.script import Script
 from tests.support.watched import COVER

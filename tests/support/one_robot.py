@@ -21,8 +21,8 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.feature import Kit
 from mrbt_mesh.core.membership.keys import make_command
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.job_log import JobLog
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.job_log import JobLog
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.member_keys import MemberKeys
 from mrbt_mesh.runtime.operator_call import Acknowledged

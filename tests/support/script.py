@@ -25,7 +25,7 @@ from mrbt_mesh.core.mission.mission import (
     Recorded,
 )
 from mrbt_mesh.core.mission.travel import Travel
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 from tests.support import build
 from tests.support.harness import TIMING, Team

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from tests.support.script import Script
 
 # A welds and B could, then both are needed; C has nothing to do.

@@ -26,8 +26,8 @@ from mrbt_mesh.btcpp.files.export import model_element, with_ids
 from mrbt_mesh.btcpp.files.library import Library
 from mrbt_mesh.btcpp.files.loadable import compact
 from mrbt_mesh.core.bt.tree import Kind, Status, Tree
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 
 PROTOCOL = 2
 ERROR = b"error"

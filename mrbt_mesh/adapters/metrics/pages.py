@@ -27,9 +27,9 @@ from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.bt.tree import Kind, Status
 from mrbt_mesh.core.facts.records import JOURNAL, Outcome
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.task_log import TaskState
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.task_log import TaskState
 from mrbt_mesh.runtime.journal_writer import SLOW
 from mrbt_mesh.version import __version__
 

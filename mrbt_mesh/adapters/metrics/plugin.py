@@ -18,7 +18,7 @@ from mrbt_mesh.adapters.metrics.server import (
 )
 from mrbt_mesh.core.agent.view import AgentView
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.plugins import MetricsAddress
 
 

@@ -15,8 +15,8 @@ from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import robot_condition
-from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.job_types import arguments_schema, job_types
 
 # `expired` has no counterpart: the log says it.

@@ -29,8 +29,8 @@ from mrbt_mesh.adapters.rmf.own_errors import OwnErrors
 from mrbt_mesh.core.agent.operator_messages import UNKNOWN
 from mrbt_mesh.core.mission.job_arguments import named_arguments
 from mrbt_mesh.core.mission.mission import MAX_PRIORITY, JobType, whole
-from mrbt_mesh.core.observer.job_rows import WAITING, JobRow
 from mrbt_mesh.errors import nearest
+from mrbt_mesh.observer.job_rows import WAITING, JobRow
 from mrbt_mesh.runtime.job_requests import JobRefusedError
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import TeamClient, user_name

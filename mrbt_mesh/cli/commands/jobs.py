@@ -19,7 +19,7 @@ from mrbt_mesh.cli.team_options import TeamOptions, team_options
 from mrbt_mesh.errors import InputError
 
 if TYPE_CHECKING:
-    from mrbt_mesh.core.observer.job_rows import JobRow
+    from mrbt_mesh.observer.job_rows import JobRow
     from mrbt_mesh.runtime.team_client import TeamClient
 
 FOLLOW_S = 0.5

@@ -159,7 +159,7 @@ def plan(
 
 
 def _forecast(found: Plan, facts: TeamFacts) -> dict[str, Any] | None:
-    from mrbt_mesh.core.observer.forecast import forecast
+    from mrbt_mesh.observer.forecast import forecast
 
     if found.ahead is None:
         return None

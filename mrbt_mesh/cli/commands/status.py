@@ -16,7 +16,7 @@ from mrbt_mesh.cli.team_options import TeamOptions, team_options
 if TYPE_CHECKING:
     from mrbt_mesh.core.facts.records import Claim
     from mrbt_mesh.core.membership.peer import State
-    from mrbt_mesh.core.observer.observer import Observer
+    from mrbt_mesh.observer.observer import Observer
     from mrbt_mesh.runtime.run_dir import RunDir
     from mrbt_mesh.runtime.team_address import TeamAddress
     from mrbt_mesh.runtime.watcher import Watcher
@@ -94,8 +94,8 @@ async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
 
 def status_data(watcher: Watcher) -> dict[str, Any]:
     """The status as plain data."""
-    from mrbt_mesh.core.observer.forecast import forecast_of
-    from mrbt_mesh.core.observer.headline import headline, robots_that_differ
+    from mrbt_mesh.observer.forecast import forecast_of
+    from mrbt_mesh.observer.headline import headline, robots_that_differ
     from mrbt_mesh.runtime.fencing import boottime_us
     from mrbt_mesh.runtime.noted_problems import take_noted_problems
 
@@ -160,7 +160,7 @@ def _robot(watcher: Watcher, robot: str, now_us: int) -> dict[str, Any]:
     from mrbt_mesh.core.facts.team_facts import changed_performances
     from mrbt_mesh.core.membership.peer import State
     from mrbt_mesh.core.mission.mission import MICRO
-    from mrbt_mesh.core.observer.time_at_work import time_at_work
+    from mrbt_mesh.observer.time_at_work import time_at_work
     from mrbt_mesh.runtime.blocked_loop import SUBJECT
 
     observer, run_dir = watcher.observer, watcher.address.run_dir

@@ -16,7 +16,7 @@ from mrbt_mesh.cli.views.summary_view import (
     failure_line,
 )
 from mrbt_mesh.core.mission.names import with_entries
-from mrbt_mesh.core.observer.time_at_work import time_text
+from mrbt_mesh.observer.time_at_work import time_text
 
 # Reasons of refusals that are named for each robot; `--json` has all.
 MOST_REASONS = 5

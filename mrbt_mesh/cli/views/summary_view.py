@@ -10,9 +10,9 @@ from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.cli.views.marks import STATE_MARKS
 from mrbt_mesh.core.facts.records import problem_text
 from mrbt_mesh.core.facts.values import texts_by_reason
-from mrbt_mesh.core.observer.episodes import after_text, lost_text
-from mrbt_mesh.core.observer.summary import ABORTED
-from mrbt_mesh.core.observer.time_at_work import duration_text
+from mrbt_mesh.observer.episodes import after_text, lost_text
+from mrbt_mesh.observer.summary import ABORTED
+from mrbt_mesh.observer.time_at_work import duration_text
 
 RESULTS = {
     "success": ("✔", "bold green", "mission succeeded"),

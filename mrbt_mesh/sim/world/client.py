@@ -36,8 +36,8 @@ from mrbt_mesh.core.membership.wire import MessageKind, decode, encode
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.revisions import RevisionError, revise
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.revised import as_revision
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.job_requests import arguments_of, check_job, job_change, job_value
 from mrbt_mesh.runtime.operator_call import AGAIN_S, CALL_TIMEOUT_S, CommandRefusedError
 from mrbt_mesh.sim.world import team_commands as commands

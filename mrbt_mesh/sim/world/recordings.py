@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from mrbt_mesh.core.agent.view import AgentView
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import earlier_files, observer_file, robot_file
 from mrbt_mesh.recording.metadata import OBSERVER, RunMetadata
 from mrbt_mesh.recording.observer_recorder import ObserverRecorder

@@ -15,7 +15,7 @@ from mrbt_mesh.core.facts.records import Claim, Phase, TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.envelope import Guard
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.robot_recorder import RobotRecorder
 from mrbt_mesh.sim.world.client import Client
 from mrbt_mesh.sim.world.clock import VirtualClock

@@ -10,11 +10,11 @@ from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.jobs import KnownJob
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer.forecast import ExpectedStep, forecast_of
-from mrbt_mesh.core.observer.headline import remedies
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import time_at_work
 from mrbt_mesh.core.planning.plan import Waiting
+from mrbt_mesh.observer.forecast import ExpectedStep, forecast_of
+from mrbt_mesh.observer.headline import remedies
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.time_at_work import time_at_work
 
 # How many steps of a robot's schedule are shown.
 MOST_STEPS = 3

@@ -22,8 +22,8 @@ from mrbt_mesh.core.bt.robot_tree import (
 from mrbt_mesh.core.bt.tree import Status, Tree
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.inner_trees import with_inner_trees
 from mrbt_mesh.views.model.mission_view import tree_view
 

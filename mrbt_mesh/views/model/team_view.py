@@ -12,14 +12,14 @@ from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import name_order
-from mrbt_mesh.core.observer.forecast import forecast_of
-from mrbt_mesh.core.observer.headline import headline, robots_that_differ
-from mrbt_mesh.core.observer.job_history import JobHistory
-from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import late_after_s, time_at_work
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.formats.mission_map import place_states, told_places
+from mrbt_mesh.observer.forecast import forecast_of
+from mrbt_mesh.observer.headline import headline, robots_that_differ
+from mrbt_mesh.observer.job_history import JobHistory
+from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING, JobRow, JobRows
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.time_at_work import late_after_s, time_at_work
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.mission_view import in_units
 from mrbt_mesh.views.model.next_steps import run_seconds

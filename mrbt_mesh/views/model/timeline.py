@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from mrbt_mesh.core.observer.episodes import MajorFault, MinorFault, after_text
-from mrbt_mesh.core.observer.headline import wanted_activations
-from mrbt_mesh.core.observer.newest import Newest
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.work_log import WorkSpan
+from mrbt_mesh.observer.episodes import MajorFault, MinorFault, after_text
+from mrbt_mesh.observer.headline import wanted_activations
+from mrbt_mesh.observer.newest import Newest
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.work_log import WorkSpan
 from mrbt_mesh.views.model.changes import ChangeLog
 
 

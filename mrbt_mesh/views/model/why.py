@@ -14,12 +14,12 @@ from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.mission import MICRO, Need, performance
 from mrbt_mesh.core.mission.names import name_order, type_name
-from mrbt_mesh.core.observer.episodes import MajorFault, after_text
-from mrbt_mesh.core.observer.headline import wanted_activations
-from mrbt_mesh.core.observer.job_rows import RUNNING, WAITING, JobRows
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.task_log import TaskRecord, TaskState
 from mrbt_mesh.core.planning.plan import Plan, assignment_reason, plan_bids, shortened
+from mrbt_mesh.observer.episodes import MajorFault, after_text
+from mrbt_mesh.observer.headline import wanted_activations
+from mrbt_mesh.observer.job_rows import RUNNING, WAITING, JobRows
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.task_log import TaskRecord, TaskState
 
 
 @dataclass(frozen=True, slots=True)

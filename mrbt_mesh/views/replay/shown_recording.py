@@ -7,8 +7,8 @@ from itertools import islice
 from typing import Any
 
 from mrbt_mesh.core.membership.timing import SECOND_US
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.team_view import TakeoversView, TeamState

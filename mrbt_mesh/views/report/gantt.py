@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from mrbt_mesh.core.observer.episodes import after_text, lost_text
+from mrbt_mesh.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.model import ReportedFault, ReportedWork, RunReport
 
 LEFT, WIDTH, LANE, BAR, TOP = 74, 1000, 30, 20, 26

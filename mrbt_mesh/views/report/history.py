@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.records import Proposal
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer.episodes import MajorFault
-from mrbt_mesh.core.observer.forecast import ExpectedStep, forecast_of
-from mrbt_mesh.core.observer.headline import reported_plans
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.plan import Waiting
+from mrbt_mesh.observer.episodes import MajorFault
+from mrbt_mesh.observer.forecast import ExpectedStep, forecast_of
+from mrbt_mesh.observer.headline import reported_plans
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.team_view import AgreementView
 from mrbt_mesh.views.model.why import candidates, why_takeover
 from mrbt_mesh.views.report.model import Disagreement, ReportedPlan, Wait, WaitKind

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mrbt_mesh.core.observer.episodes import after_text, lost_text
+from mrbt_mesh.observer.episodes import after_text, lost_text
 from mrbt_mesh.views.report.gantt import HUES, gantt, kinds
 from mrbt_mesh.views.report.model import (
     Disagreement,

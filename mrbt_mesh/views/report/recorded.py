@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.core.observer.work_log import WorkEnd, WorkSpan
+from mrbt_mesh.observer.run_record import RunRecord
+from mrbt_mesh.observer.work_log import WorkEnd, WorkSpan
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import Recording
 from mrbt_mesh.views.report.history import History

@@ -9,8 +9,8 @@ from rich.text import Text
 
 from mrbt_mesh.core.mission.jobs import utc_text
 from mrbt_mesh.core.mission.mission import JobType
-from mrbt_mesh.core.observer.job_rows import HELD, RUNNING, WAITING
-from mrbt_mesh.core.observer.time_at_work import duration_text
+from mrbt_mesh.observer.job_rows import HELD, RUNNING, WAITING
+from mrbt_mesh.observer.time_at_work import duration_text
 
 # By the states of `JobRow`.
 MARKS = {

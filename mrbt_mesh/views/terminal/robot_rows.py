@@ -11,7 +11,7 @@ from mrbt_mesh.cli.views.marks import MARKS, STATE_MARKS, STATE_WORDS
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.values import texts_by_reason
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.observer.time_at_work import time_text
+from mrbt_mesh.observer.time_at_work import time_text
 
 BAR_COLUMNS = 8
 TREES = ("T_i", "T_A", "T_G", "T_Li")

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.mission_view import mission_view
 from mrbt_mesh.views.model.team_view import Shown
 

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from mrbt_mesh.cli.views.marks import MARKS
 from mrbt_mesh.core.bt.tree import Kind, Status
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.inner_trees import with_inner_trees
 from mrbt_mesh.views.model.mission_view import tree_view
 from mrbt_mesh.views.model.own_trees import OwnTrees, running_tree

@@ -18,9 +18,9 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from mrbt_mesh import plugins
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import CommandError, Control
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import first_part, observer_files, robot_files
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.views.model.mission_view import mission_view

@@ -9,7 +9,7 @@ from typing import Any
 
 import anyio
 
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.team_view import Shown
 from mrbt_mesh.views.web.connections import gives_way
 

@@ -25,9 +25,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from mrbt_mesh.cli.run_list import RUNNING, listed_runs
 from mrbt_mesh.cli.watching import BATCH_S, FRAME_S, past_of
-from mrbt_mesh.core.observer.headline import Level, headline, robots_that_differ
 from mrbt_mesh.drills.control import Control
 from mrbt_mesh.errors import InputError
+from mrbt_mesh.observer.headline import Level, headline, robots_that_differ
 from mrbt_mesh.plugins import ViewerOptions
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.known_runs import find_run

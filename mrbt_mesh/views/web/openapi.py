@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 
 from mrbt_mesh.core.mission.job_arguments import is_exact_number
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.job_rows import JobRow
+from mrbt_mesh.observer.job_rows import JobRow
 from mrbt_mesh.runtime.team_client import CURSOR_PATTERN
 from mrbt_mesh.version import __version__
 from mrbt_mesh.views.model.job_types import (

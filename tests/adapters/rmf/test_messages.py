@@ -20,7 +20,7 @@ from mrbt_mesh.adapters.rmf.messages import (
     task_state,
 )
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.observer.job_rows import JobRow
+from mrbt_mesh.observer.job_rows import JobRow
 from tests.support.behaviour import mission_of
 from tests.support.rmf import validator
 from tests.support.watched import COVER, watched

@@ -5,7 +5,7 @@ from __future__ import annotations
 from benchmarks.page.frames import NODES_PER_CHANGE, ROBOTS, _MadeUp, mission
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.feed import Feed
 

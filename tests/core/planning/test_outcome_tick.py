@@ -22,10 +22,10 @@ from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.membership.replica import Replica
 from mrbt_mesh.core.membership.wire import Header, MessageKind, encode, pack_entries
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.outcome_tick import facts_of_tick, shown_by_tick
 from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.observer.observer import Observer
 from tests.support.commands import submission
 from tests.support.harness import TIMING
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.observer.job_rows import JobRows
+from mrbt_mesh.observer.job_rows import JobRows
 from mrbt_mesh.sim import (
     AgentOptions,
     Fault,

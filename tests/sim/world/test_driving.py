@@ -9,8 +9,8 @@ import anyio
 import pytest
 
 from mrbt_mesh import RobotContext, TaskContext
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.physical import spans
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.sim.run import SimulationResult, simulate
 from mrbt_mesh.sim.world.driving import Leg, duration_ms, legs_to, spot_after
 from mrbt_mesh.sim.world.faults import Kill, Lose, Restart

@@ -10,8 +10,8 @@ import pytest
 
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.build import mission_from_yaml
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.sim import Kill, simulate
 from mrbt_mesh.sim.world.team_commands import Submit
 from mrbt_mesh.views.model.next_steps import (

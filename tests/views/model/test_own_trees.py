@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import observer_file, robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording

@@ -11,9 +11,9 @@ from mrbt_mesh.core.facts.records import HeldMission
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.revisions import revise
-from mrbt_mesh.core.observer.job_log import JobHistory
-from mrbt_mesh.core.observer.job_rows import JobRow
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.observer.job_log import JobHistory
+from mrbt_mesh.observer.job_rows import JobRow
+from mrbt_mesh.observer.summary import run_summary
 from mrbt_mesh.recording.folder import observer_files
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from mrbt_mesh.core.facts.records import Claim, Phase
-from mrbt_mesh.core.observer.run_record import RunRecord
-from mrbt_mesh.core.observer.work_log import WorkEnd
+from mrbt_mesh.observer.run_record import RunRecord
+from mrbt_mesh.observer.work_log import WorkEnd
 from mrbt_mesh.views.model.changes import ChangeLog
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.model.timeline import TimelineView

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.formats.mission_file import load_mission
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim import simulate
 from mrbt_mesh.views.model.changes import ChangeLog

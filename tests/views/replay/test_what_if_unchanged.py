@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.run_record import RunRecord
 from mrbt_mesh.recording.folder import observer_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording

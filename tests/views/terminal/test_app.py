@@ -14,9 +14,9 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Footer
 
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.drills.control import FAULTS as ROBOT_FAULTS
 from mrbt_mesh.drills.control import TEAM_COMMANDS, CommandError, Control
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.recording.folder import robot_file
 from mrbt_mesh.recording.player import Player
 from mrbt_mesh.recording.reader import read_recording

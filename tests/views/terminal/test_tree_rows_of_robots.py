@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.own_trees import own_trees
 from mrbt_mesh.views.terminal.tree_rows import FoldingTree, RobotRows
 from tests.support.runs import run_example

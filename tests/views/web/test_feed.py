@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from mrbt_mesh.core.observer.observer import RunEnd
+from mrbt_mesh.observer.observer import RunEnd
 from mrbt_mesh.views.model.team_view import TeamView
 from mrbt_mesh.views.web.feed import Feed
 from tests.support.watched import WELD, watched

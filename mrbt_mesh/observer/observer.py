@@ -30,10 +30,10 @@ from mrbt_mesh.core.membership.wire import (
     WireError,
 )
 from mrbt_mesh.core.mission.mission import Mission, MissionEnd
-from mrbt_mesh.core.observer.run_record import RunRecord
 from mrbt_mesh.core.planning.derived_facts import DerivedFacts
 from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.run_record import RunRecord
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.facts.records import JobState
-from mrbt_mesh.core.observer.work_log import WorkSpan
+from mrbt_mesh.observer.work_log import WorkSpan
 
 OPEN = "open"
 

@@ -10,9 +10,9 @@ from typing import Any
 from mrbt_mesh.core.bt.activation import parse_activation
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.facts.team_facts import TeamFacts
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.problem import Course, Objective, SchedulingProblem, course_of
+from mrbt_mesh.observer.observer import Observer
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.observer.newest import Newest
+from mrbt_mesh.observer.newest import Newest
 
 
 @dataclass(slots=True)

@@ -9,10 +9,10 @@ import pytest
 from mrbt_mesh.core.facts.records import Claim, JobEnd, JobState, NoClaim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, make_entry, parse_entry
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer import job_log
-from mrbt_mesh.core.observer.job_history import JobHistory
-from mrbt_mesh.core.observer.job_log import JobLog
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer import job_log
+from mrbt_mesh.observer.job_history import JobHistory
+from mrbt_mesh.observer.job_log import JobLog
+from mrbt_mesh.observer.run_record import RunRecord
 from tests.support.behaviour import mission_of
 from tests.support.commands import command, submission
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
-from mrbt_mesh.core.observer.work_log import WorkEnd, WorkLog
+from mrbt_mesh.observer.work_log import WorkEnd, WorkLog
 
 WELD = Claim("r:0:weld::0", "weld", "weld", Phase.CLAIMED, 1)
 RUNNING = Claim("r:0:weld::0", "weld", "weld", Phase.RUNNING, 1)

@@ -25,8 +25,8 @@ from mrbt_mesh.core.facts.records import (
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import split_owner
-from mrbt_mesh.core.observer.job_history import JobHistory, JobTotals
-from mrbt_mesh.core.observer.work_log import WorkSpan
+from mrbt_mesh.observer.job_history import JobHistory, JobTotals
+from mrbt_mesh.observer.work_log import WorkSpan
 
 # Of so many jobs that have ended the histories are kept: of more than the team keeps the ends.
 MOST_ENDED = 2_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mrbt_mesh.core.observer.task_log import TaskState
+from mrbt_mesh.observer.task_log import TaskState
 from tests.support.script import Script
 
 IDLE, RUNNING, SUCCESS, FAILURE, CANCELLED = TaskState

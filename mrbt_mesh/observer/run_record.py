@@ -27,7 +27,8 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.mission.blackboard import Value
 from mrbt_mesh.core.mission.jobs import place_at
 from mrbt_mesh.core.mission.mission import MICRO, Mission
-from mrbt_mesh.core.observer.episodes import (
+from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.episodes import (
     BiddingRecord,
     BlockedEpisode,
     DeathTimes,
@@ -37,12 +38,11 @@ from mrbt_mesh.core.observer.episodes import (
     ProblemEpisode,
     lost_text,
 )
-from mrbt_mesh.core.observer.job_log import JobLog
-from mrbt_mesh.core.observer.mission_rounds import MissionRounds
-from mrbt_mesh.core.observer.newest import Newest
-from mrbt_mesh.core.observer.task_log import TaskLog
-from mrbt_mesh.core.observer.work_log import WorkLog
-from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.job_log import JobLog
+from mrbt_mesh.observer.mission_rounds import MissionRounds
+from mrbt_mesh.observer.newest import Newest
+from mrbt_mesh.observer.task_log import TaskLog
+from mrbt_mesh.observer.work_log import WorkLog
 
 # Of jobs there may be thousands, which have lists of their own.
 _OF_JOBS = {records.JOB, records.JOB_HOLD, records.JOB_PRIORITY, records.JOB_CANCELLED}

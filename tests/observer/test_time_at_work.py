@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.observer.headline import Level, headline
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import (
+from mrbt_mesh.observer.headline import Level, headline
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.time_at_work import (
     duration_text,
     late_after_s,
     time_at_work,

@@ -15,8 +15,8 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
-from mrbt_mesh.core.observer.episodes import DeathTimes, after_text
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.episodes import DeathTimes, after_text
+from mrbt_mesh.observer.run_record import RunRecord
 from tests.support.build import action, make_mission
 
 FIRST, SECOND = Incarnation(1, "n"), Incarnation(2, "m")

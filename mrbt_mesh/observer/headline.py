@@ -24,11 +24,11 @@ from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import Mission, Recorded, performance
 from mrbt_mesh.core.mission.names import name_order, type_name
-from mrbt_mesh.core.observer.episodes import MajorFault, after_text, lost_text
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.time_at_work import duration_text, overdue
 from mrbt_mesh.core.planning.demands import LACKS_GRANTS
 from mrbt_mesh.core.planning.plan import Shortage, shortened
+from mrbt_mesh.observer.episodes import MajorFault, after_text, lost_text
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.time_at_work import duration_text, overdue
 
 # Robots that `mrbt join` starts.
 _STARTABLE = (State.DEAD, State.LEFT)

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.bt.tree import Status
-from mrbt_mesh.core.observer.mission_rounds import MissionRounds
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.observer.mission_rounds import MissionRounds
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from tests.support.script import Script
 
 SUCCESS, FAILURE = Status.SUCCESS, Status.FAILURE

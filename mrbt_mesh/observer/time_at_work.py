@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from mrbt_mesh.core.facts.records import Phase
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.mission.mission import performance
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.observer import Observer
 
 # Work that takes more than this many times as long as it should is late.
 _LATE_FACTOR = 3

@@ -13,10 +13,10 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import MessageKind, encode
-from mrbt_mesh.core.observer.headline import headline
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
-from mrbt_mesh.core.observer.work_log import WorkEnd
+from mrbt_mesh.observer.headline import headline
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
+from mrbt_mesh.observer.work_log import WorkEnd
 from tests.support.script import Script
 from tests.support.watched import COVER, WELD, watched
 

@@ -13,9 +13,9 @@ from mrbt_mesh.core.mission.job_arguments import Argument, named_arguments
 from mrbt_mesh.core.mission.jobs import utc_text
 from mrbt_mesh.core.mission.mission import JobType
 from mrbt_mesh.core.mission.names import name_order
-from mrbt_mesh.core.observer.observer import Observer
 from mrbt_mesh.core.planning.demands import IN_DOUBT
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.observer.observer import Observer
 
 HELD, WAITING, RUNNING = "held", "waiting", "running"
 NOT_BEFORE, NO_PLACE = "not before", "the mission in force has no place for it"

@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 from mrbt_mesh.core.facts.records import Claim, Outcome, Phase
-from mrbt_mesh.core.observer.newest import Newest
+from mrbt_mesh.observer.newest import Newest
 
 # Messages take less, and a moment that moves with each of them is no moment.
 SAME_US = 500_000

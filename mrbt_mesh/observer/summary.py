@@ -7,11 +7,11 @@ from typing import Any
 
 from mrbt_mesh.core.facts.records import JobState, TeamOrder
 from mrbt_mesh.core.mission.mission import MICRO, MissionEnd
-from mrbt_mesh.core.observer.job_history import OPEN, JobTotals, Times
-from mrbt_mesh.core.observer.job_rows import why_over
-from mrbt_mesh.core.observer.newest import Newest
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.run_record import RunRecord
+from mrbt_mesh.observer.job_history import OPEN, JobTotals, Times
+from mrbt_mesh.observer.job_rows import why_over
+from mrbt_mesh.observer.newest import Newest
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.run_record import RunRecord
 
 ABORTED = "an operator has aborted it"
 

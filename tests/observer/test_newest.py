@@ -9,9 +9,9 @@ from mrbt_mesh.core.facts.records import CLAIM, OUTCOME, Claim, Outcome, Phase
 from mrbt_mesh.core.facts.store import Incarnation, Version, parse_entry
 from mrbt_mesh.core.membership.peer import State
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.observer.newest import Newest
-from mrbt_mesh.core.observer.observer import Observer
-from mrbt_mesh.core.observer.summary import run_summary
+from mrbt_mesh.observer.newest import Newest
+from mrbt_mesh.observer.observer import Observer
+from mrbt_mesh.observer.summary import run_summary
 from tests.support.build import action, make_mission
 
 LIFE = Incarnation(1, "n")

@@ -13,9 +13,9 @@ from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.mission.compiled import compile_mission
 from mrbt_mesh.core.mission.revisions import revise
-from mrbt_mesh.core.observer.episodes import after_text
-from mrbt_mesh.core.observer.headline import headline, robots_that_differ
-from mrbt_mesh.core.observer.observer import Observer, RunEnd
+from mrbt_mesh.observer.episodes import after_text
+from mrbt_mesh.observer.headline import headline, robots_that_differ
+from mrbt_mesh.observer.observer import Observer, RunEnd
 from tests.support.commands import command
 from tests.support.watched import ALONE, COVER, WELD, watched
 

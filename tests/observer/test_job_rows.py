@@ -13,8 +13,8 @@ from mrbt_mesh.core.bt.evaluation import JobEnded
 from mrbt_mesh.core.facts.records import JobEnd, JobState
 from mrbt_mesh.core.facts.store import Incarnation, Version, make_entry
 from mrbt_mesh.core.membership.timing import Timing
-from mrbt_mesh.core.observer.job_rows import UNCONFIRMED, JobRows
-from mrbt_mesh.core.observer.observer import Observer
+from mrbt_mesh.observer.job_rows import UNCONFIRMED, JobRows
+from mrbt_mesh.observer.observer import Observer
 from tests.support.commands import command, submission
 from tests.support.one_robot import MISSION, desk
 

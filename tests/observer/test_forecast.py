@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mrbt_mesh.core.facts import records
 from mrbt_mesh.core.facts.records import Claim, Phase, Proposal, ProposedStep
-from mrbt_mesh.core.observer.forecast import Forecast, RobotForecast, forecast
+from mrbt_mesh.observer.forecast import Forecast, RobotForecast, forecast
 from tests.core.planning.test_schedules import FAR, ahead, line, propose, travelling
 from tests.support.build import World, action, make_mission, parallel, task
 
