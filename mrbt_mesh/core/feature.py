@@ -7,7 +7,8 @@ whose `FEATURE` is an instance of `Feature`; CONTRIBUTING.md tells how to write 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -19,10 +20,13 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.agent.health import Health
     from mrbt_mesh.core.agent.operator_desk import FieldRule
     from mrbt_mesh.core.agent.planner import Planner
+    from mrbt_mesh.core.assignment.problem import SideConstraint
     from mrbt_mesh.core.facts.records import Claim
     from mrbt_mesh.core.facts.store import Entry
     from mrbt_mesh.core.membership.wire import Heartbeat
-    from mrbt_mesh.core.mission.mission import Mission
+    from mrbt_mesh.core.mission.mission import JobType, Mission
+    from mrbt_mesh.core.planning.consistency import LimitCheck
+    from mrbt_mesh.core.planning.demands import Demand
     from mrbt_mesh.core.planning.plan import Plan
     from mrbt_mesh.formats.mission_model import MissionModel
     from mrbt_mesh.formats.problems import Report
@@ -31,7 +35,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.sim.checkers.findings import RunFindings
 
 # The packages of the features, in the order in which the kernel calls them.
-NAMES: tuple[str, ...] = ("contact",)
+NAMES: tuple[str, ...] = ("contact", "constraints")
 
 
 class CommandField(NamedTuple):
@@ -117,6 +121,41 @@ class Part:
         """Another mission is in force, and this part is not used for it."""
 
 
+class Limits(ABC):
+    """What limits which robots may work together, in the plans of one mission.
+
+    `name`: what such limits are called, after "its" or "the mission has".
+    """
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def side_constraints(
+        self, free: Sequence[str], wanted: Sequence[Demand], running: Mapping[str, Demand]
+    ) -> tuple[SideConstraint, ...]:
+        """What is left to `free` robots on the `wanted` demands, both by index.
+
+        `running` maps robots to the demands that they work on. What cannot bind is left out.
+        """
+
+    @abstractmethod
+    def check(self, robots: Sequence[str], demands: Sequence[Sequence[Demand]]) -> LimitCheck:
+        """What decides which of the requests with these demands can be kept."""
+
+
+class Built(NamedTuple):
+    """What is made of a mission file before its features have their turn.
+
+    `robot_types`: type -> what its robots can do, in micro-units. `local_tasks`: type ->
+    parameters. `global_tasks`: the ground ones of the tree. `jobs`: types by name.
+    """
+
+    robot_types: Mapping[str, Mapping[str, int]]
+    local_tasks: Mapping[str, Sequence[str]]
+    global_tasks: Collection[str]
+    jobs: Mapping[str, JobType]
+
+
 class Feature:
     """One feature. Every method may be left as it is here.
 
@@ -145,6 +184,10 @@ class Feature:
         """Whether others count on it that robots stop in time by their own clocks."""
         return False
 
+    def limits(self, section: Any) -> Limits | None:
+        """What limits which robots a plan may have work together; one feature at most has any."""
+        return None
+
     # -- the mission file ---------------------------------------------------------------------
 
     def file_fields(self) -> Mapping[str, Mapping[str, tuple[Any, FieldInfo]]]:
@@ -153,13 +196,8 @@ class Feature:
         """
         return {}
 
-    def build(
-        self, model: MissionModel, robot_types: Mapping[str, Mapping[str, int]], report: Report
-    ) -> Any:
-        """The section of a mission from its file; problems go to the report.
-
-        `robot_types`: type -> what its robots can do, in micro-units. Empty: there is none.
-        """
+    def build(self, model: MissionModel, built: Built, report: Report) -> Any:
+        """The section of a mission from its file; problems go to the report. Empty: it has none."""
         return None
 
     # -- facts and agents ---------------------------------------------------------------------
@@ -180,6 +218,12 @@ class Feature:
     def chaos(self, seed: int) -> FeatureChaos | None:
         """How random missions and scenarios use the feature."""
         return None
+
+    def allows(self, section: Any, doers: Mapping[str, str]) -> bool:
+        """Whether these robots may carry out these local tasks, of one global task, while nobody
+        else is at work. For checkers, which try every assignment.
+        """
+        return True
 
     def checkers(self, run: RunFindings) -> Sequence[FeatureChecker]:
         """Checkers of the invariants that the feature promises."""

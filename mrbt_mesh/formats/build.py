@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mrbt_mesh.core.bt.tree import Kind, Tree, TreeError, build_tree
-from mrbt_mesh.core.feature import features
-from mrbt_mesh.core.mission.constraints import Constraint
+from mrbt_mesh.core.feature import Built, features
 from mrbt_mesh.core.mission.mission import (
     MAX_AT_MOST,
     MAX_GLOBAL_TASKS,
@@ -26,10 +25,9 @@ from mrbt_mesh.core.mission.mission import (
     Robot,
     SameRobotAs,
 )
-from mrbt_mesh.core.mission.names import entries_in, type_name
+from mrbt_mesh.core.mission.names import entries_in
 from mrbt_mesh.errors import nearest
 from mrbt_mesh.formats.blackboard import BlackboardEntries
-from mrbt_mesh.formats.constraints import build_constraints
 from mrbt_mesh.formats.expand import (
     Calls,
     Declared,
@@ -49,7 +47,7 @@ from mrbt_mesh.formats.expand import (
     split_template,
 )
 from mrbt_mesh.formats.failure_reasons import condition_types
-from mrbt_mesh.formats.jobs import JobTypes, may_request
+from mrbt_mesh.formats.jobs import JobTypes
 from mrbt_mesh.formats.mission_model import (
     BidModel,
     Blocked,
@@ -136,11 +134,11 @@ class _Builder:
         }
         if tree is not None:
             self.check_same_robots(tree, global_tasks, expander, jobs)
-        constraints = self.constraints(global_tasks, jobs)
         needed = dict(sorted(needed.items()))
         program_trees = self.program_trees.ground(needed, folder)
         travel = self.travel.build(robots, needed, jobs.values())
-        sections = {each.section: each.build(model, types, self.report) for each in features()}
+        built = Built(types, self.local_parameters, global_tasks.keys(), jobs)
+        sections = {each.section: each.build(model, built, self.report) for each in features()}
         self.report.raise_if_any()
         assert tree is not None
         return Mission(
@@ -154,7 +152,6 @@ class _Builder:
             parameters=_sorted_deeply(model.parameters),
             program=resolve_program(model.program, folder),
             solver=model.solver,
-            constraints=constraints,
             ends=MissionEnd(model.ends),
             recorded=Recorded(model.recorded),
             program_trees=program_trees,
@@ -492,24 +489,6 @@ class _Builder:
                 place = ("global_tasks", name, "needs")
                 text = f"{before.global_task} needs no {before.local_task}"
                 self.report.add(place, f"same_robot_as: {text}")
-
-    def constraints(
-        self, tasks: Iterable[str], jobs: Mapping[str, JobType]
-    ) -> tuple[Constraint, ...]:
-        model = self.model
-        known = {*tasks, *(type_name(name) for job in jobs.values() for name in job.global_tasks)}
-        for limited in model.constraints.not_at_once:
-            calls = {call_text(*split_template(text)) for text in limited.global_tasks}
-            known |= {
-                call for call in calls if any(may_request(job, call) for job in jobs.values())
-            }
-        found = build_constraints(
-            model.constraints, model.robots, self.local_parameters, known, self.report
-        )
-        if found and model.solver == "min_cost_flow":
-            text = "min_cost_flow knows no side constraints; use cp_sat, or leave it out"
-            self.report.add(("solver",), text)
-        return found
 
 
 def _sorted_deeply(value: Any) -> Any:

@@ -21,6 +21,7 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from mrbt_mesh.core.mission.mission import MAX_ROBOTS
 from mrbt_mesh.core.mission.names import (
     ARGUMENT_PATTERN,
     MAX_ARGUMENTS,
@@ -55,6 +56,7 @@ EXPLAINED: dict[str, str] = {
 Name: TypeAlias = Annotated[str, Field(pattern=_NAME)]
 RobotName: TypeAlias = Annotated[str, Field(pattern=_ROBOT)]
 GroundText: TypeAlias = Annotated[str, Field(pattern=_GROUND)]
+Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
 
 
 def by_type(expected: str, tags: dict[type, str]) -> Discriminator:

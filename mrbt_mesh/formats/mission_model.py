@@ -41,6 +41,7 @@ from mrbt_mesh.core.mission.mission import (
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_OVERTAKING, MAX_PLACES
 from mrbt_mesh.formats.file_model import (
+    Count,
     FileModel,
     GroundText,
     Name,
@@ -63,7 +64,6 @@ from mrbt_mesh.formats.tree_model import (
 
 MAX_PERFORMANCE_UNITS = 1e6
 MAX_WORK = 1e9
-MAX_CONSTRAINTS = 100
 MAX_COORDINATE = 1e9
 SCHEMA_FILE = Path(__file__).with_name("mission.schema.json")
 
@@ -94,7 +94,6 @@ SolverText: TypeAlias = Annotated[str, Field(pattern=_SOLVER)]
 ReasonText: TypeAlias = Annotated[str, Field(min_length=1, max_length=MAX_REASON)]
 Parameters: TypeAlias = Annotated[list[Name], Field(max_length=MAX_ARGUMENTS)]
 Performance: TypeAlias = Annotated[float, Field(gt=0, le=MAX_PERFORMANCE_UNITS)]
-Count: TypeAlias = Annotated[int, Field(ge=1, le=MAX_ROBOTS)]
 Per: TypeAlias = Literal["team", "robot"]
 Cost: TypeAlias = Annotated[int, Field(ge=0, le=MAX_COST)]
 Place: TypeAlias = Annotated[str, Field(pattern=_PLACE)]
@@ -398,38 +397,6 @@ RobotEntry: TypeAlias = Annotated[
 ]
 
 
-class NeverTogetherModel(FileModel):
-    """At most one of these robots on the same demand; of `local_tasks` only, if there are any."""
-
-    robots: Annotated[list[RobotName], Field(min_length=2)]
-    local_tasks: list[GroundText] = []
-
-
-class AtMostModel(FileModel):
-    """At most `count` of these robots at work at the same time."""
-
-    robots: Annotated[list[RobotName], Field(min_length=2)]
-    count: Count = 1
-
-
-class NotAtOnceModel(FileModel):
-    """At most `count` requests for these global tasks served at the same time.
-
-    A type means all its tasks.
-    """
-
-    global_tasks: Annotated[list[GroundText], Field(min_length=1)]
-    count: Count = 1
-
-
-class ConstraintsModel(FileModel):
-    """Robots that may not work together, or at the same time; see docs/how-to/constraints.md."""
-
-    never_together: Annotated[list[NeverTogetherModel], Field(max_length=MAX_CONSTRAINTS)] = []
-    at_most: Annotated[list[AtMostModel], Field(max_length=MAX_CONSTRAINTS)] = []
-    not_at_once: Annotated[list[NotAtOnceModel], Field(max_length=MAX_CONSTRAINTS)] = []
-
-
 class TravelModel(FileModel):
     """Places, and how long robots are on their way; see docs/how-to/missions.md.
 
@@ -482,8 +449,7 @@ class MissionModel(FileModel):
     """A mission of a team of robots.
 
     `blocked`: for global tasks that do not say it themselves. `solver`: what solves the assignment
-    problem, `constraints`: what else it has to respect (docs/how-to/constraints.md). `jobs`: types
-    of jobs, which Jobs nodes name.
+    problem (docs/how-to/constraints.md). `jobs`: types of jobs, which Jobs nodes name.
     `blackboard`: what else robots tell one another (docs/how-to/conditions.md).
     `recorded: required`: a robot that does not record takes no exclusive task.
     """
@@ -498,7 +464,6 @@ class MissionModel(FileModel):
     ends: Literal["once", "never"] = "once"
     recorded: Literal["if_possible", "required"] = "if_possible"
     solver: SolverText | None = None
-    constraints: ConstraintsModel = ConstraintsModel()
     parameters: dict[Name, JsonValue] = {}
     travel: TravelModel | None = None
     local_tasks: dict[Name, LocalTaskOrTreeModel]

@@ -46,7 +46,7 @@ def solver_for(mission: Mission, named: str | None = None) -> Solver:
     if problem := planner_problem(mission, lacks_planner(), named):
         raise SolverError(problem)
     is_small = not mission.may_need_arrays
-    return load_solver(named or mission.solver, bool(mission.constraints), is_small)
+    return load_solver(named or mission.solver, mission.limits is not None, is_small)
 
 
 def lacks_planner() -> bool:

@@ -17,6 +17,7 @@ from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compil
 from mrbt_mesh.core.mission.jobs import OpenJob, with_jobs
 from mrbt_mesh.core.mission.mission import JobParameter, Mission, SameRobotAs
 from mrbt_mesh.errors import FileError, Problem
+from mrbt_mesh.features.constraints.kinds import constraints_of
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.cautions import cautions
 from mrbt_mesh.formats.mission_file import mission_warnings
@@ -357,7 +358,7 @@ def test_tasks_of_jobs_may_be_limited_by_constraints() -> None:
     limit = (
         "constraints: {not_at_once: [{global_tasks: [fetch, look(shelf_2), 'bring(1,dock_1)']}]}\n"
     )
-    assert len(load(limit + GOOD).constraints) == 1
+    assert len(constraints_of(load(limit + GOOD))) == 1
     (problem,) = problems_of(limit.replace("shelf_2", "shelf_3") + GOOD)
     assert "the tree has no global task 'look(shelf_3)'" in problem.message
 

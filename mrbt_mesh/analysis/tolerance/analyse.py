@@ -13,6 +13,7 @@ from mrbt_mesh.analysis.tolerance.readings import READINGS, Question
 from mrbt_mesh.analysis.tolerance.service import Fault, FaultyTeam, capability_faults, robot_faults
 from mrbt_mesh.core.facts.coalitions import majority
 from mrbt_mesh.core.mission.mission import Costs, Mission
+from mrbt_mesh.features.constraints.kinds import constraints_of
 from mrbt_mesh.formats.cautions import cautions
 
 # Called with what is being worked out, how much of it is done, and how much there is.
@@ -45,7 +46,7 @@ _SIDE_CONSTRAINTS = (
 
 def assumptions(mission: Mission) -> tuple[str, ...]:
     """What the figures rest on, and what they leave out of this mission."""
-    left_out = [str(constraint) for constraint in mission.constraints]
+    left_out = [str(constraint) for constraint in constraints_of(mission)]
     own = sorted(
         {
             name

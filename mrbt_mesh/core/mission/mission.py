@@ -19,14 +19,13 @@ from typing import Any, NamedTuple, TypeAlias
 from mrbt_mesh.core.assignment.solve import needs_arrays
 from mrbt_mesh.core.bt.evaluator import Evaluator
 from mrbt_mesh.core.bt.tree import Kind, Tree, build_tree, spec_from_json, spec_to_json
-from mrbt_mesh.core.feature import features, used
+from mrbt_mesh.core.feature import Limits, features, used
 from mrbt_mesh.core.mission.blackboard import Value, comparison_of
 from mrbt_mesh.core.mission.conditions import (
     ConditionType,
     PerRobotConditions,
     conditions_from_json,
 )
-from mrbt_mesh.core.mission.constraints import Constraint, constraint_from_json, constraint_to_json
 from mrbt_mesh.core.mission.names import (
     bound,
     declared_name,
@@ -503,7 +502,6 @@ class Mission:
     program: str | None = None
     costs: Costs = field(default_factory=Costs)
     solver: str | None = None
-    constraints: tuple[Constraint, ...] = ()
     ends: MissionEnd = MissionEnd.ONCE
     recorded: Recorded = Recorded.IF_POSSIBLE
     program_trees: Mapping[LocalTaskId, ProgramTree] = field(default_factory=dict)
@@ -572,6 +570,12 @@ class Mission:
         being named here do not change it.
         """
         return needs_arrays(len(self.robots), self.most_demands)
+
+    @cached_property
+    def limits(self) -> Limits | None:
+        """What limits which robots may work together; None: nothing does."""
+        found = (feature.limits(section) for feature, section in used(self.sections))
+        return next((each for each in found if each is not None), None)
 
     @cached_property
     def has_bids(self) -> bool:
@@ -730,7 +734,6 @@ class Mission:
         """
         program_trees = program_trees_to_json(self.program_trees) if self.program_trees else None
         optional = {
-            "constraints": [constraint_to_json(constraint) for constraint in self.constraints],
             "solver": self.solver,
             "ends": None if self.ends is MissionEnd.ONCE else str(self.ends),
             "recorded": None if self.recorded is Recorded.IF_POSSIBLE else str(self.recorded),
@@ -798,7 +801,6 @@ def mission_from_json(data: Mapping[str, Any]) -> Mission:
             program=data["program"],
             costs=Costs(*data["costs"]),
             solver=data.get("solver"),
-            constraints=tuple(map(constraint_from_json, data.get("constraints", ()))),
             program_trees=program_trees_from_json(data.get("program_trees", {})),
             travel=Travel.from_json(data["travel"]) if "travel" in data else None,
             jobs={row[0]: JobType.from_json(row) for row in data.get("jobs", ())},

@@ -16,8 +16,8 @@ def planner_need(mission: Mission, named: str | None = None) -> str:
 
     `named`: the solver that takes the place of the mission's.
     """
-    if mission.constraints:
-        return "with its side constraints"
+    if mission.limits is not None:
+        return f"with its {mission.limits.name}"
     if solver := named or mission.solver:
         return f"with the solver {solver!r}"
     if mission.may_need_arrays:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Protocol, TypeAlias
 
 from mrbt_mesh.core.facts.team_facts import TeamFacts
+from mrbt_mesh.core.feature import Limits
 from mrbt_mesh.core.planning.capabilities import Capabilities, RobotMasks
 from mrbt_mesh.core.planning.demands import Demand
 from mrbt_mesh.core.planning.plan import Shortage
@@ -31,6 +32,28 @@ class Feasibility(Protocol):
     def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
         """Whether `keep` would succeed."""
         ...
+
+
+class LimitCheck(Feasibility, Protocol):
+    """The same within limits on which robots may work together; it can name these."""
+
+    def obstacle(self, demands: Sequence[Demand]) -> str:
+        """Which limits keep any living robots from serving a request; empty if none do."""
+        ...
+
+    def in_the_way(self, kept: Sequence[int], key: int, pinned: Mapping[str, int]) -> str:
+        """Which limits keep request `key` from being kept with others; empty if none do."""
+        ...
+
+
+def feasibility(
+    limits: Limits | None,
+    robots: Iterable[str],
+    demands: Sequence[Sequence[Demand]],
+    masks: RobotMasks | None = None,
+) -> Feasibility:
+    """What decides which of the requests with these demands can be kept."""
+    return Consistency(robots, masks) if limits is None else limits.check(list(robots), demands)
 
 
 class Consistency:

@@ -21,7 +21,12 @@ from mrbt_mesh.core.facts.team_facts import TeamFacts
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.planning.bids import Bids, bids_for
 from mrbt_mesh.core.planning.capabilities import Capabilities, Worker, capabilities_of
-from mrbt_mesh.core.planning.consistency import Consistency, kept_requests, shortages
+from mrbt_mesh.core.planning.consistency import (
+    LimitCheck,
+    feasibility,
+    kept_requests,
+    shortages,
+)
 from mrbt_mesh.core.planning.demands import (
     Demand,
     Group,
@@ -34,7 +39,6 @@ from mrbt_mesh.core.planning.pending_failures import pending_failures
 from mrbt_mesh.core.planning.per_robot import pending_losses
 from mrbt_mesh.core.planning.plan import Plan, RobotAssignment, Waiting
 from mrbt_mesh.core.planning.schedules import Lookahead, by_schedule, look_ahead
-from mrbt_mesh.core.planning.side_constraints import SideConstraintCheck, side_constraints
 
 PlanFunction: TypeAlias = Callable[[TeamFacts, Mapping[str, Incarnation]], Plan]
 # Makes the function that makes the plans of one robot.
@@ -126,11 +130,7 @@ def check_consistency(
     kept, pinned = kept_requests(
         facts,
         offered,
-        lambda: (
-            SideConstraintCheck(mission.constraints, list(team), offered)
-            if mission.constraints
-            else Consistency(team, capabilities.masks)
-        ),
+        lambda: feasibility(mission.limits, team, offered, capabilities.masks),
         obstacles | unset,
     )
     found = bids, ahead, obstacles, unset, offered, kept, pinned
@@ -178,8 +178,8 @@ def assign_agents(
     }
     for index, text in found.unset.items():
         waiting[index] = replace(waiting[index], held_by=text)
-    if mission.constraints:
-        check = SideConstraintCheck(mission.constraints, list(team), offered)
+    if mission.limits is not None:
+        check = mission.limits.check(list(team), offered)
         waiting = {
             index: _limited(each, check, demands[index], kept, index, pinned)
             for index, each in waiting.items()
@@ -273,11 +273,11 @@ def _assign(
         return {}
     free = tuple(robot for robot in team if robot not in at_work)
     problem = NamedProblem(free, tuple(named))
-    limits: tuple[SideConstraint, ...] = ()
-    if mission.constraints:
-        limits = side_constraints(mission.constraints, free, list(wanted.values()), at_work)
-    if limits:
-        assigned = within(problem, limits, solver)
+    limited: tuple[SideConstraint, ...] = ()
+    if mission.limits is not None:
+        limited = mission.limits.side_constraints(free, list(wanted.values()), at_work)
+    if limited:
+        assigned = within(problem, limited, solver)
     else:
         assigned = optimum(problem, solver, mission.may_need_arrays)
     if assigned is None:
@@ -306,13 +306,13 @@ def _waiting(
 
 def _limited(
     waiting: Waiting,
-    check: SideConstraintCheck,
+    check: LimitCheck,
     group: Group,
     kept: Sequence[int],
     index: int,
     pinned: Mapping[str, int],
 ) -> Waiting:
-    """Name the side constraints that a request waits for, or that it cannot be served within."""
+    """Name the limits that a request waits for, or within which it cannot be served."""
     if waiting.is_blocked or waiting.awaited or waiting.held_by:
         return waiting
     never = check.obstacle(group)

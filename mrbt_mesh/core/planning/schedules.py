@@ -456,8 +456,8 @@ def _why_left_out(mission: Mission, request: Request, needs: Sequence[Scheduling
     """Why a task is none for a schedule; empty if it is."""
     task, travel = mission.global_tasks[request.subject], mission.travel
     assert travel is not None
-    if mission.constraints:
-        return "the mission has side constraints"
+    if mission.limits is not None:
+        return f"the mission has {mission.limits.name}"
     if request.node in mission.per_robot.guards:
         return "it depends on conditions that every robot has for itself"
     if task.exclusive:

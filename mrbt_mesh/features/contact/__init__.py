@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from mrbt_mesh.core.feature import CommandField, Feature, Index, Kit, Part
+from mrbt_mesh.core.feature import Built, CommandField, Feature, Index, Kit, Part
 from mrbt_mesh.features.contact.loans import BORROWED, Loan, Loans
 from mrbt_mesh.features.contact.policy import (
     MAX_CONTACT_US,
@@ -60,12 +60,10 @@ class Contact(Feature):
 
         return FIELDS
 
-    def build(
-        self, model: MissionModel, robot_types: Mapping[str, Mapping[str, int]], report: Report
-    ) -> Mapping[str, LostContact]:
+    def build(self, model: MissionModel, built: Built, report: Report) -> Mapping[str, LostContact]:
         from mrbt_mesh.features.contact.file import build
 
-        return build(model, robot_types, report)
+        return build(model, built.robot_types, report)
 
     def index(self, mission: Mission) -> Index:
         return Loans()

@@ -16,8 +16,8 @@ from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts.records import TeamOrder
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.capabilities import capabilities_of
+from mrbt_mesh.core.planning.consistency import feasibility
 from mrbt_mesh.core.planning.demands import demands_of
-from mrbt_mesh.core.planning.side_constraints import feasibility
 
 # The search ends after this many evaluations, and nothing is required of the team.
 MAX_EVALUATIONS = 300
@@ -129,5 +129,5 @@ class _Search:
     def _can_serve(self, request: Request) -> bool:
         agent, capable = self._agent, self._capable
         (group,) = demands_of(agent.facts, [request], capable)
-        check = feasibility(agent.mission.constraints, list(capable.team), [group])
+        check = feasibility(agent.mission.limits, capable.team, [group])
         return check.keep(0, group, {})

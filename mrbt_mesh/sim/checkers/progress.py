@@ -24,6 +24,7 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.store import Entry, Incarnation
 from mrbt_mesh.core.facts.team_facts import TeamFacts, capability
+from mrbt_mesh.core.feature import used
 from mrbt_mesh.core.mission.mission import (
     MICRO,
     InDoubtPolicy,
@@ -258,7 +259,7 @@ def _did(facts: TeamFacts, robot: str, request: Request, need: Need) -> bool:
 
 
 def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnation]) -> bool:
-    slots: list[list[str]] = []
+    slots: list[tuple[list[str], str]] = []
     task = facts.mission.global_tasks[request.subject]
     for need in task.needs:
         results = facts.results(request.activation, need.local_task)
@@ -274,12 +275,16 @@ def _can_serve(facts: TeamFacts, request: Request, alive: Mapping[str, Incarnati
             did_before = need.same_robot_as is None or _did(facts, robot, request, need)
             if did_before and capability(known[0], need.local_task) is not None:
                 able.append(robot)
-        slots += [able] * max(0, need.min_robots - sum(results.values()))
+        slots += [(able, need.local_task)] * max(0, need.min_robots - sum(results.values()))
+    slots.sort(key=lambda slot: len(slot[0]))
+    limits = list(used(facts.mission.sections))
 
-    def seat(number: int, taken: frozenset[str]) -> bool:
+    def seat(number: int, doers: Mapping[str, str]) -> bool:
+        if not all(feature.allows(section, doers) for feature, section in limits):
+            return False
         if number == len(slots):
             return True
-        return any(seat(number + 1, taken | {r}) for r in slots[number] if r not in taken)
+        able, local_task = slots[number]
+        return any(seat(number + 1, {**doers, r: local_task}) for r in able if r not in doers)
 
-    slots.sort(key=len)
-    return seat(0, frozenset())
+    return seat(0, {})

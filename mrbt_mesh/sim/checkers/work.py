@@ -20,10 +20,10 @@ from mrbt_mesh.core.facts.records import (
 )
 from mrbt_mesh.core.facts.team_facts import capability
 from mrbt_mesh.core.planning.capabilities import capabilities_of, workers
+from mrbt_mesh.core.planning.consistency import feasibility
 from mrbt_mesh.core.planning.demands import Group, demands_of
 from mrbt_mesh.core.planning.plan import Plan
 from mrbt_mesh.core.planning.schedules import by_schedule
-from mrbt_mesh.core.planning.side_constraints import feasibility
 from mrbt_mesh.sim.checkers.barriers import lacked
 from mrbt_mesh.sim.checkers.findings import RunFindings, current_plan
 
@@ -208,7 +208,7 @@ def keeps_pin(agent: AgentView, plan: Plan, claim: Claim) -> bool:
                 others = [robot for robot in demand.pinned if robot != agent.robot]
                 groups[index][number] = replace(demand, pinned=(*others, agent.robot))
     pinned = {r: i for i, group in enumerate(groups) for d in group for r in d.pinned}
-    check = feasibility(facts.mission.constraints, list(capable.team), groups)
+    check = feasibility(facts.mission.limits, capable.team, groups)
     return any(
         check.keep(index, group, pinned) and group[0].request.activation == claim.activation
         for index, group in enumerate(groups)

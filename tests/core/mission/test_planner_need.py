@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from mrbt_mesh.core.mission.constraints import AtMost
 from mrbt_mesh.core.mission.planner_need import planner_need, planner_problem
+from mrbt_mesh.features.constraints.kinds import SECTION, AtMost
 from mrbt_mesh.formats.mission_file import load_mission
 from tests.support.paths import mission_file
 
 REPAIR = load_mission(mission_file("vehicle_repair"))
 DELIVERIES = load_mission(mission_file("deliveries"))
-LIMITED = replace(REPAIR, constraints=(AtMost(("A1", "A2"), 1),))
+LIMITED = replace(REPAIR, sections={SECTION: (AtMost(("A1", "A2"), 1),)})
 LARGE = replace(REPAIR, robots={f"R{number}": REPAIR.robots["A1"] for number in range(40)})
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from mrbt_mesh.core.bt.tree import Status
 from mrbt_mesh.core.facts import records
-from mrbt_mesh.core.mission.constraints import NeverTogether
 from mrbt_mesh.core.mission.mission import FailurePolicy, InDoubtPolicy
 from mrbt_mesh.core.planning.deadlines import Deadlines
+from mrbt_mesh.features.constraints.kinds import SECTION, NeverTogether
 from tests.support.build import World, action, fallback, make_mission, task
 
 RESILIENT, PAPER = FailurePolicy.RESILIENT, FailurePolicy.PAPER
@@ -192,10 +192,10 @@ def test_side_constraints_that_keep_the_living_from_it() -> None:
     robots: dict[str, dict[str, float]] = {robot: {"a": 1} for robot in ("R1", "R2", "R3")}
     apart = NeverTogether(("R1", "R2"), ())
     mission = make_mission(action("a"), robots, [task("a", ("a", 2, 2))])
-    world = World(replace(mission, constraints=(apart,)))
+    world = World(replace(mission, sections={SECTION: (apart,)}))
     world.die("R3")
     assert pending(world) == []
-    world = World(replace(mission, constraints=(apart,)))
+    world = World(replace(mission, sections={SECTION: (apart,)}))
     world.outcome(world.activation("a"), False, "R3")
     assert pending(world) == ["a"]
 

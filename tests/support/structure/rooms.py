@@ -26,7 +26,7 @@ WORDS: Mapping[str, str] = {
 }
 OWN_FILES: Mapping[str, str] = {
     "bids": r"bidder|bids",
-    "constraints": r"constraints|side_constraints",
+    "constraints": r"nothing",
     "contact": r"nothing",
     "exclusive": r"leases|coalitions|leased_start|coalition_start|coalition_begin",
     "jobs": r"jobs?|job_\w+|jobs_on_disk",

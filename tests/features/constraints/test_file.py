@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from mrbt_mesh.core.mission.compiled import mission_from_compiled
-from mrbt_mesh.core.mission.constraints import AtMost, NeverTogether, NotAtOnce
 from mrbt_mesh.core.mission.mission import Mission, Need, SameRobotAs
+from mrbt_mesh.features.constraints.kinds import AtMost, NeverTogether, NotAtOnce, constraints_of
 from mrbt_mesh.formats.build import mission_from_yaml
 from mrbt_mesh.formats.mission_file import FileError, compile_mission
 from tests.support.paths import ROOT
@@ -44,7 +44,7 @@ def load(text: str) -> Mission:
 
 def test_they_are_read_and_survive_compiling() -> None:
     mission = load(CARRY + LIMITS)
-    assert mission.constraints == (
+    assert constraints_of(mission) == (
         NeverTogether(("R1", "R2"), ("pick", "place(1)")),
         NeverTogether(("R1", "R3")),
         AtMost(("R1", "R2", "R3"), 2),
@@ -145,5 +145,5 @@ def test_the_documents_examples_are_right() -> None:
     (tasks,) = [block for block in blocks if block.startswith("global_tasks:")]
     head, _, rest = CARRY.partition("global_tasks:")
     mission = load(head + tasks + rest[rest.index("tree:") :] + limits)
-    assert len(mission.constraints) == 3
+    assert len(constraints_of(mission)) == 3
     assert mission.global_tasks == load(CARRY).global_tasks

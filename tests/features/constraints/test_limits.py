@@ -14,10 +14,17 @@ from mrbt_mesh.core.assignment.canonical import solve
 from mrbt_mesh.core.assignment.problem import AssignmentProblem
 from mrbt_mesh.core.assignment.solvers import default_solver
 from mrbt_mesh.core.bt.tree import NodeSpec
-from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NeverTogether, NotAtOnce
 from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, Mission, Need, SameRobotAs
 from mrbt_mesh.core.planning.make_plan import make_plan
 from mrbt_mesh.core.planning.plan import Plan
+from mrbt_mesh.features.constraints.kinds import (
+    SECTION,
+    AtMost,
+    Constraint,
+    NeverTogether,
+    NotAtOnce,
+    constraints_of,
+)
 from tests.support.build import (
     World,
     action,
@@ -33,7 +40,7 @@ from tests.support.oracle import brute_force
 
 
 def limited(mission: Mission, *constraints: Constraint) -> World:
-    return World(replace(mission, constraints=constraints))
+    return World(replace(mission, sections={SECTION: constraints}))
 
 
 def plan(world: World) -> Plan:
@@ -301,13 +308,13 @@ def test_plans_keep_the_constraints_and_requests_as_trying_out_everything_does(s
 
         noting.supports_constraints = True  # type: ignore[attr-defined]
         found = make_plan(world.facts, world.alive, noting)
-        where = f"seed {seed}, case {case}: {world.mission.constraints}, {found.to_json()}"
+        where = f"seed {seed}, case {case}: {constraints_of(world.mission)}, {found.to_json()}"
         requests = found.evaluation.requests
         assert found.feasible is (len(found.waiting) < len(requests) or not requests), where
         on = {r: (line.global_task, line.local_task) for r, line in found.assignments.items()}
         running = {r: on[r] for r, line in found.assignments.items() if line.pinned}
         for robot in on.keys() - running.keys():
-            assert keeps(world.mission.constraints, on, running, robot), where
+            assert keeps(constraints_of(world.mission), on, running, robot), where
         for problem in problems:
             assert solve(problem, default_solver) == brute_force(problem), where
         limited_requests += sum(bool(w.held_by or w.obstacle) for w in found.waiting)
@@ -347,6 +354,6 @@ def _seats(
         pairs = list(zip(robots, slots, strict=True))
         if all(slot[1] in world.mission.robots[robot].capabilities for robot, slot in pairs):
             on = running | dict(pairs)
-            if all(keeps(world.mission.constraints, on, running, robot) for robot in robots):
+            if all(keeps(constraints_of(world.mission), on, running, robot) for robot in robots):
                 return True
     return False

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 from mrbt_mesh.core.assignment.problem import (
     AssignmentProblem,
@@ -20,12 +19,31 @@ from mrbt_mesh.core.assignment.problem import (
     require_planner,
 )
 from mrbt_mesh.core.assignment.solvers import min_cost_flow
-from mrbt_mesh.core.mission.constraints import AtMost, Constraint, NotAtOnce
+from mrbt_mesh.core.feature import Limits
 from mrbt_mesh.core.mission.names import type_name
-from mrbt_mesh.core.planning.consistency import Consistency, Feasibility
+from mrbt_mesh.core.planning.consistency import LimitCheck
 from mrbt_mesh.core.planning.demands import Demand, running_on
+from mrbt_mesh.features.constraints.kinds import AtMost, Constraint, NotAtOnce
 
-Group: TypeAlias = Sequence[Demand]
+
+class ConstraintLimits(Limits):
+    """What the side constraints of a mission leave to its plans."""
+
+    name = "side constraints"
+
+    def __init__(self, constraints: Sequence[Constraint]) -> None:
+        self._constraints = constraints
+
+    def side_constraints(
+        self, free: Sequence[str], wanted: Sequence[Demand], running: Mapping[str, Demand]
+    ) -> tuple[SideConstraint, ...]:
+        """See `Limits`."""
+        return side_constraints(self._constraints, free, wanted, running)
+
+    def check(self, robots: Sequence[str], demands: Sequence[Sequence[Demand]]) -> LimitCheck:
+        """See `Limits`."""
+        require_planner()
+        return SideConstraintCheck(self._constraints, robots, demands)
 
 
 def side_constraints(
@@ -92,44 +110,35 @@ def _names(names: Sequence[str], ground: str) -> bool:
     return ground in names or type_name(ground) in names
 
 
-def feasibility(
-    constraints: Sequence[Constraint],
-    robots: Sequence[str],
-    demands: Sequence[Group],
-) -> Feasibility:
-    """What decides which of the requests with these demands can be kept."""
-    if constraints:
-        require_planner()
-        return SideConstraintCheck(constraints, robots, demands)
-    return Consistency(robots)
-
-
-class SideConstraintCheck:
+class SideConstraintCheck(LimitCheck):
     """Keeps requests one after the other while all stay feasible within the constraints.
 
     `demands` are those of all requests, by which robots that run are found.
     """
 
     def __init__(
-        self, constraints: Sequence[Constraint], robots: Sequence[str], demands: Sequence[Group]
+        self,
+        constraints: Sequence[Constraint],
+        robots: Sequence[str],
+        demands: Sequence[Sequence[Demand]],
     ) -> None:
         self._constraints = constraints
         self._robots = sorted(robots)
         self._demands = demands
         self._kept: list[int] = []
 
-    def keep(self, key: int, demands: Group, pinned: Mapping[str, int]) -> bool:
+    def keep(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
         """Try to add request `key`; `pinned` maps robots to the request that they run."""
         fits = self.fits(key, demands, pinned)
         if fits:
             self._kept.append(key)
         return fits
 
-    def fits(self, key: int, demands: Group, pinned: Mapping[str, int]) -> bool:
+    def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
         """Whether `keep` would succeed."""
         return self._is_feasible([*self._kept, key], pinned, self._constraints)
 
-    def obstacle(self, demands: Group) -> str:
+    def obstacle(self, demands: Sequence[Demand]) -> str:
         """Which constraints keep any living robots from serving a request; empty if none do."""
         alone = SideConstraintCheck(self._constraints, self._robots, [demands])
         return alone.in_the_way([], 0, {})

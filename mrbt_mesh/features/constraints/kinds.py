@@ -1,12 +1,15 @@
 """Side constraints that a mission declares: robots that may not work together, or at once.
 
-`planning.side_constraints` applies them.
+`limits` applies them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+if TYPE_CHECKING:
+    from mrbt_mesh.core.mission.mission import Mission
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,15 @@ class NotAtOnce:
 
 
 Constraint: TypeAlias = NeverTogether | AtMost | NotAtOnce
+
+# What a mission, and its file, call them.
+SECTION = "constraints"
+
+
+def constraints_of(mission: Mission) -> tuple[Constraint, ...]:
+    """Those of a mission."""
+    found: tuple[Constraint, ...] = mission.sections.get(SECTION, ())
+    return found
 
 
 def constraint_to_json(constraint: Constraint) -> list[Any]:
