@@ -381,7 +381,7 @@ JOB = Submit("inspect", ["dock_1"], "one")
         ((1, Submit("inspect", "dock_1")), ".* arguments are values in order, or by the names"),
         ((1, Submit("inspect")), ".* inspect takes 1 argument .where.; given: 0"),
         ((1, Submit("deliver", {"what": 1})), ".* deliver takes the arguments what, where; given"),
-        ((1, replace(JOB, id="a b")), ".* 'a b' is no id"),
+        ((1, replace(JOB, id="a b")), ".* 'a b' is not an id"),
         ((1, replace(JOB, priority=5_000)), ".* a priority is a whole number from"),
         ((1, replace(JOB, deadline_s=-1)), ".*deadline_s: a number from 0 is expected, not -1"),
         ((1, Submit("patrol")), ".* no job type 'patrol'; known: deliver, inspect"),

@@ -33,7 +33,7 @@ def time_of(text: str) -> tuple[datetime | timedelta, bool]:
             is_of_today = True
     if when is None:
         expected = "+600 (seconds from now), 14:30 (today), 2026-05-04T14:30 or ...T14:30+02:00"
-        raise ValueError(f"{text!r:.80} is no time: {expected}")
+        raise ValueError(f"{text!r:.80} is not a time: {expected}")
     try:
         moment = moment_of(when).astimezone(UTC)
     except ValueError as error:

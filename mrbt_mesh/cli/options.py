@@ -114,7 +114,7 @@ FAULTS = {
     "thaw": ("A1@8,...", "SIGCONT."),
     "leave": ("B1@6,...", "Leave on purpose."),
     "fault": ("A1:LOCAL_TASK@4,...", "Lose a capability, or all of them."),
-    "restore": ("A1[:LOCAL_TASK]@6,...", "Have it again."),
+    "restore": ("A1[:LOCAL_TASK]@6,...", "Restore a capability."),
     "performance": ("A1:LOCAL_TASK=0.5@4,...", "Do it better or worse from then on."),
 }
 

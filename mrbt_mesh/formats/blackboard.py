@@ -63,7 +63,7 @@ class BlackboardEntries:
         for name, task in model.local_tasks.items():
             for i, each in enumerate(task.sets):
                 if each not in self.types:
-                    message = f"{each!r} is no blackboard entry{nearest(each, self.types)}"
+                    message = f"{each!r} is not a blackboard entry{nearest(each, self.types)}"
                     report.add(("local_tasks", name, "sets", i), message)
 
     def _unreadable(self, known: ConditionType, set_somewhere: set[str]) -> str:

@@ -329,7 +329,7 @@ def _check_jobs(template: Template, known: Collection[str] | None, report: Repor
         report.add(template.path, f"there are no types of jobs; declare one, e.g. {example}")
     for name, path in template.jobs:
         if name not in known:
-            report.add(path, f"{name!r} is no declared job type{nearest(name, known)}")
+            report.add(path, f"{name!r} is not a declared job type{nearest(name, known)}")
 
 
 def check_call(
@@ -343,7 +343,7 @@ def check_call(
     """Report a call of something undeclared, or with wrong arguments; `what` names the kind."""
     name, arguments = split_template(text)
     if name not in table:
-        report.add(path, f"{name!r} is no declared {what}{nearest(name, table)}")
+        report.add(path, f"{name!r} is not a declared {what}{nearest(name, table)}")
     elif len(arguments) != len(table[name]):
         wanted = table[name]
         listed = f" ({', '.join(wanted)})" if wanted else ""

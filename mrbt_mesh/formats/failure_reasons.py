@@ -60,7 +60,7 @@ def _reason(
     task, templates = split_template(call)
     for parameter in condition.parameters:
         if f"${parameter}" not in templates:
-            report.add(place, f"${parameter} is no argument of {call}; it has to be one")
+            report.add(place, f"${parameter} is not an argument of {call}; it has to be one")
     try:
         arguments = tuple(_argument(each, own, model.parameters) for each in templates)
     except KeyError:

@@ -52,7 +52,7 @@ class TravelBuilder:
             parameters = model.local_tasks[name].parameters
             check_references(at, frozenset(model.parameters) | {*parameters}, place, report)
             if "$" not in at and at in parameters and at not in self._places:
-                report.add(place, f"{at!r} is no place; write ${at} for the parameter")
+                report.add(place, f"{at!r} is not a place; write ${at} for the parameter")
             elif "$" not in at:
                 self._check_place(at, place)
 
@@ -164,7 +164,7 @@ class TravelBuilder:
     def _check_place(self, name: str, path: SourcePath, of: str = "") -> bool:
         """Report what is no place; `of`: the ground local task that happens there."""
         if name not in self._places:
-            message = f"{name!r} is no declared place{nearest(name, self._places)}"
+            message = f"{name!r} is not a declared place{nearest(name, self._places)}"
             self._report.add(path, f"{of}: {message}" if of else message)
         return name in self._places
 

@@ -109,7 +109,7 @@ def read_incarnation(text: str) -> Incarnation:
     """The inverse of `str(incarnation)`; raises ValueError."""
     counter, point, nonce = text.partition(".")
     if not point:
-        raise ValueError(f"{text!r} is no incarnation")
+        raise ValueError(f"{text!r} is not an incarnation")
     return Incarnation(int(counter), nonce)
 
 

@@ -405,7 +405,7 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
             text = "it was cut off before its first record"
             raise EmptyRecordingError(f"{path}: holds nothing: {text}")
         what = reading.problem or "it holds no metadata of mrbt"
-        raise RecordingError(f"{path}: is no recording of mrbt: {what}")
+        raise RecordingError(f"{path} is not an mrbt recording: {what}")
     try:
         metadata = RunMetadata.from_values(reading.metadata)
     except ValueError as error:

@@ -33,8 +33,8 @@ class AddressWatch:
         if gone:
             here = ", ".join(sorted(_others(interfaces))) or "none but loopback"
             return (
-                f"it listens on {', '.join(gone)}, which is no address of this machine any more "
-                f"(now: {here}): give it back, or start the robot with another --listen or "
+                f"it listens on {', '.join(gone)}, which is not an address of this machine any "
+                f"more (now: {here}): give it back, or start the robot with another --listen or "
                 "--multicast"
             )
         if self._is_everywhere and self._before and not _others(interfaces):

@@ -159,7 +159,7 @@ def _noted(
         is_whole = json.dumps(again).encode() == line
         proof = bytes.fromhex(signature)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return NotedCommand(number, None, "", "", problem="is no command that mrbt has noted")
+        return NotedCommand(number, None, "", "", problem="is not a command that mrbt has noted")
     problem = ""
     if not is_whole:
         problem = "is not as mrbt writes it"

@@ -56,7 +56,7 @@ def check_job(
     """The type of a job; raises for what any robot would refuse."""
     found = job_type(mission, kind)
     if not is_job_id(job_id):
-        text = f"{job_id!r:.80} is no id: 1 to 64 letters, digits, _, ., + or -, not . or .."
+        text = f"{job_id!r:.80} is not an id: 1 to 64 letters, digits, _, ., + or -, not . or .."
         raise JobRefusedError(text)
     if not all(map(is_argument, arguments)) and (problem := found.problem(arguments)):
         raise JobRefusedError(problem)  # robots say it of other values, by their own mission

@@ -169,7 +169,7 @@ class KeyFolder:
         manifest = self.manifest(authority)
         member = manifest.members.get(name)
         if member is None or member.is_revoked:
-            raise KeysError(f"{name} is no member of the team in {self.manifest_path}")
+            raise KeysError(f"{name} is not a member of the team in {self.manifest_path}")
         if member.sign != public_member(secret, member.role).sign:
             raise KeysError(f"{path} is not the key that {self.manifest_path} has of {name}")
         return MemberKeys(name, secret, manifest)
@@ -224,7 +224,7 @@ def _read(path: Path) -> dict[str, Any]:
     except ValueError:
         found = None
     if not isinstance(found, dict):
-        raise KeysError(f"{path} is no private key of `mrbt keys`")
+        raise KeysError(f"{path} is not a private key of `mrbt keys`")
     return found
 
 
@@ -234,7 +234,7 @@ def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:
     except (ValueError, TypeError, KeyError):
         found = b""
     if len(found) != size:
-        raise KeysError(f"{path} is no private key of `mrbt keys`")
+        raise KeysError(f"{path} is not a private key of `mrbt keys`")
     return found
 
 

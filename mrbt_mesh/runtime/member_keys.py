@@ -123,7 +123,7 @@ def parse_manifest(text: str, authority: bytes | None = None) -> Manifest:
 
 def _member(name: str, row: Any) -> PublicKeys:
     if not is_robot_id(name):
-        raise ValueError(f"{name[:32]!r} is no member's name")
+        raise ValueError(f"{name[:32]!r} is not a member's name")
     if type(row["revoked"]) is not bool:
         raise ValueError(f"{name}: revoked is true or false")
     return PublicKeys(

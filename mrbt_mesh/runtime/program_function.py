@@ -51,7 +51,11 @@ class Parameter:
                 raise ValueError(text)
             return self.type(text)
         except (KeyError, ValueError):
-            what = {int: "no integer", float: "no real number", bool: "neither true nor false"}
+            what = {
+                int: "not an integer",
+                float: "not a real number",
+                bool: "neither true nor false",
+            }
             problem = f"the text {text!r} is {what[self.type]}"
             raise ValueError(f"parameter {self.name!r}: {problem}") from None
 

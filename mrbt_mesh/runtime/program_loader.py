@@ -138,7 +138,7 @@ def _costs_problem(background: BackgroundFunction, known: Collection[str]) -> _P
         if name != ALL and type_name(name) not in known:
             hint = nearest(type_name(name), known)
             what = f"background function {background.name!r}: costs names {name!r}"
-            return what, f"{what}, which is no local task of the mission{hint}"
+            return what, f"{what}, which is not a local task of the mission{hint}"
     return "", ""
 
 

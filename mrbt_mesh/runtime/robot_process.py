@@ -164,7 +164,7 @@ def _expected(options: RobotOptions, mission: Mission) -> frozenset[str]:
     expected = list(mission.robots) if options.expect is None else options.expect
     for robot in expected:
         if not is_robot_id(robot):
-            raise InputError(f"--expect {','.join(expected)}: {robot!r} is no robot's id")
+            raise InputError(f"--expect {','.join(expected)}: {robot!r} is not a robot's id")
     return frozenset(expected)
 
 

@@ -140,10 +140,10 @@ class AgentPort:
         known = mission.conditions.get(declared_name(name)) if isinstance(name, str) else None
         if known is None or known.values is None or not mission.knows_entry(name):
             declared = ", ".join(sorted(mission.conditions.keys() - mission.truths.keys()))
-            text = f"{shown(name)} is no entry of the mission's blackboard"
+            text = f"{shown(name)} is not an entry of the mission's blackboard"
             raise ValueError(f"{text} ({declared or 'it has none'})")
         if known.per_job and not self._job:
-            raise ValueError(f"each job has its own {name}, and this is no task of a job")
+            raise ValueError(f"each job has its own {name}, and this is not a task of a job")
         return known.values
 
     def read_value(self, name: str) -> str | int | float | None:

@@ -132,7 +132,7 @@ class TeamClient:
     def jobs_after(self, cursor: str) -> list[JobRow]:
         """Those of the `jobs` after this place; raises ValueError for what is none."""
         if re.fullmatch(CURSOR_PATTERN, cursor, re.ASCII) is None:
-            raise ValueError("this is no cursor")
+            raise ValueError("this is not a cursor")
         numbers, _, name = cursor.partition("~")
         after = tuple(map(int, numbers.split("."))), name
         return [row for row in self.jobs if self._rows.place(row.id) > after]

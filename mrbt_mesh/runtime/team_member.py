@@ -169,7 +169,7 @@ class TeamMember:
         """
         while not holds():
             if self.stopped is not None:
-                raise NotInTeamError(f"{self.robot} is no member any more: {self.stopped}")
+                raise NotInTeamError(f"{self.robot} is not a member any more: {self.stopped}")
             await self._changed.wait()
 
     async def until_joined(self) -> None:

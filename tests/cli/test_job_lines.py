@@ -71,14 +71,14 @@ INSPECT = {"type": "inspect", "arguments": ["shelf_1"]}
         ({"type": "inspect", "arguments": {"where": 1.5}}, "where is one of dock_1"),
         ({"type": "inspect", "priority": "high"}, "priority is a whole number"),
         ({"type": "inspect", "safe": 0}, "safe is a whole number from 1 on"),
-        ({"type": "inspect", "deadline": "soon"}, "deadline: 'soon' is no time: +600"),
+        ({"type": "inspect", "deadline": "soon"}, "deadline: 'soon' is not a time: +600"),
         ({"type": "inspect", "deadline": "+1e9"}, "deadline: +1e9: at most +31622400"),
         ({"type": "paint"}, "no job type 'paint'"),
         ({"type": "inspect"}, "inspect takes 1 argument (where); given: 0"),
         ({"type": "inspect", "arguments": ["moon"]}, "where is one of "),
         ({"type": "inspect", "arguments": {"what": "moon"}}, "inspect takes the arguments where"),
-        ({"type": "inspect", "arguments": ["shelf_1"], "id": ".."}, "'..' is no id"),
-        ({"type": "inspect", "arguments": ["shelf_1"], "id": "\ud800"}, "is no id"),
+        ({"type": "inspect", "arguments": ["shelf_1"], "id": ".."}, "'..' is not an id"),
+        ({"type": "inspect", "arguments": ["shelf_1"], "id": "\ud800"}, "is not an id"),
         ({"type": "inspect", "arguments": ["shelf_1"], "priority": 10**9}, "a priority is"),
         ({"type": "inspect", "arguments": ["shelf_1"], "safe": 99}, "safe 99: the mission has"),
         ({"type": "inspect", "arguments": ["shelf_1"], "id": "good"}, "the id good is that of"),
@@ -89,7 +89,7 @@ def test_a_wrong_line_is_refused_with_its_number(line: object, message: str) -> 
     with pytest.raises(InputError) as error:
         read(good, b"", line)
     first, last = str(error.value).split("\n")
-    assert first.startswith(f"line 3: {message}" if "is no id" not in message else "line 3: ")
+    assert first.startswith(f"line 3: {message}" if "is not an id" not in message else "line 3: ")
     assert message in first
     assert last == "no job was submitted"
 

@@ -38,7 +38,7 @@ def test_a_time_of_the_day_is_that_of_today() -> None:
 
 @pytest.mark.parametrize("text", ["soon", "+", "+nan", "+-5", "-5", "600", "25:00"])
 def test_anything_else_is_refused_with_examples(text: str) -> None:
-    with pytest.raises(click.BadParameter, match="is no time: \\+600"):
+    with pytest.raises(click.BadParameter, match="is not a time: \\+600"):
         job_time(CONTEXT, OPTION, text)
 
 

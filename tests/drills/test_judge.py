@@ -258,7 +258,7 @@ def test_links_come_back_in_time_or_not() -> None:
     assert (never.holds, never.found) == (False, "B1 hears A1 no more")
     unneeded = LinkLine(7, "B1", "A1", "link_unwatched")
     (other,) = results(cut_until(5, *lost, both[0], unneeded), links_back_within_s=2)
-    assert (other.holds, other.found) == (True, "1 links came back"), "A1 is no neighbour now"
+    assert (other.holds, other.found) == (True, "1 links came back"), "A1 is not a neighbour now"
     (idle,) = results(cut_until(5), links_back_within_s=2)
     assert (idle.holds, idle.found) == (False, "no link was lost")
 

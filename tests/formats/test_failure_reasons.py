@@ -50,10 +50,10 @@ def test_a_condition_of_a_global_task_with_a_parameter_of_the_mission() -> None:
     ("given", "message"),
     [
         ("{local_task: drive($place), contains: x}", "local task 'drive' takes 2 arguments"),
-        ("{global_task: goo($place), contains: x}", "'goo' is no declared global task; did you"),
-        ("{global_task: go(dock), contains: x}", "$place is no argument of go(dock)"),
+        ("{global_task: goo($place), contains: x}", "'goo' is not a declared global task; did you"),
+        ("{global_task: go(dock), contains: x}", "$place is not an argument of go(dock)"),
         ("{global_task: go($plac), contains: x}", "unknown parameter $plac"),
-        ("{global_task: go(x$place), contains: x}", "$place is no argument of go(x$place)"),
+        ("{global_task: go(x$place), contains: x}", "$place is not an argument of go(x$place)"),
         ("{local_task: 'drive($place,x$place)', contains: x}", "must be a whole argument here"),
         ("{local_task: 'drive($place,$gap)', contains: x}", "an argument has 1 to 64 letters"),
         ("{global_task: go($place)}", "failure_reason takes either equals or contains"),

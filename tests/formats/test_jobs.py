@@ -226,7 +226,7 @@ NODE = "Jobs: {types: [inspect, deliver], at_most: 7}"
         ("    attempts: 2\n", "    tries: 2\n", 35, "unknown key 'tries'"),
         # Trees of types.
         ("tree: look($where)", "tree: look($were)", 44, "unknown parameter $were; did you mean"),
-        ("tree: look($where)", "tree: loop($where)", 44, "'loop' is no declared global task"),
+        ("tree: look($where)", "tree: loop($where)", 44, "'loop' is not a declared global task"),
         ("clear($to)", "clear", 38, "condition 'clear' takes 1 argument (place), found 0"),
         (
             "tree: look($where)",
@@ -239,9 +239,9 @@ NODE = "Jobs: {types: [inspect, deliver], at_most: 7}"
             "to: $docks",
             f"to: [{'x' * 60}, short]",
             12,
-            f"'{'x' * 60}' is no declared place",
+            f"'{'x' * 60}' is not a declared place",
         ),
-        ("min: 1, max: 2", "min: 1, max: 3", 9, "'shelf_3' is no declared place; did you mean"),
+        ("min: 1, max: 2", "min: 1, max: 3", 9, "'shelf_3' is not a declared place; did you mean"),
         ("fetch($number), look", "look", 40, "which does not come before it in the tree"),
         ("tree: look($where)", "tree: {Jobs: [deliver]}", 44, "a node of the team's tree"),
         # The node.
@@ -249,7 +249,7 @@ NODE = "Jobs: {types: [inspect, deliver], at_most: 7}"
             "[inspect, deliver]",
             "[inspect, delivr]",
             48,
-            "'delivr' is no declared job type; did you",
+            "'delivr' is not a declared job type; did you",
         ),
         ("[inspect, deliver]", "[inspect]", 29, "no Jobs node has it; write {Jobs: [deliver]}"),
         (
@@ -264,7 +264,7 @@ NODE = "Jobs: {types: [inspect, deliver], at_most: 7}"
             "{types: [inspect, deliver], at_most: 7}",
             "deliverr",
             48,
-            "'deliverr' is no declared job",
+            "'deliverr' is not a declared job",
         ),
         ("{types: [inspect, deliver], at_most: 7}", "deliver", 42, "write {Jobs: [inspect]} where"),
         ("  inspect:\n", "  all: {tree: look(dock_1)}\n  inspect:\n", 42, "choose another name"),

@@ -82,7 +82,7 @@ def test_what_local_tasks_set_is_ground_in_the_global_task() -> None:
     assert task.effects == (("hot(3)", True),)
     assert mission_from_json(json.loads(json.dumps(mission.to_json()))) == mission
     assert load(FILE).global_tasks["fix"].effects == ()
-    for wrong, message in (("cold($p)", "'cold' is no declared condition"), ("hot($q)", "$q")):
+    for wrong, message in (("cold($p)", "'cold' is not a declared condition"), ("hot($q)", "$q")):
         with pytest.raises(FileError) as caught:
             load(text.replace("hot($p)", wrong))
         assert message in str(caught.value)

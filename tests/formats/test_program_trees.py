@@ -81,7 +81,11 @@ def test_a_damaged_compiled_mission_is_refused(tmp_path: Path, damage: str, valu
         ("go.xml#Go", "gone.xml#Go", r"m.yaml:8: local_tasks.go.tree: .*gone.xml.*no such file"),
         ("go.xml#Go", "go.xml#Og", "go.xml: there is no tree 'Og'; known: Go"),
         ("to: $where", "to: $wehre", r"ports.to: unknown parameter \$wehre; did you mean 'where'"),
-        ("there($where)}", "their($where)}", "outputs.arrived: 'their' is no declared condition"),
+        (
+            "there($where)}",
+            "their($where)}",
+            "outputs.arrived: 'their' is not a declared condition",
+        ),
         ("arrived: there($where)", "arrived: there", r"takes 1 argument \(where\), found 0"),
         ("    tree: go.xml#Go\n", "", "ports and outputs are those of a tree in a file"),
     ],

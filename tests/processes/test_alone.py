@@ -133,8 +133,10 @@ def test_an_address_that_goes_away_is_named_and_listened_on_when_it_is_back(plac
         place.wait_for_event(robot, "link_up", "joined")
     there = f"{address}/24"
     place.run("R1", "ip", "address", "del", there, "dev", "eth0")
-    place.wait_for("R1", f"it listens on {address}, which is no address of this machine any more")
-    gone = f"R1: it listens on {address}, which is no address of"
+    place.wait_for(
+        "R1", f"it listens on {address}, which is not an address of this machine any more"
+    )
+    gone = f"R1: it listens on {address}, which is not an address of"
     place.team.wait_until(lambda: any(gone in text for text in place.headline("R1")), gone)
     place.wait_for_event("R2", "link_silent")
     place.run("R1", "ip", "address", "add", there, "dev", "eth0")

@@ -38,7 +38,7 @@ def test_a_robot_with_another_key_is_taken_in_again_and_a_revoked_one_is_refused
     team.wait_until(lambda: stops(team, INSIDER) == 1, f"{INSIDER} stops")
     refused = team.command("join", INSIDER)
     assert refused.returncode == 2
-    assert f"{INSIDER} is no member of the team" in refused.stderr
+    assert f"{INSIDER} is not a member of the team" in refused.stderr
     info = json.loads((team.run_dir / "run.json").read_text())
     wanted = {"how": ["member"], "team": info["options"]["team"], "keys": str(stolen)}
     with intruder(**wanted, endpoints=list(info["endpoints"].values())):

@@ -37,7 +37,7 @@ def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     other = tmp_path / "other"
     other.write_text("no recording")
-    with pytest.raises(RecordingError, match=r"other: is no recording of mrbt: not a valid MCAP"):
+    with pytest.raises(RecordingError, match=r"other is not an mrbt recording: not a valid MCAP"):
         read_recording(other)
     with pytest.raises(RecordingError, match="cannot be read: No such file"):
         read_recording(tmp_path / "missing")
@@ -45,7 +45,7 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", [b"n", b"no", b"no recording of anything"])
 def test_text_is_no_recording(text: bytes) -> None:
-    with pytest.raises(RecordingError, match="x: is no recording of mrbt: not a valid MCAP file"):
+    with pytest.raises(RecordingError, match="x is not an mrbt recording: not a valid MCAP file"):
         parse_recording(text, Path("x"))
 
 
@@ -54,7 +54,7 @@ def test_chunks_are_not_unpacked(compression: bytes) -> None:
     said = struct.pack("<QQQII", 0, 0, 100, 0, len(compression)) + compression
     chunk = said + struct.pack("<Q", 5) + b"junk!"
     content = MAGIC + struct.pack("<BQ", 0x06, len(chunk)) + chunk
-    with pytest.raises(RecordingError, match="x: is no recording of mrbt"):
+    with pytest.raises(RecordingError, match="x is not an mrbt recording"):
         parse_recording(content, Path("x"))
 
 
@@ -115,6 +115,6 @@ def test_no_bytes_behind_a_recording_end_the_reader(content: bytes, more: bytes)
 @pytest.mark.timeout(20)
 def test_a_pipe_is_refused_and_nobody_is_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.mcap")
-    with pytest.raises(RecordingError, match="it is no regular file"):
+    with pytest.raises(RecordingError, match="it is not a regular file"):
         read_recording(tmp_path / "a.mcap")
     assert named([tmp_path / "a.mcap"], "r1") == ()

@@ -59,7 +59,9 @@ def test_an_address_that_goes_away_and_comes_back(
     before = machine.interfaces.pop("eth0")
     if goes == "addresses":
         machine.interfaces["eth0"] = []
-    assert watch.look().startswith(f"it listens on {shown}, which is no address of this machine")
+    assert watch.look().startswith(
+        f"it listens on {shown}, which is not an address of this machine"
+    )
     assert "(now: 10.1.0.7): give it back, or start the robot with another --list" in watch.look()
     machine.interfaces["eth0"] = before
     assert watch.look() == ""

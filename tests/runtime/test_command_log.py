@@ -86,7 +86,7 @@ def test_a_line_that_was_cut_off_does_not_spoil_the_next(run_dir: RunDir) -> Non
     note_command(run_dir, "mrbt pause", "paused")
     assert problems(run_dir, content_of(run_dir)) == [
         *("", "", ""),
-        "is no command that mrbt has noted",
+        "is not a command that mrbt has noted",
         "",
     ]
 

@@ -71,7 +71,7 @@ def test_what_any_robot_would_refuse() -> None:
     for kind, arguments, name, priority, message in (
         ("delivr", (), "a", None, "no job type 'delivr'; did you mean 'deliver'"),
         ("inspect", ("a b",), "a", None, "where"),
-        ("inspect", ("shelf_1",), "..", None, "'..' is no id: 1 to 64 letters"),
+        ("inspect", ("shelf_1",), "..", None, "'..' is not an id: 1 to 64 letters"),
         ("inspect", ("shelf_1",), "a", 1_001, "a priority is a whole number from -1000 to 1000"),
     ):
         with pytest.raises(JobRefusedError, match=message):

@@ -64,7 +64,7 @@ def test_adding_and_replacing(folder: KeyFolder) -> None:
 
 def test_revoking(folder: KeyFolder) -> None:
     folder.revoke(["B"])
-    with pytest.raises(InputError, match="B is no member"):
+    with pytest.raises(InputError, match="B is not a member"):
         folder.keys_of("B")
     with pytest.raises(InputError, match="no member 'Z'"):
         folder.revoke(["Z"])
@@ -84,7 +84,7 @@ def test_who_watches(folder: KeyFolder) -> None:
 @pytest.mark.parametrize("text", ["", "{}", '{"private": 7}', '{"private": "00"}', "\x00"])
 def test_a_damaged_key_is_refused(folder: KeyFolder, text: str) -> None:
     (folder.path / "A.key").write_text(text)
-    with pytest.raises(InputError, match=r"A\.key is no private key"):
+    with pytest.raises(InputError, match=r"A\.key is not a private key"):
         folder.keys_of("A")
 
 

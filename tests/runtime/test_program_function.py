@@ -199,8 +199,8 @@ async def test_arguments_have_the_types_of_the_parameters() -> None:
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["abc"], "parameter 'part': the text 'abc' is no integer"),
-        (["1.5"], "parameter 'part': the text '1.5' is no integer"),
+        (["abc"], "parameter 'part': the text 'abc' is not an integer"),
+        (["1.5"], "parameter 'part': the text '1.5' is not an integer"),
         ([], "the function takes 1 argument besides the context, found 0"),
         (["1", "2"], "the function takes 1 argument besides the context, found 2"),
     ],

@@ -166,10 +166,10 @@ def test_a_program_for_everything_lacks_nothing() -> None:
         ("async def f(): ...", "takes 0 arguments besides the context, but the mission declares"),
         ("async def f(a, b): ...", "takes 2 arguments besides the context, but the mission"),
         ("async def f(a, b, *c): ...", "takes at least 2 arguments besides the context"),
-        ("async def f(area: int): ...", "parameter 'area': the text 'A' is no integer, in"),
+        ("async def f(area: int): ...", "parameter 'area': the text 'A' is not an integer, in"),
         (
             "async def f(*areas: float): ...",
-            "parameter 'areas': the text 'A' is no real number",
+            "parameter 'areas': the text 'A' is not a real number",
         ),
         ("async def f(area: 'str', more: int = 3): ...", ""),
         ("async def f(*everything): ...", ""),

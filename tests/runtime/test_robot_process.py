@@ -30,7 +30,7 @@ EXPLORE = mission_file("explore")
         ("Z9", {}, "has no robot 'Z9' (it has R1, R2); name its --type to add it"),
         ("Z9", {"type": "X"}, "has no robot type 'X' (explorer)"),
         ("a b", {}, "robot id 'a b': 1 to 32 letters"),
-        ("R1", {"expect": ("R1", "")}, "--expect R1,: '' is no robot's id"),
+        ("R1", {"expect": ("R1", "")}, "--expect R1,: '' is not a robot's id"),
         ("R1", {"team": "a/b"}, "--team 'a/b': 1 to 32 letters"),
         ("R1", {"run": "a:b"}, "--run 'a:b': 1 to 32 letters"),
         ("R1", {"beat_s": 0.5}, "at least 3 beat periods"),

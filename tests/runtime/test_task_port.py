@@ -48,10 +48,15 @@ def test_values_go_with_the_outcome_or_at_once() -> None:
 @pytest.mark.parametrize(
     ("name", "value", "job", "message"),
     [
-        ("fund", "red", "j1", r"'fund' is no entry of the mission's blackboard \(found, level\)"),
-        ("open", True, "j1", "'open' is no entry"),
-        (3, "red", "j1", "3 is no entry"),
-        ("found", "red", "", "each job has its own found, and this is no task of a job"),
+        (
+            "fund",
+            "red",
+            "j1",
+            r"'fund' is not an entry of the mission's blackboard \(found, level\)",
+        ),
+        ("open", True, "j1", "'open' is not an entry"),
+        (3, "red", "j1", "3 is not an entry"),
+        ("found", "red", "", "each job has its own found, and this is not a task of a job"),
         ("found", "green", "j1", "found is not set: it is one of red, blue, not 'green'"),
         ("level", 100.1, "j1", "level is not set: it is a number with 1 decimals from 0.0 to 100"),
     ],

@@ -110,7 +110,7 @@ async def test_plan_and_work_can_be_read_and_the_robot_tells_conditions() -> Non
         # A member that leaves hands its work over while the other one is still there.
         await a.leave()
         await b.until(lambda: b.team == ("R2",))
-        with pytest.raises(NotInTeamError, match="R1 is no member any more: left"):
+        with pytest.raises(NotInTeamError, match="R1 is not a member any more: left"):
             await a.until_ended()
 
 
@@ -161,7 +161,7 @@ async def test_of_two_robots_of_the_same_id_one_stops_and_says_why() -> None:
         join_team(EXPLORE, "R1", exploring(60), where["R1"]) as first,
         join_team(EXPLORE, "R1", exploring(60), where["R2"]) as second,
     ):
-        with pytest.raises(NotInTeamError, match=r"R1 is no member any more: .* R1 "):
+        with pytest.raises(NotInTeamError, match=r"R1 is not a member any more: .* R1 "):
             await asyncio.gather(first.until(lambda: False), second.until(lambda: False))
         assert [first.stopped, second.stopped].count(None) == 1
 
@@ -217,7 +217,7 @@ async def test_a_loop_that_stood_still_fences_its_robot_off() -> None:
         ({"insecure": True, "transport": "wird"}, "transport is 'wired' or 'wireless', not 'wird'"),
         ({"insecure": True, "transport": None}, "transport is 'wired' or 'wireless', not None"),
         ({"insecure": True, "type": 3}, "type is a text, not 3"),
-        ({"insecure": True, "expect": ["a b"]}, "is no robot's id"),
+        ({"insecure": True, "expect": ["a b"]}, "is not a robot's id"),
         ({"insecure": True, "run_dir": EXPLORE / "x"}, "mission.yaml/x: cannot be written"),
     ],
 )

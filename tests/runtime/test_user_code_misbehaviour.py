@@ -200,12 +200,12 @@ async def _cancelled() -> None:
 
 
 leaf("condition_exits", "condition", _exits, f"SystemExit: 7 {HERE}")
-leaf("condition_says_no", "condition", lambda: "no", "Leaf returned 'no', which is no status")
+leaf("condition_says_no", "condition", lambda: "no", "Leaf returned 'no', which is not a status")
 leaf("condition_waits", "condition", _waits, "the condition 'Leaf' waits")
 leaf("condition_of_numpy", "condition", lambda: np.bool_(False), "the tree failed")
 leaf("action_exits", "action", _exits_later, f"SystemExit: 7 {HERE}")
 leaf("action_awaits_a_cancelled_future", "action", _cancelled, f"CancelledError.* {HERE}")
-leaf("action_returns_zero", "action", lambda: 0, "Leaf returned 0, which is no status")
+leaf("action_returns_zero", "action", lambda: 0, "Leaf returned 0, which is not a status")
 
 
 # -- the runs ---------------------------------------------------------------------------------

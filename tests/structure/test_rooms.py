@@ -21,10 +21,10 @@ NAMED = {
     "constraints": (33, 12),
     "contact": (0, 0),
     "exclusive": (219, 67),
-    "jobs": (215, 72),
+    "jobs": (215, 73),
     "keys": (126, 35),
     "large_teams": (11, 3),
-    "revisions": (180, 50),
+    "revisions": (180, 51),
     "travel": (356, 99),
     "values": (52, 27),
 }

@@ -223,7 +223,7 @@ class TaskApi:
         known = self._interruptions(name)
         for token in tokens:
             if token not in known:
-                text = f"for_tokens: {token!r:.80} is no interruption of {name!r:.80}"
+                text = f"for_tokens: {token!r:.80} is not an interruption of {name!r:.80}"
                 raise JobRefusedError(f"{text} that this process knows, or is discarded", UNKNOWN)
         left = known.difference(tokens)
         if not left:
@@ -307,12 +307,12 @@ def _time(name: str, request: Mapping[str, Any]) -> datetime | None:
     if not unix_ms:
         return None
     if not 0 < unix_ms <= MAX_UNIX_MS:
-        raise InvalidRequestError(f"{name} is no time in this era")
+        raise InvalidRequestError(f"{name} is not a time in this era")
     return datetime.fromtimestamp(unix_ms / 1_000, UTC)
 
 
 def _refuse_constant(name: str) -> float:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")
 
 
 @cache

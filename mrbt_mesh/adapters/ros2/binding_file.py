@@ -362,7 +362,7 @@ class BindingFile(BoundFile):
             for robot in known:
                 name = KnownValues(self.robot_values(robot)).text(text)
                 if not _FILLED_NAME.fullmatch(name):
-                    yield place, f"{name!r}, for robot {robot}, is no name of ROS"
+                    yield place, f"{name!r}, for robot {robot}, is not a name of ROS"
                     break
         values = self.robot_values(known[0]) if known else {}
         said = set()

@@ -48,7 +48,7 @@ class MessageExpression:
             code = compile(ast.fix_missing_locations(ast.Expression(tree)), "<expression>", "eval")
         except (SyntaxError, ValueError, RecursionError) as error:
             said = getattr(error, "msg", str(error))
-            raise MessageExpressionError(f"{text!r} is no expression: {said}") from None
+            raise MessageExpressionError(f"{text!r} is not an expression: {said}") from None
         if not allowed.fields:
             raise MessageExpressionError(f"{text!r} reads nothing of the message, e.g. m.data")
         self.fields = tuple(allowed.fields)
@@ -70,14 +70,16 @@ class MessageExpression:
         """Its value as a finite number; raises MessageExpressionError."""
         found = self.value(fields)
         if not isinstance(found, int | float) or not math.isfinite(found):
-            raise MessageExpressionError(f"{self.text}: {found!r:.60} is no finite number")
+            raise MessageExpressionError(f"{self.text}: {found!r:.60} is not a finite number")
         return float(found)
 
     def entry(self, fields: Mapping[str, Any]) -> float | str:
         """Its value as a tree's entry holds it; raises MessageExpressionError."""
         found = self.value(fields)
         if not isinstance(found, int | float | str):
-            raise MessageExpressionError(f"{self.text}: {found!r:.60} is no number, text or truth")
+            raise MessageExpressionError(
+                f"{self.text}: {found!r:.60} is not a number, text or truth"
+            )
         return found
 
 

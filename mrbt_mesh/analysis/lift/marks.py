@@ -48,7 +48,7 @@ def find_marks(root: ExpandedNode, wanted: WantedMarks) -> Marks:
     parallel += _named(nodes, wanted.parallel, "--parallel")
     for node in team:
         if node.category is Category.CONDITION:
-            raise problem_at(node, f"{TEAM}: a condition is no task; mark the node above it")
+            raise problem_at(node, f"{TEAM}: a condition is not a task; mark the node above it")
     for node in parallel:
         if node.type not in _PARALLEL_KINDS:
             raise problem_at(node, f"{PARALLEL}: only a Sequence or a Fallback, not {node.type}")

@@ -226,7 +226,7 @@ class Loop(Decorator):
             if isinstance(value, str):
                 value = self._read(value)
             elif not isinstance(value, list | tuple | deque):
-                raise TickError(f"{self.place}: port 'queue': the entry {key!r} is no list")
+                raise TickError(f"{self.place}: port 'queue': the entry {key!r} is not a list")
             self.items = deque(value)
         return self.items
 

@@ -148,7 +148,7 @@ def status_of(result: Any, node: TreeNode) -> NodeStatus:
     if isinstance(result, NodeStatus) and result not in (IDLE, RUNNING):
         return result
     raise TickError(
-        f"{node.place}: {node.type} returned {result!r:.80}, which is no status: return None, "
+        f"{node.place}: {node.type} returned {result!r:.80}, which is not a status: return None, "
         "True, False or a NodeStatus that ends it"
     )
 

@@ -153,7 +153,7 @@ class Leaves:
 
         def register(node_type: N) -> N:
             if not (inspect.isclass(node_type) and issubclass(node_type, TreeNode)):
-                raise LeafError(f"the node {name!r}: {node_type!r} is no subclass of TreeNode")
+                raise LeafError(f"the node {name!r}: {node_type!r} is not a subclass of TreeNode")
             if node_type.tick is TreeNode.tick:
                 raise LeafError(f"the node {name!r}: {node_type.__name__} has no method tick")
             if name in self.node_types:

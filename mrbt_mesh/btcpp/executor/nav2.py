@@ -83,7 +83,7 @@ class PersistentSequence(TreeNode):
     def tick(self) -> NodeStatus:
         index = int(self.input("current_child_idx", "int"))
         if index < 0:
-            raise TickError(f"{self.place}: current_child_idx={index} is no child")
+            raise TickError(f"{self.place}: current_child_idx={index} is not a child")
         self.status = RUNNING
         while index < len(self.children):
             status = self.children[index].execute()

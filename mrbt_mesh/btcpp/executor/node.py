@@ -305,7 +305,7 @@ def typed(value: Any, type_name: str, enums: Mapping[str, int]) -> Any:
     if type_name == "BT::NodeStatus":
         if isinstance(value, str) and value in NodeStatus.__members__:
             return NodeStatus[value]
-        raise ValueTypeError(f"{value!r} is no status")
+        raise ValueTypeError(f"{value!r} is not a status")
     if isinstance(value, str):
         return value if type_name == "std::string" else read_text(value, type_name, enums)
     if type_name == "std::string":

@@ -152,7 +152,7 @@ class TreeExecutor:
         """The node of an action or a condition."""
         node = self.nodes[uid - 1]
         if not isinstance(node, LeafNode):
-            raise KeyError(f"node {uid} is no leaf")
+            raise KeyError(f"node {uid} is not a leaf")
         return node
 
     def write(self, uid: int, run: int, port: str, value: Any) -> None:

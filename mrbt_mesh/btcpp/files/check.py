@@ -116,7 +116,7 @@ class _Checker:
             path = f"{MODELS}/{type_id(model) or model.tag}"
             if model.tag not in EXPLICIT_TAGS:
                 listed = ", ".join(sorted(EXPLICIT_TAGS))
-                self.warn(model, path, f"<{model.tag}> is no kind of node; known: {listed}")
+                self.warn(model, path, f"<{model.tag}> is not a kind of node; known: {listed}")
                 continue
             name = model.get("ID")
             if not name:
@@ -136,7 +136,7 @@ class _Checker:
     def check_port(self, port: Element, model: Element, path: str) -> None:
         if port.tag not in _MODEL_TAGS:
             known = hint(port.tag, [str(tag) for tag in Direction])
-            self.warn(port, path, f"<{port.tag}> is no port{known}")
+            self.warn(port, path, f"<{port.tag}> is not a port{known}")
         elif port.tag in frozenset(Direction):
             name = port.get("name")
             if not name:
@@ -153,7 +153,7 @@ def _check_main_tree(library: Library, findings: Findings) -> None:
     if not trees:
         findings.rule(first.file, root.line, "root", f"there is no <{TREE}>")
     elif first.main_tree and first.main_tree not in library.trees:
-        message = f"main_tree_to_execute names {first.main_tree!r}, which is no tree"
+        message = f"main_tree_to_execute names {first.main_tree!r}, which is not a tree"
         message += hint(first.main_tree, library.trees)
         findings.rule(first.file, root.line, "root", message)
     elif library.main_tree is None:

@@ -121,7 +121,7 @@ def typing_problem(kind: str, value: str) -> tuple[str, bool]:
         return (f"{shown(value)} is not from {least} to {most}", True) if is_out else ("", False)
     if value.startswith("+"):
         return f"{shown(value)} begins with '+', which BehaviorTree.CPP does not take", True
-    return f"{shown(value)} is no whole number; BehaviorTree.CPP reads it as {found[1]}", False
+    return f"{shown(value)} is not a whole number; BehaviorTree.CPP reads it as {found[1]}", False
 
 
 def conversion_problem(kind: str, text: str) -> str:
@@ -132,7 +132,9 @@ def conversion_problem(kind: str, text: str) -> str:
     if (item := list_item(kind)) is not None:
         if text.startswith("json:"):
             return (
-                "" if _is_json_list(item, text[5:]) else f"{shown(text)} is no JSON list of {item}"
+                ""
+                if _is_json_list(item, text[5:])
+                else f"{shown(text)} is not a JSON list of {item}"
             )
         problems = (conversion_problem(item, each) for each in split_items(text))
         return next(filter(None, problems), "")
@@ -173,8 +175,8 @@ def _list_problem(item_kind: str, text: str) -> str:
         try:
             items = json.loads(text[5:])
         except (ValueError, RecursionError):
-            return f"{shown(text)} is no JSON after 'json:'"
-        return "" if isinstance(items, list) else f"{shown(text)} is no JSON list"
+            return f"{shown(text)} is not JSON after 'json:'"
+        return "" if isinstance(items, list) else f"{shown(text)} is not a JSON list"
     if item_kind == TEXT:
         return ""
     for item in split_items(text):

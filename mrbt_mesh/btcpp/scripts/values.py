@@ -107,9 +107,9 @@ def as_number(value: Any) -> float:
     if isinstance(value, str):
         match = _LEADING_NUMBER.match(value)
         if match is None:
-            raise ValueTypeError(f"the text {value!r} is no number")
+            raise ValueTypeError(f"the text {value!r} is not a number")
         return float(match[0])
-    raise ValueTypeError(f"{value!r} is no number" if value is not None else "there is no value")
+    raise ValueTypeError(f"{value!r} is not a number" if value is not None else "there is no value")
 
 
 def as_integer(value: Any) -> int:
@@ -118,11 +118,11 @@ def as_integer(value: Any) -> int:
         return int(value)
     if isinstance(value, float):
         if not math.isfinite(value) or value != round(value) or int(value) not in INT64:
-            raise ValueTypeError(f"{value!r} is no integer")
+            raise ValueTypeError(f"{value!r} is not an integer")
         return int(value)
     if isinstance(value, str) and (match := re.match(r"-?[0-9]+", value, re.ASCII)):
         return int(match[0])
-    raise ValueTypeError(f"{value!r} is no integer")
+    raise ValueTypeError(f"{value!r} is not an integer")
 
 
 def as_integer_of(value: Any, type_name: str) -> int:
@@ -215,7 +215,7 @@ def _plain_number(value: Any, type_name: str) -> int | float:
                 return number(value)
             except (TypeError, ValueError):
                 break
-    raise ValueTypeError(f"{value!r:.80} is no value of the type {type_name}")
+    raise ValueTypeError(f"{value!r:.80} is not a value of the type {type_name}")
 
 
 def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None) -> Any:
@@ -228,7 +228,7 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
     if type_name in REALS:
         number = read_real(text.rstrip())
         if number is None:
-            raise ValueTypeError(f"the text {text!r} is no real number")
+            raise ValueTypeError(f"the text {text!r} is not a real number")
         return number
     if type_name == "bool":
         truth = read_boolean(text)
@@ -239,7 +239,7 @@ def read_text(text: str, type_name: str, enums: Mapping[str, int] | None = None)
         try:
             return json.loads(text[5:])
         except ValueError as error:
-            raise ValueTypeError(f"{text[:80]!r} is no JSON: {error}") from None
+            raise ValueTypeError(f"{text[:80]!r} is not JSON: {error}") from None
     if (kind := list_item(type_name)) is not None:
         return [read_text(item, kind, enums) for item in split_items(text)]
     return text
@@ -255,7 +255,7 @@ def _read_integer(text: str, type_name: str, enums: Mapping[str, int]) -> int:
     if text in enums:
         return enums[text]
     if not _INTEGER.fullmatch(text) or len(text) > 30:
-        raise ValueTypeError(f"the text {text!r} is no integer")
+        raise ValueTypeError(f"the text {text!r} is not an integer")
     if int(text) not in _RANGES[type_name]:
         raise ValueTypeError(f"{text} is out of the range of {type_name}")
     return int(text)

@@ -59,7 +59,9 @@ share_option = partial(click.option, type=FiniteNumber(0, 1), default=0.0)
     help="Share by which works and travel times vary at most.",
 )
 @click.option("--delay-ms", type=FiniteNumber(0), default=1.0, help="Delay of a message.")
-@click.option("--jitter-ms", type=FiniteNumber(0), default=1.0, help="Up to this much more.")
+@click.option(
+    "--jitter-ms", type=FiniteNumber(0), default=1.0, help="Random extra delay up to this value."
+)
 @click.option(
     "--schedule",
     type=PATH,

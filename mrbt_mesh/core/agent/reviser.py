@@ -102,7 +102,7 @@ class Reviser:
         try:
             mission = read_mission(argument)
         except FileError as error:
-            return False, f"this is no mission: {one_line(str(error))}"
+            return False, f"this is not a mission: {one_line(str(error))}"
         problem = self._own_problem(mission)
         return True, json.dumps({"problem": problem})
 

@@ -166,14 +166,14 @@ def _refuse_author(entry: Entry) -> str:
     fields = (feature.commands.get(kind) for feature in features())
     is_of_robot = any(field is not None and field.is_of_robot for field in fields)
     if is_of_robot and not is_robot_id(subject[0]):
-        return f"{subject[0]!r:.80} is no robot's id"
+        return f"{subject[0]!r:.80} is not a robot's id"
     return ""
 
 
 def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -> str | None:
     """A revision is one of this team's mission, and can be read."""
     if len(parts) > 1 and not (parts[1].isdecimal() and len(parts[1]) <= MISSION_DIGITS):
-        return f"{parts[1]!r:.80} is no number of a revision"
+        return f"{parts[1]!r:.80} is not a number of a revision"
     record = entry.record.value if isinstance(entry.record, OperatorCommand) else None
     if not isinstance(record, ProposedMission):
         return None
@@ -200,7 +200,7 @@ def _refuse_claim(claim: Claim, mission: Mission, run: str) -> str | None:
 def _refuse_archive(number: str) -> str | None:
     if number.isdecimal() and len(number) < MAX_DIGITS:
         return None
-    return f"{number!r:.80} is no number of an archive of jobs"
+    return f"{number!r:.80} is not a number of an archive of jobs"
 
 
 def _refuse_place(place: str, mission: Mission) -> str | None:
@@ -240,7 +240,7 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
         expression = mission.per_robot.guard_expressions.get(name)
         guard = expression or mission.evaluator.with_actions.get(name)
     if guard is None:
-        return f"{name!r:.80} is no guard of several conditions in this mission's tree"
+        return f"{name!r:.80} is not a guard of several conditions in this mission's tree"
     record = entry.record
     assert isinstance(record, ExpressionRevision)
     reads_value = any(map(mission.holds_value, guard.conditions))

@@ -208,7 +208,7 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
         raise WireError("header is malformed")
     _, found, mission, name, run, sender, body = message
     if not is_robot_id(sender) and sender != "":
-        raise WireError("sender is no robot id")
+        raise WireError("sender is not a robot id")
     if mission != mine.mission:
         raise IncompatibleError(
             f"mission {name[:64]!r} with digest {mission[:16]} (ours is {mine.mission_name!r}, "

@@ -367,7 +367,7 @@ def _why_idle(
         served = [index for index in found if index in kept]
         names = sorted({demands[index][0].request.subject for index in served or found})
         if not found:
-            reasons[robot] = "nothing that it can do is needed now"
+            reasons[robot] = "nothing it can do is needed now"
         elif waiting := [index for index in served if index in held]:
             names = sorted({demands[index][0].request.subject for index in waiting})
             reasons[robot] = f"{', '.join(names)}: waits for bids"

@@ -112,12 +112,12 @@ def _mission(name: str, text: str, team_digest: str, missions: Collection[str]) 
     try:
         mission = mission_from_compiled(text, name)
     except InputError:
-        yield "it is no compiled mission"
+        yield "it is not a compiled mission"
         return
     if mission.team_digest != team_digest:
         yield "it is not the mission with which the recorded team was started"
     elif mission.digest not in missions:
-        yield "it is no revision of the mission that was in force in the recordings"
+        yield "it is not a revision of the mission that was in force in the recordings"
 
 
 def _end_of_commands(files: RunDirFiles, run: str) -> Iterator[str]:

@@ -44,7 +44,7 @@ def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
     summary = path / SUMMARY_FILE
     data = _json_object(summary) if summary.exists() else None
     title, files = path.resolve().name, _recordings_of(path)
-    with _refusing(f"{summary}: is no summary of a run"):
+    with _refusing(f"{summary}: is not a summary of a run"):
         if files:
             opened = map(open_recording, sorted(files, key=lambda file: len(file.name)))
             recordings = sorted(opened, key=_began_unix_us)
@@ -62,7 +62,9 @@ def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
         if data is not None:
             yield report_summary(data, title)
             return
-    raise InputError(f"{path} holds neither recordings nor {SUMMARY_FILE}: it is no run directory")
+    raise InputError(
+        f"{path} holds neither recordings nor {SUMMARY_FILE}: it is not a run directory"
+    )
 
 
 def _proof(found: Verification) -> Proof:
@@ -111,7 +113,7 @@ def _json_object(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is no JSON: {error}") from None
+        raise InputError(f"{path}: is not JSON: {error}") from None
     if not isinstance(data, dict):
-        raise InputError(f"{path}: is no summary of a run")
+        raise InputError(f"{path}: is not a summary of a run")
     return data

@@ -89,7 +89,7 @@ def seconds(data: Any) -> float | None:
     if data is None:
         return None
     if not isinstance(data, int | float) or not abs(data) <= MOST_S:
-        raise ValueError(f"{data!r} is no time in seconds")
+        raise ValueError(f"{data!r} is not a time in seconds")
     return float(data)
 
 

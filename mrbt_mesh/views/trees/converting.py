@@ -88,7 +88,7 @@ def convert_folder(source: Path, target: Path, wanted: Wanted) -> None:
     if wanted.is_merged or wanted.has_ids:
         raise InputError("--ids and --merge are for one file")
     if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: is no folder, but {source} is one")
+        raise InputError(f"{target}: is not a folder, but {source} is one")
     if source.resolve() in (target.resolve(), *target.resolve().parents):
         raise InputError(f"{target}: has to lie outside of {source}, which would be read again")
     folder = read_folder(source)

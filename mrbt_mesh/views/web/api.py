@@ -238,7 +238,7 @@ class Api:
             caller = self._access(request, role)
             for name in request.query_params:
                 if name not in parameters:
-                    text = f"{name!r:.80} is no parameter of this request"
+                    text = f"{name!r:.80} is not a parameter of this request"
                     raise HTTPException(422, text + nearest(name, parameters))
             if not self._watcher.observer.robots():
                 raise HTTPException(503, nobody(self._watcher), RETRY)

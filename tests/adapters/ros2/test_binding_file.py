@@ -169,7 +169,7 @@ def test_a_robot_that_the_file_lacks(tmp_path: Path) -> None:
         ("m.way > 100", "3", "true, false or an expression is expected, found the number 3"),
         ("A2: {namespace:", "A2: {name:", "all robots have the same keys: namespace, robot"),
         ("detection_s: 0.5", "detection_s: 0", "a number of at least 0.2 is expected"),
-        ("min(m.ranges) < 1", "m.ranges <", "expression: 'm.ranges <' is no expression"),
+        ("min(m.ranges) < 1", "m.ranges <", "expression: 'm.ranges <' is not an expression"),
         ("domain: 7", "domain: 300", "bridge/domain: a number of at most 232 is expected"),
     ],
 )

@@ -54,7 +54,7 @@ def test_what_does_not_fit(tmp_path: Path, old: str, new: str, expected: str) ->
 
 def test_robots_whose_ids_make_no_names_of_ros(tmp_path: Path) -> None:
     found = said(tmp_path, REPORT, REPORT, ("A1", "A-2"))
-    assert "local_tasks/report/service: '/A-2/report', for robot A-2, is no name of ROS" in found
+    assert "local_tasks/report/service: '/A-2/report', for robot A-2, is not a name of ROS" in found
     assert "position/topic: '/A-2/odom'" in found
 
 

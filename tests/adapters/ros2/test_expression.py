@@ -83,7 +83,7 @@ def test_yaw_of_a_quaternion(heading: float) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("m.a <", "is no expression: invalid syntax"),
+        ("m.a <", "is not an expression: invalid syntax"),
         ("3 < 4", "reads nothing of the message, e.g. m.data"),
         ("percentage < 0.2", "fields of the message are m.NAME, e.g. m.percentage"),
         ("open(m.a)", "the functions are abs, all, any"),
@@ -120,7 +120,7 @@ def test_messages_for_which_there_is_no_value(text: str, value: Any, said: str) 
 
 @pytest.mark.parametrize("value", ["text", [1], math.nan, math.inf])
 def test_what_is_no_number(value: Any) -> None:
-    with pytest.raises(MessageExpressionError, match="is no finite number"):
+    with pytest.raises(MessageExpressionError, match="is not a finite number"):
         MessageExpression("m.a").number({"a": value})
 
 

@@ -261,7 +261,7 @@ REFUSALS = {
     ),
     "a condition": (
         '<Sequence><Ready _team="true"/><Go to="a"/></Sequence>',
-        "_team: a condition is no task; mark the node above it",
+        "_team: a condition is not a task; mark the node above it",
     ),
     "no Sequence": (
         '<IfThenElse _parallel="true"><Ready/><Go to="a"/></IfThenElse>',

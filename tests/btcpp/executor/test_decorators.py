@@ -174,7 +174,7 @@ def test_loop_puts_each_item_into_its_value() -> None:
     assert Ticked(failing).run(2) == [RUNNING, FAILURE]
     with pytest.raises(TickError, match="port 'queue': the entry 'items' has no value"):
         Ticked(body).run()
-    with pytest.raises(TickError, match="'items' is no list"):
+    with pytest.raises(TickError, match="'items' is not a list"):
         Ticked(body, {"items": 3}).run()
 
 
@@ -259,7 +259,7 @@ def test_run_once_skips_if_its_port_has_no_value() -> None:
         ('<Script code="3 = 4"/>', "only a blackboard entry can stand before '='"),
         ('<AlwaysSuccess _onSuccess="1 := 2"/>', "only a blackboard entry can stand before ':='"),
         ('<Parallel success_count="2"><AlwaysSuccess/></Parallel>', "success_count"),
-        ('<Precondition if="false" else="no"><AlwaysSuccess/></Precondition>', "is no status"),
+        ('<Precondition if="false" else="no"><AlwaysSuccess/></Precondition>', "is not a status"),
         ('<SetBlackboard output_key="n"/>', "port 'value' is missing"),
     ],
 )

@@ -108,7 +108,7 @@ def test_a_fraction_is_no_integer_wherever_it_comes_from(way: str) -> None:
     tree = BehaviorTree.from_text(text)
     work, _ = needs(int)
     tree.action("Work")(work)
-    with pytest.raises(TickError, match=r"2\.5 is no integer"):
+    with pytest.raises(TickError, match=r"2\.5 is not an integer"):
         tree.executor.tick(0)
 
 
@@ -194,7 +194,7 @@ async def test_a_condition_may_let_others_run() -> None:
 def test_wrong_values_are_told_with_node_and_port() -> None:
     tree = tree_of('<Work a="{a}"/>', a="many")
     tree.action("Work")(_work)
-    with pytest.raises(TickError, match="Main/Work: port 'a': the text 'many' is no integer"):
+    with pytest.raises(TickError, match="Main/Work: port 'a': the text 'many' is not an integer"):
         tree.executor.tick(0)
     tree = tree_of('<Work a="{a}"/>')
     tree.action("Work")(_work)

@@ -126,6 +126,6 @@ def test_a_type_is_registered_once() -> None:
         leaves.node("N")(Reactive)
     with pytest.raises(LeafError, match="TreeNode has no method tick"):
         leaves.node("M")(TreeNode)
-    with pytest.raises(LeafError, match="is no subclass of TreeNode"):
+    with pytest.raises(LeafError, match="is not a subclass of TreeNode"):
         leaves.node("M")(dict)  # type: ignore[type-var]
     assert leaves.names() == ["A", "N"]

@@ -191,7 +191,7 @@ def test_persistent_sequence_keeps_its_place_in_an_entry() -> None:
     assert tree.board["at"] == 1
     with pytest.raises(TickError, match="'at' has no value"):
         Ticked(text).run()
-    with pytest.raises(TickError, match="current_child_idx=-1 is no child"):
+    with pytest.raises(TickError, match="current_child_idx=-1 is not a child"):
         Ticked(text, {"at": -1}).run()
 
 

@@ -66,7 +66,7 @@ def test_an_exact_tree_runs_on_halted_of_idle_nodes_too() -> None:
     ("body", "message"),
     [
         ('<Sleep msec="{n}"/>', "port 'msec': the entry 'n' has no value"),
-        ('<Sleep msec="{word}"/>', "port 'msec': the text 'x' is no integer"),
+        ('<Sleep msec="{word}"/>', "port 'msec': the text 'x' is not an integer"),
         ('<Leaf says="RUNNING" _skipIf="gone"/>', "entry 'gone', in the script 'gone'"),
         ('<Leaf says="RUNNING" _skipIf="word"/>', "'x' is neither true nor false"),
         ('<Leaf says="IDLE"/>', "must not return IDLE"),

@@ -188,7 +188,7 @@ def test_a_result_that_is_no_status_is_told() -> None:
     async def odd() -> int:
         return 7
 
-    with pytest.raises(TickError, match="Main/Odd: Odd returned 7, which is no status"):
+    with pytest.raises(TickError, match="Main/Odd: Odd returned 7, which is not a status"):
         robot.run()
 
 

@@ -65,7 +65,7 @@ def test_what_has_ended_is_not_cancelled() -> None:
 def test_only_leaves_are_leaves() -> None:
     executor = executor_of("<Sequence><Act/></Sequence>")
     assert executor.leaf(2).type == "Act"
-    with pytest.raises(KeyError, match="node 1 is no leaf"):
+    with pytest.raises(KeyError, match="node 1 is not a leaf"):
         executor.leaf(1)
     assert not executor.ended(1, 1, NodeStatus.SUCCESS)
 

@@ -35,7 +35,7 @@ MISSIONS = sorted({*EXAMPLES.glob("*/mission.yaml")} - {mission_file("deliveries
 # Errors that the library finds when it ticks the node.
 LATE = re.compile(
     r"is not a status|needs the port '|(IfThenElse|WhileDoElse|Switch\d) needs|is above the number|"
-    r"_on\w+: the script|_post: the script|port 'if': the script|the script ''|is no JSON"
+    r"_on\w+: the script|_post: the script|port 'if': the script|the script ''|is not JSON"
 )
 # Rules and features of later versions, and our own limit.
 LATER = re.compile(

@@ -62,7 +62,7 @@ REFUSED = [
     ('<UseInt n="3000000000"/>', "", "'3000000000' is not of type int"),
     ('<UseReal x="+5"/>', "", "'+5' is not a number"),
     ('<UseItems items="1;b"/>', "", "'b' is not a whole number"),
-    ('<UseItems items="json:[&quot;a&quot;]"/>', "", "is no JSON list of int"),
+    ('<UseItems items="json:[&quot;a&quot;]"/>', "", "is not a JSON list of int"),
     ('<Script code="{code}"/>', "", "the entry 'code' has no value then"),
     ('<SubTree ID="In" c="x :="/>', '<Script code="{c}"/>', "the script 'x :=' cannot be read"),
     ('<LoopInt queue="json:[1]" value="{v}"><AlwaysSuccess/></LoopInt>', "", "takes no JSON"),

@@ -48,7 +48,7 @@ NO_REALS = ("x", "", ".", "1_000", "+5", " 5", "5x", "0x1", "1e400", "1e-400", "
 )
 def test_texts_are_read_as_the_type_that_is_needed(text: str, kind: str, value: Any) -> None:
     if kind == "std::string":
-        with pytest.raises(ValueTypeError, match="no JSON"):
+        with pytest.raises(ValueTypeError, match="not JSON"):
             read_text(text, kind)
         return
     found = read_text(text, kind, {"RED": 1})
@@ -59,14 +59,14 @@ def test_texts_are_read_as_the_type_that_is_needed(text: str, kind: str, value: 
 @pytest.mark.parametrize(
     ("text", "kind", "message"),
     [
-        ("x", "int", "'x' is no integer"),
-        ("2.5", "int", "'2.5' is no integer"),
+        ("x", "int", "'x' is not an integer"),
+        ("2.5", "int", "'2.5' is not an integer"),
         ("-1", "unsigned int", "-1 is out of the range of unsigned int"),
         (str(2**31), "int", "out of the range of int"),
-        ("9" * 50, "int", "is no integer"),
-        *((text, "double", "is no real number") for text in NO_REALS),
+        ("9" * 50, "int", "is not an integer"),
+        *((text, "double", "is not a real number") for text in NO_REALS),
         ("maybe", "bool", "neither true nor false"),
-        ("1;x", "list<int>", "'x' is no integer"),
+        ("1;x", "list<int>", "'x' is not an integer"),
     ],
 )
 def test_texts_that_cannot_be_read(text: str, kind: str, message: str) -> None:

@@ -37,7 +37,7 @@ def test_plan_starts_with_both_c_on_the_screws() -> None:
         "C1": "use_screwdriver",
         "C2": "use_screwdriver",
     }
-    assert data["idle"]["A1"] == "nothing that it can do is needed now"
+    assert data["idle"]["A1"] == "nothing it can do is needed now"
 
 
 def bounds(data: dict[str, Any]) -> list[tuple[Any, ...]]:
@@ -199,7 +199,7 @@ def test_plan_says_what_is_wrong_with_bids(tmp_path: Path, text: str, message: s
 def test_plan_for_people_names_robots_and_reasons() -> None:
     output = done(mrbt("plan", REPAIR))
     assert "remove_screws  C1, C2" in output
-    assert "nothing that it can do is needed now" in output
+    assert "nothing it can do is needed now" in output
 
 
 def test_the_facts_of_the_documentation_can_be_planned_for(tmp_path: Path) -> None:

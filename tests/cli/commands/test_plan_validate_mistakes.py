@@ -270,7 +270,7 @@ COMMANDS = [
     given("kill P1 --run-dir none", "none holds no run (no run.json)"),
     given("kill P1 --run-dir run", "P1 does not run in run; `mrbt join P1` starts it"),
     given("kill X9 --run-dir run", "the run in run has no robot 'X9'; known: P1, P2"),
-    given("recording replay robot.py", "robot.py: is no recording of mrbt"),
+    given("recording replay robot.py", "robot.py is not an mrbt recording"),
 ]
 ALL = [*FILES, *SYNTAX, *WORDS, *PROGRAMS, *BINDINGS, *COMMANDS]
 # The same mistakes are told by the commands that would run something.

@@ -219,8 +219,8 @@ def test_the_count_is_that_of_whoever_saw_everything(steps: list[tuple[str, bool
     ("name", "value", "reason"),
     [
         ("#1", [1, [1, 0]], None),
-        ("#0", [1, [1, 0]], "no guard"),
-        ("#1:2", [1, [1, 0]], "no guard"),
+        ("#0", [1, [1, 0]], "not a guard"),
+        ("#1:2", [1, [1, 0]], "not a guard"),
         ("#1", [1, [0, 1]], "disagree"),
         ("#1", [2, [1, 0]], "does not follow"),
         ("#1", [1, [1]], "does not follow"),

@@ -111,7 +111,7 @@ def test_an_activation_keeps_the_arguments_with_which_it_has_begun() -> None:
         ("condition/battery@R9", [1, 1, 1], "not of this robot"),
         ("expression/count >= 3", [1, [[1, 1, "R1"]]], None),
         ("expression/count >= 3", [1, [1]], "does not follow"),
-        ("expression/count >= 4", [1, [[1, 1, "R1"]]], "no guard"),
+        ("expression/count >= 4", [1, [[1, 1, "R1"]]], "not a guard"),
         (f"arguments/{RUN}:3:charge::0", [["red"], 1], "reads no entries"),
     ],
 )

@@ -188,7 +188,7 @@ def test_of_two_proposals_the_earlier_one_counts() -> None:
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
-        ("mission/x", compile_mission(AFTER), "'x' is no number of a revision"),
+        ("mission/x", compile_mission(AFTER), "'x' is not a number of a revision"),
         ("mission/2", compile_mission(AFTER), "revision 2 is one of another mission"),
         ("mission/1", compile_mission(BEFORE), "revision 1 is one of another mission"),
         ("mission/1", "{}", "a revision that cannot be read"),

@@ -380,7 +380,7 @@ def test_another_schema_version_is_refused_with_both_versions_named() -> None:
 @pytest.mark.parametrize("sender", ["../etc", "A 1", "a/b", "-x", "x" * 33])
 def test_a_sender_that_is_no_robot_id_is_refused(sender: str) -> None:
     data = encode(Header(MINE.mission, "repair", "r1", sender), MessageKind.HEARTBEAT, None)
-    with pytest.raises(WireError, match="sender is no robot id"):
+    with pytest.raises(WireError, match="sender is not a robot id"):
         decode(data, MINE, MessageKind.HEARTBEAT)
 
 

@@ -130,12 +130,12 @@ def test_a_request_that_waits_for_busy_robots_is_not_blocked() -> None:
 def test_every_robot_without_a_task_learns_why() -> None:
     world = repair()
     assert world.plan().idle == {
-        "A1": "nothing that it can do is needed now",
-        "B1": "nothing that it can do is needed now",
+        "A1": "nothing it can do is needed now",
+        "B1": "nothing it can do is needed now",
     }
     uncover(world)
     world.leave("C1")
-    assert world.plan().idle == {"C1": "leaving", "C2": "nothing that it can do is needed now"}
+    assert world.plan().idle == {"C1": "leaving", "C2": "nothing it can do is needed now"}
     for subject, robot, local in (("part1", "A1", "diagnose"), ("part2", "B1", "fix")):
         world.outcome(world.activation(subject), True, robot, local)
     assert world.plan().idle["A1"] == "nothing is requested"

@@ -91,7 +91,7 @@ def test_same_robot_as_is_ground_and_survives_compiling() -> None:
         (
             "global_task: fetch(",
             "global_task: fech(",
-            "'fech' is no declared global task",
+            "'fech' is not a declared global task",
         ),
         (
             "global_task: fetch($item)",

@@ -30,7 +30,7 @@ def test_a_borrowed_robot_hands_its_task_over_and_gets_none_until_it_is_returned
     assert (cancel["robot"], round(float(cancel["t"]), 1)) == (worker, 4.5)
     member = result.observer.facts.members[worker].member
     assert set(member.pending.values()) == {BORROWED}
-    assert not member.lost, "it is no fault"
+    assert not member.lost, "it is not a fault"
     others = [(50.0, borrow(r)) for r in ("A1", "A2") if r != worker]
     again = (40.0, submit("A1", "two", "deliver", "8", "dock_1"))
     returned = (60.0, borrow(worker, "returned"))

@@ -51,7 +51,7 @@ def test_who_works_where_and_how_nodes_stand() -> None:
     page = Page()
     assert page.items["robot/A"]["local_task"] == "weld"
     assert page.items["robot/A"]["phase"] == "running"
-    assert page.items["robot/C"]["idle"] == "nothing that it can do is needed now"
+    assert page.items["robot/C"]["idle"] == "nothing it can do is needed now"
     assert page.items["node/0"] == [1, [], "", 0]
     assert page.items["node/1"] == [1, ["A"], "", 1]
     assert "node/2" not in page.items, "not ticked yet"

@@ -134,7 +134,7 @@ def test_what_is_no_recording_is_said_and_not_told(folder: Path, tmp_path: Path)
     observer_file(tmp_path).write_text("nonsense")
     observer = late(tmp_path, observer_file(folder))
     ((_, text),) = observer.record.timeline
-    assert "is no recording of mrbt" in text
+    assert "is not an mrbt recording" in text
     assert len(observer.record.unwatched) == 1
 
 

@@ -32,7 +32,7 @@ def test_a_robot_at_work_and_who_else_could() -> None:
 
 def test_an_idle_robot() -> None:
     told = why_robot(observed(), "C")
-    assert told["sentence"] == "C does nothing now: nothing that it can do is needed now."
+    assert told["sentence"] == "C does nothing now: nothing it can do is needed now."
     assert told["groups"] == []
 
 

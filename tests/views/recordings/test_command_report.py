@@ -77,11 +77,11 @@ def test_the_figures_as_json_are_those_of_the_summary(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("{", "is no JSON"),
-        ("[]", "is no summary of a run"),
-        ("{}", "is no summary of a run"),
-        ('{"duration_s": NaN}', "is no JSON"),
-        ('{"mission": "\\ud800"}', "is no JSON"),
+        ("{", "is not JSON"),
+        ("[]", "is not a summary of a run"),
+        ("{}", "is not a summary of a run"),
+        ('{"duration_s": NaN}', "is not JSON"),
+        ('{"mission": "\\ud800"}', "is not JSON"),
     ],
 )
 def test_what_is_no_summary_ends_with_status_2(tmp_path: Path, content: str, problem: str) -> None:
@@ -94,7 +94,7 @@ def test_what_is_no_summary_ends_with_status_2(tmp_path: Path, content: str, pro
 def test_of_one_run_alone(folder: Path) -> None:
     both = (str(folder / "run"), str(folder / "run" / "run.mcap"))
     assert "run.mcap" in refused(recording("report", *both))
-    assert "is no recording" in " ".join(
+    assert "is not an mrbt recording" in " ".join(
         refused(recording("report", str(folder / "sim.json"))).split()
     )
 

@@ -56,7 +56,7 @@ def test_what_is_falsified_is_named_with_status_1(folder: Path, tmp_path: Path) 
 
 
 def test_what_is_no_recording_ends_with_status_2(folder: Path, tmp_path: Path) -> None:
-    for path, problem in ((EXPLORE, "is no recording of mrbt"), (str(tmp_path), "no recordings")):
+    for path, problem in ((EXPLORE, "is not an mrbt recording"), (str(tmp_path), "no recordings")):
         assert problem in refused(recording("verify", path))
 
 

@@ -71,7 +71,7 @@ def test_another_mission_is_named(run: Run) -> None:
     (text,) = found(run, replace(files, missions={"mission.json": other}))
     assert "not the mission with which the recorded team was started" in text
     (text,) = found(run, replace(files, missions={"revision.json": "{}"}))
-    assert "it is no compiled mission" in text
+    assert "it is not a compiled mission" in text
 
 
 def test_files_that_nothing_signs_are_named(run: Run, tmp_path: Path) -> None:
