@@ -2,11 +2,11 @@
 
 A runtime drives `Agent.handle(input, now_us) -> list[Effect]` and `Agent.next_deadline_us(now_us)`
 with Zenoh and a real clock, the simulator with a faulty network and a virtual one. `Agent.view` is
-there to look at.
+for read access.
 
-Each step takes inputs in, decides what follows, and acts: it brings everything up to date in one
-order, from failure detection to its own heartbeats. Most inputs change nothing that any of it
-follows from; then it only sends the heartbeats that are due.
+Each step takes inputs, decides what follows, and acts: it brings everything up to date in one
+order, from failure detection to its own heartbeats. Most inputs change nothing that matters for
+that; then the agent only sends the heartbeats that are due.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from mrbt_mesh.core.mission.names import type_name
 from mrbt_mesh.core.mission.planner_need import planner_problem
 from mrbt_mesh.core.planning.outcome_tick import shown_by_tick
 
-# Any other input is always followed up.
+# Inputs of all other types are always followed by a full step.
 _MAY_CHANGE_NOTHING = (
     inputs.MessageReceived,
     inputs.PositionReported,
@@ -87,29 +87,29 @@ class Agent:
         self._deferred = DeferredInputs()
         context.replica.shown_by_tick = partial(shown_by_tick, context.facts)
         self.view = AgentView(context, self._planner, tree)
-        # The one for which the parts below were composed, and whether it or one before it names
+        # The mission that the parts below were composed for, and whether it or an earlier one names
         # this robot.
         self._mission = mission
         self._was_named = config.robot in mission.robots
         self._compose(now_us)
         self._deadline_us = now_us
-        # When time alone asks for more than asking others, and heartbeats.
+        # When time alone requires a full step, rather than only pulls and heartbeats.
         self._step_us = now_us
-        # The changes that the last step went by, None if the next input is always followed up; and
-        # whether these include the reports of others.
+        # The value of `_changes` after the last step, None if the next input needs a full step; and
+        # whether it includes the reports of other robots.
         self._seen: int | None = None
         self._reads_reports = False
-        # Until when the robot waits for others that join, None if none do.
+        # Until when the robot waits for others that are joining, None if it does not wait.
         self._joining_until_us: int | None = None
         self._most_joined = 0
-        # When the last plan was made, and before when none is made, None if one may be.
+        # When the last plan was made, and when the next may be made, None if at any time.
         self._planned_us = now_us
         self._plans_at_us: int | None = None
         if config.resumed is not None:
             self._lifecycle.resume(config.resumed, now_us)
 
     def _compose(self, now_us: int) -> None:
-        """The parts that the mission in force needs."""
+        """Compose the parts that the mission in force needs."""
         context, planner, health, bidder = self._context, self._planner, self._health, self._bidder
         mission, schedule, duplicates = context.mission, self._schedule, self._duplicates
         parts = self._parts
@@ -185,7 +185,7 @@ class Agent:
                 self._reviser.follow(now_us)
 
     def _take_up_revision(self, now_us: int) -> None:
-        """Another revision of the mission is in force: compose what it needs, and go on."""
+        """Adopt a revision that is in force: compose the parts that it needs, and continue."""
         context, mission = self._context, self._context.facts.declared
         if problem := planner_problem(mission, context.config.lacks_planner):
             context.stop(2, problem)
@@ -193,7 +193,7 @@ class Agent:
         self._was_named |= context.me in self._mission.robots
         claim, robot = context.work.claim, mission.robots.get(context.me)
         is_dropped = claim is not None and context.facts.task_of(claim.activation) is None
-        # As the mission before has it: the one in force may have another task of this name.
+        # Computed by the previous mission, as the new one may have another task of this name.
         given_up = self._executor.given_up(claim) if claim is not None and is_dropped else []
         self._mission = mission
         context.use(mission)
@@ -217,7 +217,7 @@ class Agent:
             context.write([context.member(), *claims], now_us)
 
     def _leave_if_removed(self, now_us: int) -> bool:
-        """Leave if a revision has removed this robot; whether it has."""
+        """Leave if a revision has removed this robot. Returns whether it has."""
         context = self._context
         if not self._was_named or context.me in context.mission.robots:
             return False
@@ -228,7 +228,7 @@ class Agent:
     # -- the two calls ------------------------------------------------------------------------
 
     def handle(self, event: Input, now_us: int) -> list[Effect]:
-        """Take in one input; returns the effects, in order."""
+        """Process one input. Returns the effects, in order."""
         context = self._context
         if context.has_stopped:
             return []
@@ -273,7 +273,7 @@ class Agent:
     # -- one step -----------------------------------------------------------------------------
 
     def _follow_up(self, events: Sequence[Input], now_us: int) -> None:
-        """These have been taken in: do what follows from them."""
+        """Do what follows from these inputs, which have been processed."""
         clock = self._wall_clock
         if clock is not None and self._planner.awaited is None and clock.compare(now_us):
             self._health.problem_found(inputs.ProblemFound(CLOCK, clock.problem), now_us)
@@ -295,14 +295,14 @@ class Agent:
             self._heartbeats.send_if_regular(self._planner.plan, now_us)
 
     def _reconcile(self, events: Sequence[Input], now_us: int) -> None:
-        """Bring everything up to date: the alive set, this robot's place in the team, the plan,
-        its own assignment, its heartbeats.
+        """Bring everything up to date: the alive set, this robot's place in the team, the plan, its
+        own assignment, its heartbeats.
         """
         context = self._context
         self._detect_failures(now_us)
         context.replica.follow_keys(context.alive())
         if context.joining is None:
-            # In the facts, or buried by others.
+            # From the facts, or reported by other robots.
             known = context.facts.members.get(context.me)
             later = self._duplicates.other_incarnation
             later = later if known is None else max(later, known.incarnation)
@@ -341,7 +341,8 @@ class Agent:
             return
         if not self._planner.is_current:
             self._planned_us = now_us
-        # Leases may have to be renewed while a plan is made elsewhere, and they are facts.
+        # Leases may have to be renewed while a plan is made elsewhere, which would change the
+        # facts.
         apart = self._context.config.plans_apart and (leased is None or leased.leases.is_idle)
         plan = self._planner.update(now_us, apart)
         if plan is None:
@@ -351,7 +352,7 @@ class Agent:
         if self._scheduler is not None:
             self._scheduler.follow(plan, now_us)
             if not self._planner.is_current:
-                # It has proposed a better one: nothing begins by the plan before.
+                # The scheduler has proposed a better schedule: nothing begins by the old plan.
                 plan = self._planner.update(now_us, apart)
                 if plan is None:
                     return
@@ -373,10 +374,10 @@ class Agent:
             self._begin_watch.check(now_us)
 
     def _awaits_joining(self, now_us: int) -> bool:
-        """Whether a plan would be too early, while others are about to join.
+        """True if it is too early for a plan because other robots are about to join.
 
-        Each of them changes the plan, and nobody begins before they have it too. The robot waits
-        for them no longer than for agreement, from the last one that joined.
+        Each of them changes the plan, and nobody begins before they have the plan too. The robot
+        waits for them no longer than for agreement, counted from the last one that joined.
         """
         membership = self._context.membership
         if not membership.around.newcomers:
@@ -387,10 +388,10 @@ class Agent:
         return self._joining_until_us is not None and now_us < self._joining_until_us
 
     def _awaits_news(self, events: Sequence[Input], now_us: int) -> bool:
-        """Whether a plan would be too early, right after another one.
+        """True if it is too early for a plan because another one was made just before.
 
-        Where many begin at once each of them changes the plan of all. The robot's own reports are
-        followed up at once: each is a step of the tree.
+        Where many robots begin at once, each of them changes everybody's plan. The robot's own
+        reports are followed at once: each is a step of the tree.
         """
         self._plans_at_us = None
         are_from_others = all(
@@ -423,7 +424,7 @@ class Agent:
     # -- the dirty check ----------------------------------------------------------------------
 
     def _is_clean(self, events: Sequence[Input], now_us: int) -> bool:
-        """Whether nothing follows from inputs, as mostly."""
+        """True if nothing follows from the inputs, as is usually the case."""
         return (
             now_us < self._step_us
             and self._seen == self._changes()
@@ -432,7 +433,7 @@ class Agent:
         )
 
     def _changes(self) -> int:
-        """Grows with all that a message can change and that something follows from."""
+        """A count that grows with each change by a message that needs a full step."""
         facts, membership = self._context.facts, self._context.membership
         changes = facts.changes + membership.member_changes + membership.suspicion_changes
         changes += membership.around.broadcast_generation + self._duplicates.changes
@@ -441,7 +442,7 @@ class Agent:
         return changes + membership.report_changes if self._reads_reports else changes
 
     def _note_what_is_done(self, now_us: int) -> None:
-        """Until something changes, or a deadline passes, nothing more follows."""
+        """Note that no full step is needed until something changes or a deadline passes."""
         context, planner = self._context, self._planner
         joining, done_us = context.joining, self._lifecycle.done_us
         leases = None if self._leased is None else self._leased.leases

@@ -1,7 +1,7 @@
-"""A robot that has never heard another one says so, with what it listens to, until it hears one.
+"""A robot that has never heard another one reports that, and what it listens to, until it does.
 
-Others may be at work where it does not hear them: their messages may be blocked, or go to another
-team. `core.membership.joining` decides how long it waits before it begins alone.
+Other robots may be at work out of earshot: their messages may be blocked, or go to another team.
+`core.membership.joining` decides how long a robot waits before it begins alone.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mrbt_mesh.core.facts.records import NETWORK
 
 
 class Alone:
-    """`is_over`: there is nothing to say any more."""
+    """Reports that no other robot was heard. `is_over`: there is nothing left to report."""
 
     def __init__(self, context: Context, health: Health) -> None:
         self._context = context
@@ -22,7 +22,7 @@ class Alone:
         self.is_over = context.joining is None or not context.joining.expects_others
 
     def follow(self, now_us: int) -> None:
-        """Say it once the robots that are expected should be there."""
+        """Report the problem once the expected robots are due, and its end once one was heard."""
         context, joining = self._context, self._context.joining
         if context.membership.peers:
             self.is_over = True

@@ -1,4 +1,4 @@
-"""Bids of this robot's program, where the mission has local tasks that are assigned by bid."""
+"""Bids of this robot's program, for missions with local tasks that are assigned by bid."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 class Bidder:
-    """Asks the program for bids, and writes them."""
+    """Asks the program for bids, and writes them as facts."""
 
     def __init__(self, context: Context, health: Health) -> None:
         self._context = context
         self._health = health
-        # The (activation, local task) pairs for which the program was asked to bid.
+        # The (activation, local task) pairs for which the program was asked for a bid.
         self._asked: set[tuple[str, str]] = set()
         self._failed: set[str] = set()
 
     def ask(self, plan: Plan) -> None:
-        """Ask this robot's program for the bids that the plan lacks, once each."""
+        """Ask this robot's program once for each bid that the plan lacks."""
         context = self._context
         wanted = {
             (bidding.activation, bidding.local_task): bidding.global_task
@@ -41,7 +41,7 @@ class Bidder:
                 context.emit(RequestBid(activation, task, local_task, value, incarnation))
 
     def made(self, event: BidsMade, now_us: int) -> None:
-        """Write bids, all in one batch. Those requested before a new life are requested again."""
+        """Write bids in one batch. Bids that arrive while the robot joins are requested again."""
         context = self._context
         if context.joining is not None:
             self._asked.clear()
@@ -57,7 +57,7 @@ class Bidder:
                     context.log("error", "bid_failed", local_task=bid.local_task, error=error)
                 problems[subject] = f"made no bid: {bid.reason or error}"
             if (bid.activation, bid.local_task) in self._asked:
-                # Nobody needs any other.
+                # Other bids are no longer needed.
                 writes[f"{records.BID}/{bid.activation}/{bid.local_task}"] = record
         facts: list[Fact] = [(name, writes[name]) for name in sorted(writes)]
         facts += self._health.problem_facts(problems)
@@ -66,7 +66,7 @@ class Bidder:
 
 
 def _checked(bid: BidMade) -> tuple[Bid, str]:
-    """The record of a bid, one without a performance if its program failed, and the error."""
+    """Return a bid's record and an error text. A failed program's bid has no performance."""
     try:
         return Bid.parse(None if bid.error else bid.performance), bid.error
     except ValueError as error:

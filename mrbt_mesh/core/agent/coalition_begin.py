@@ -1,9 +1,9 @@
 """A coalition counts only if all its members begin within a bound.
 
-A robot that begins notes when, by its own clock, and waits to hear that the others have begun: by
-their claims, or their outcomes. Until then it keeps back its success, but no longer than for a
-message: none begins after another has ended. Once the bound has passed it drops out, so that the
-coalition is broken and a new one is formed. Nobody compares clocks: each member goes by its own.
+A robot that begins notes the time on its own clock and waits to hear that the others have begun, by
+their claims or their outcomes. Until then it withholds its success, but no longer than a message
+takes: no member may begin after another has ended. Once the bound has passed it drops out, so that
+the coalition is broken and a new one is formed. Clocks are not compared: each member uses its own.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mrbt_mesh.core.facts.records import CLAIM, Claim, CoalitionId, CoalitionMem
 
 @dataclass(slots=True)
 class _Begun:
-    """What this robot has begun in a coalition. `success`: it has ended so, and is kept back."""
+    """What this robot has begun in a coalition. `success`: its success, if it is being withheld."""
 
     action: StartAction
     ends_us: int
@@ -35,18 +35,18 @@ class BeginWatch:
         self._begun: _Begun | None = None
 
     def use(self, executor: Executor, reports: Reports) -> None:
-        """The parts of the agent that follow the mission in force."""
+        """Use the parts that were composed for the mission in force."""
         self._executor = executor
         self._reports = reports
         executor.on_start = self._started
 
     @property
     def next_us(self) -> int | None:
-        """When the bound passes; None: nothing is waited for."""
+        """When the bound passes; None if nothing is awaited."""
         return self._begun.ends_us if self._begun is not None else None
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
-        """An action has ended by itself: its success may have to wait."""
+        """Process the end of an action. Its success may have to wait."""
         begun, is_stopping = self._begun, self._context.work.is_stopping
         if begun is None or begun.action.ticket != event.ticket or is_stopping:
             self._reports.finished(event, now_us)
@@ -54,7 +54,7 @@ class BeginWatch:
             self._begun = None
             self._reports.finished(event, now_us)
         else:
-            # What has not been heard by now is on its way, or begins after this has ended.
+            # Beginnings not heard by now are on their way, or come after this action has ended.
             begun.success = event
             begun.ends_us = min(begun.ends_us, now_us + self._context.config.timing.grace_us)
 
@@ -66,7 +66,7 @@ class BeginWatch:
             self._begun = _Begun(action, now_us + within_us)
 
     def check(self, now_us: int) -> None:
-        """Before a step: others may have begun, or the time for it may be over."""
+        """Check before a step whether all others have begun, or the bound has passed."""
         begun, work = self._begun, self._context.work
         if begun is None:
             return
@@ -74,7 +74,7 @@ class BeginWatch:
         if work.is_stopping or claim is None or claim.coalition != begun.action.coalition:
             self._begun = None
             if begun.success is not None:
-                work.stopped(begun.action.ticket)  # the program has ended before
+                work.stopped(begun.action.ticket)  # the program has already ended
         elif self._have_all_begun(begun.action):
             self._begun = None
             if begun.success is not None:

@@ -1,6 +1,7 @@
-"""Starting as a coalition: a robot gets *ready*, and all members start together.
+"""Starting as a coalition: robots get *ready*, and all members start together.
 
-The leader starts when enough members are ready and writes them down; the others start when it has.
+The leader starts when enough members are ready, and writes them down; the other members start once
+it has done so.
 """
 
 from __future__ import annotations
@@ -15,23 +16,23 @@ from mrbt_mesh.core.facts.records import Claim, Coalition, CoalitionId, Phase
 from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.planning.plan import RobotAssignment
 
-# A robot with such a claim has promised nothing to a coalition.
+# A robot whose claim is in one of these phases has promised nothing to a coalition.
 _BEFORE = (Phase.CLAIMED, Phase.TRAVELLING)
 
 
 class CoalitionStart(PlainStart):
-    """Starts together with the other members."""
+    """Starts a robot together with the other members of its coalition."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
 
     @property
     def needs_ready(self) -> bool:
-        """Whether a robot first writes down that it is ready."""
+        """True: a robot first writes that it is ready."""
         return True
 
     def clear(self, situation: Situation) -> Clearance | None:
-        """The coalition with which this robot may start now, written down by its leader."""
+        """The coalition that this robot may start with now, as written down by its leader."""
         facts, (plan, assignment, claim, is_grace_over, now_us) = self._context.facts, situation
         if assignment.leader != self._context.me:
             return self._written_down(assignment.activation, claim, now_us)
@@ -53,7 +54,7 @@ class CoalitionStart(PlainStart):
         return Clearance(str(token), ((name, Coalition(tuple(members))),))
 
     def _all_are_there(self, robots: Iterable[str]) -> bool:
-        """Whether none of these robots, all assigned to this task, is still on its way."""
+        """True if none of these robots, all assigned to this task, is still travelling."""
         return not any(self._context.facts.under_way(robot) for robot in robots)
 
     def _written_down(self, activation: str, claim: Claim, now_us: int) -> Clearance | None:
@@ -70,11 +71,11 @@ class CoalitionStart(PlainStart):
         return None
 
     def may_work(self, activation: str, token: CoalitionId, now_us: int) -> bool:
-        """Whether the coalition may work on the activation now."""
+        """True if the coalition may work on the activation now."""
         return True
 
     def token(self, assignment: RobotAssignment, claim: Claim) -> CoalitionId | None:
-        """The coalition that this robot is ready for, or runs with; None without any."""
+        """The coalition that this robot is ready for, or runs with; None if there is none."""
         context, facts, leader = self._context, self._context.facts, assignment.leader
         if not leader or claim.phase in _BEFORE:
             return None

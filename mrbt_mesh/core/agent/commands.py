@@ -1,4 +1,4 @@
-"""Commands of an operator over the network: words to this robot, and commands that are facts."""
+"""An operator's commands over the network: words to this robot, and commands that are facts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from mrbt_mesh.core.mission.names import ALL, type_name
 MAX_ARGUMENT = 4_096
 MAX_REFUSALS = 100
 
-# Whether a word was obeyed, and a text for people; or the answer to a command.
+# Whether a word was obeyed, and a text for people; or the answer to a command that is a fact.
 Answer: TypeAlias = tuple[bool, str | dict[str, Any]]
 
 
@@ -68,9 +68,9 @@ class Commands:
         self._desk = OperatorDesk(context, rules)
 
     def carry_out(self, body: Any, now_us: int) -> Answer | AwaitedAnswer:
-        """Carry out a command; (False, why) for anything malformed or unknown.
+        """Carry out a command. Returns (False, why) if it is malformed or unknown.
 
-        An answer that is awaited comes once the command is on disk.
+        An `AwaitedAnswer` is given once the command is on disk.
         """
         if not isinstance(body, list) or len(body) != 2 or not isinstance(body[0], str):
             return False, "a command is a list of a text and its argument"
@@ -111,7 +111,7 @@ class Commands:
         return True, json.dumps(dict(counts[:MAX_REFUSALS]))
 
     def _perform(self, argument: str, now_us: int) -> tuple[bool, str]:
-        """`argument` is a local task and a performance in units: `replace_hw=0.5`."""
+        """Set a performance. `argument`: a local task and its performance, `replace_hw=0.5`."""
         local_task, _, text = argument.rpartition("=")
         try:
             value = micro_performance(float(text))

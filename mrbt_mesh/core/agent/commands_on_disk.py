@@ -1,4 +1,4 @@
-"""Which operators' commands this robot's journal holds, and the queries that wait until it does."""
+"""Which operators' commands this robot's journal holds, and the queries that wait for that."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from typing import Any
 from mrbt_mesh.core.facts.records import OPERATORS
 from mrbt_mesh.core.membership.replica import Durability
 
-# Of more queries than that the oldest are forgotten: their clients ask again.
+# Beyond this many waiting queries the oldest are dropped: their clients ask again.
 MAX_WAITING = 1_000
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitedAnswer:
-    """An answer that is given once this robot's journal holds the entry of this name, at once if it
-    keeps none.
+    """An answer that waits until this robot's journal holds the entry `name`; it is given at once
+    if the robot keeps no journal.
 
-    `make` makes it then, so that it tells what the command has become by that time.
+    `make` is called only then, so that the answer tells what has become of the command by that
+    time.
     """
 
     name: str
@@ -26,33 +27,33 @@ class AwaitedAnswer:
 
 
 class CommandsOnDisk:
-    """The operators' commands of one robot's facts, as far as its journal is known to hold them."""
+    """The operators' commands among one robot's facts, and whether its journal holds them."""
 
     def __init__(self, durability: Durability) -> None:
         self._durability = durability
-        # By entry: the number by which to know when it is on disk.
+        # Name of the entry -> the journal's number for it.
         self._numbers: dict[str, int] = {}
-        # By query; the oldest first.
+        # Query -> its answer, the oldest first.
         self._waiting: dict[int, AwaitedAnswer] = {}
 
     def note(self, name: str, number: int) -> None:
-        """The newest command of this name is on disk once this number is."""
+        """Note that the newest command of this name is on disk once this number is."""
         self._numbers[name] = number
 
     def forget(self, dropped: Iterable[tuple[str, str]]) -> None:
-        """These facts, by author and name, were dropped."""
+        """Forget these dropped facts, given by author and name."""
         for author, name in dropped:
             if author == OPERATORS:
                 self._numbers.pop(name, None)
 
     def wait(self, query: int, answer: AwaitedAnswer) -> None:
-        """This query is to be answered once the command is on disk."""
+        """Have this query answered once the command is on disk."""
         self._waiting[query] = answer
         if len(self._waiting) > MAX_WAITING:
             del self._waiting[next(iter(self._waiting))]
 
     def take_answers(self) -> list[tuple[int, dict[str, Any]]]:
-        """The queries that are to be answered now, each once, and the answers."""
+        """Return the queries that can be answered now, with their answers, and remove them."""
         found = [query for query, each in self._waiting.items() if self._holds(each.name)]
         return [(query, self._waiting.pop(query).make()) for query in found]
 

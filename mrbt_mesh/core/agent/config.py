@@ -1,4 +1,4 @@
-"""The configuration of one robot, fixed for the life of its agent."""
+"""The configuration of one robot, fixed for the lifetime of its agent."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from mrbt_mesh.core.planning.plan import RobotAssignment
 
 @dataclass(frozen=True)
 class ResumedLife:
-    """A life that goes on where a recording has left it; the restored entries have the rest.
+    """An incarnation that continues where its recording ends; the restored entries contain the rest
+    of its state.
 
-    `version`: that of the batch that it writes next. `assignment` and `partners`: its own in the
-    newest plan. `deadlines_us`: when the running deadlines pass, from now on.
+    `version`: of the next batch that it writes. `assignment` and `partners`: its own in the newest
+    plan. `deadlines_us`: when the running deadlines pass, relative to now.
     """
 
     version: Version
@@ -30,20 +31,20 @@ class ResumedLife:
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """One robot's configuration; performances in `capabilities` are micro-units.
+    """One robot's configuration. Performances in `capabilities` are in micro-units.
 
-    `expected`: the robots of the team that should be heard at the start; where nobody has joined
+    `expected`: the robots of the team that should be heard at the start. While nobody has joined
     yet, the robot waits for them up to `gather_us`, at least one detection time, and up to
-    `alone_after_us` if it hears none at all. `listens`: where it does, for people. `takeover`: it
-    replaces a live robot of the same id. `exit_when_done`: it stops once the whole team has the
-    mission's result; otherwise it serves latecomers. `restored`: the entries of its journal;
-    `keeps_journal`: it has one; `journal_problem`: why that cannot be written, empty if it can;
-    `recording_problem`: the same of its recording. `plans_apart`: plans are made
-    outside of `Agent.handle` (`deferred_inputs`). `lacks_planner`: it takes part in no mission that
-    needs the extra of this name. With `keys` only messages that a member has
-    signed are accepted; `life` is then greater than that of every earlier process of this robot
-    (see `membership.envelope`). `resumed`: it goes on with a life that was recorded, without
-    joining anew (the simulator's what-if).
+    `alone_after_us` if it hears none at all. `listens`: where it listens, as a text for people.
+    `takeover`: it replaces a live robot of the same id. `exit_when_done`: it stops once the whole
+    team has the mission's result; otherwise it serves latecomers. `restored`: the entries of its
+    journal. `keeps_journal`: it has a journal. `journal_problem`: why the journal cannot be
+    written, empty if it can; `recording_problem`: the same for its recording. `plans_apart`: plans
+    are made outside of `Agent.handle` (`deferred_inputs`). `lacks_planner`: the robot takes part in
+    no mission that needs the extra `planner`. With `keys` only messages authenticated as coming
+    from a member are accepted; `life` must then be greater than that of every earlier process of
+    this robot (see `membership.envelope`). `resumed`: the robot continues a recorded incarnation
+    without joining again (for the simulator's what-if).
     """
 
     robot: str

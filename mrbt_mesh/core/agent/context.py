@@ -1,4 +1,4 @@
-"""The state that the parts of one agent share: its facts, its view of the team, its effects.
+"""The state shared by the parts of one agent: its facts, its view of the team, its effects.
 
 Each part takes this and the few other parts that it needs, never the agent.
 """
@@ -41,12 +41,11 @@ OTHERS = "others: too many to tell apart"
 class Context:
     """One robot's facts, peers and outgoing effects.
 
-    `joining` is None once the robot has its place in the team; `is_leaving`: it is on its way out.
-    `refused` counts refusals by source and reason; beyond `MAX_REASONS` different ones new
-    ones are counted together. `sealing` is None in a team without keys, `wall_clock` in a mission
-    without jobs.
-    `position` is the last one that the program has reported, `recorded` how far the robot's
-    recording is signed.
+    `joining`: None once the robot has joined. `is_leaving`: it is about to leave the team.
+    `refused` counts refusals by source and reason; beyond `MAX_REASONS` different ones, new ones
+    are counted together. `sealing`: None in a team without keys. `wall_clock`: None in a mission
+    without jobs. `position`: the last one that the program reported. `recorded`: how far the
+    robot's recording is signed.
     """
 
     def __init__(self, mission: Mission, config: AgentConfig, now_us: int) -> None:
@@ -63,7 +62,7 @@ class Context:
             config.journal_problem, bool(config.journal_problem), config.keeps_journal
         )
         self.commands_on_disk = CommandsOnDisk(self.durability)
-        # The mission in force, as its file has it: the agent follows `facts.declared`.
+        # The mission in force, as in its file. It follows `facts.declared`.
         self.mission = self.facts.declared
         self.membership = Membership(
             self.me, config.timing, self.mission.robots, SignedReports(config.keys, config.run)
@@ -92,61 +91,63 @@ class Context:
         self._effects: list[Effect] = []
 
     def use(self, mission: Mission) -> None:
-        """The mission in force, from now on."""
+        """Use this mission, which is in force from now on."""
         self.mission = mission
         if mission.jobs and self.wall_clock is None:
             self.wall_clock = WallClock(self.membership, self.config.timing.heartbeat_us)
 
     def note_position(self, position: Position) -> None:
-        """The program has reported where the robot is; its heartbeats carry it."""
+        """Note where the robot is, as its program reports; heartbeats carry this."""
         self.position = position
 
     def note_recorded(self, head: RecordingHead) -> None:
-        """The recording was signed so far; heartbeats carry it."""
+        """Note how far the recording is signed; heartbeats carry this."""
         self.recorded = head
 
     # -- its state ----------------------------------------------------------------------------
 
     @property
     def has_place(self) -> bool:
-        """Whether it has joined in this life, though it may have to catch up."""
+        """True once this incarnation has joined, even if it may have to catch up."""
         return self.joining is None or self.joining.keeps_life
 
     @property
     def is_new(self) -> bool:
-        """Whether it has yet to join in this life: its facts might lose against earlier ones."""
+        """True until this incarnation has joined. Facts written before would lose to those of
+        earlier incarnations.
+        """
         return self.joining is not None and self.joining.is_first
 
     def alive(self) -> dict[str, Incarnation]:
-        """The plan's alive set, this robot included."""
+        """The plan's alive set, including this robot."""
         return self.membership.members() | {self.me: self.replica.incarnation}
 
     def member(self) -> Fact:
-        """The fact with which this robot describes itself."""
+        """The fact in which this robot describes itself."""
         return records.MEMBER, self.description.member(self.is_leaving)
 
     @property
     def place(self) -> str:
-        """Where this robot is, or from which it has set out, also if the mission lacks it now."""
+        """Where this robot is, or has set out from, even if the mission now lacks the place."""
         said = self.facts.map.get(self.me, records.CLAIM)
         known = said.record.place if said and isinstance(said.record, Claim | NoClaim) else ""
         return self.work.place or known or self.facts.place_of(self.me)
 
     def claim(self) -> Fact:
-        """The fact of what this robot works on, and where it is."""
+        """The fact about what this robot works on, and where it is."""
         return records.CLAIM, self.work.claim or NoClaim(self.place)
 
     # -- effects ------------------------------------------------------------------------------
 
     def write(self, facts: Sequence[Fact], now_us: int) -> None:
-        """Write one batch of facts, at least one, to the journal and to the team.
+        """Write one non-empty batch of facts to the journal and to the team.
 
         It does not wait for the disk: facts that others rely on are written by `promise`.
         """
         self._write(facts, 0, now_us)
 
     def promise(self, facts: Sequence[Fact], now_us: int) -> int:
-        """Write one batch of facts; returns the number by which to know when it is on disk."""
+        """Write one batch of facts. Returns its number, by which to know when it is on disk."""
         number = self.durability.take_number()
         self._write(facts, number, now_us)
         return number
@@ -160,13 +161,13 @@ class Context:
         self._effects += (Persist(entries, True, number), Publish(MessageKind.FACT, data))
 
     def members_digest(self) -> bytes:
-        """A digest of the members as this robot sees them; zeros while it has no place."""
+        """A digest of the members as this robot sees them; zeros until it has joined."""
         if not self.has_place:
             return bytes(DIGEST_BYTES)
         return self.membership.around.members_digest(self.replica.incarnation)
 
     def ask(self, peers: Iterable[str], now_us: int) -> None:
-        """Ask these peers for the facts that this robot lacks."""
+        """Pull the facts that this robot lacks from these peers."""
         alive = self.members_digest()
         for peer in peers:
             self.replica.anti_entropy.mark_asked(peer, now_us)
@@ -178,10 +179,10 @@ class Context:
         self._effects.append(Reply(query, (data,)))
 
     def keep(self, entries: Sequence[Entry]) -> None:
-        """Have facts of others kept in the journal."""
+        """Have facts of other robots kept in the journal."""
         kinds = {entry.parts[0] for entry in entries}
         commands = [entry.name for entry in entries if entry.author == records.OPERATORS]
-        if commands or kinds & records.JOB_KINDS:  # their operators wait until they are on disk
+        if commands or kinds & records.JOB_KINDS:  # their operators wait until these are on disk
             number = self.durability.take_number()
             self.emit(Persist(tuple(entries), True, number))
             for name in commands:
@@ -190,16 +191,16 @@ class Context:
             self.emit(Persist(tuple(entries), at_once=False))
 
     def answer_kept(self) -> None:
-        """Answer the queries for commands that the journal holds by now."""
+        """Answer the queries for commands that the journal holds now."""
         for query, found in self.commands_on_disk.take_answers():
             self.answer(query, True, found)
 
     def emit(self, *effects: Effect) -> None:
-        """Have effects carried out, after those before."""
+        """Append effects, to be carried out after earlier ones."""
         self._effects += effects
 
     def log(self, level: str, event: str, **fields: Any) -> None:
-        """One line for the robot's log."""
+        """Write one line to the robot's log."""
         self._effects.append(Log(level, event, fields))
 
     def refuse(self, source: str, reason: str, incompatible: bool = False, count: int = 1) -> None:
@@ -211,7 +212,7 @@ class Context:
             self.joining.refusal = f"{source}: {reason}"
 
     def count_refusal(self, source: str, reason: str, count: int = 1) -> bool:
-        """Count more of a kind; whether they are the first, which is worth a line in the log."""
+        """Add to the count of a refusal. Returns True the first time, when it should be logged."""
         key = f"{source}: {reason}"
         if key not in self.refused and len(self.refused) >= MAX_REASONS:
             key = OTHERS
@@ -219,12 +220,12 @@ class Context:
         return self.refused[key] == count
 
     def stop(self, code: int, reason: str | None) -> None:
-        """The agent is done, for this reason; None: it is not."""
+        """Stop the agent for this reason; does nothing if it is None."""
         if reason is not None and not self.has_stopped:
             self.has_stopped = True
             self.emit(*self.work.drop(), Stop(code, reason))
 
     def take_effects(self) -> list[Effect]:
-        """The effects, in order; they are handed over once."""
+        """Return the effects so far, in order, and remove them."""
         effects, self._effects = self._effects, []
         return effects if self.sealing is None else [self.sealing.seal(each) for each in effects]

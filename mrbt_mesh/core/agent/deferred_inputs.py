@@ -1,9 +1,9 @@
 """Inputs that wait while a plan is being made elsewhere.
 
-A large team's plan may take longer than a robot may be silent. The runtime then makes it
-(`effects.MakePlan`). Until it is made the facts must stay as they are, since it reads them, so any
-input that could change them waits. Heartbeats go out and are heard: nobody takes the robot for
-dead, and it misses no death.
+Making a large team's plan may take longer than a robot may be silent, so the runtime does that
+(`effects.MakePlan`). It reads the facts, which must not change meanwhile, so any input that could
+change them waits. Heartbeats are still sent and received, so nobody considers the robot dead, and
+it notices deaths.
 """
 
 from __future__ import annotations
@@ -36,14 +36,15 @@ class DeferredInputs:
 
     @property
     def waits(self) -> bool:
-        """Whether anything is to be taken in as soon as the plan has been made."""
+        """True if inputs wait to be processed as soon as the plan has been made."""
         return bool(self._waiting)
 
     def due(self, events: Sequence[inputs.Input], busy: bool) -> list[inputs.Input]:
-        """The inputs to take in now that `events` have come; `busy`: a plan is being made.
+        """Return the inputs to process now that `events` have arrived. `busy`: a plan is being
+        made.
 
-        Inputs that have waited come before new ones that may change facts, one step at a time: one
-        input, or the facts from others that come first.
+        Inputs that waited come before new ones that may change facts, one step at a time: a step is
+        one input, or up to `AT_ONCE` consecutive inputs with facts from others.
         """
         found: list[inputs.Input] = []
         for event in events:

@@ -1,4 +1,4 @@
-"""The effects of an agent: plain data, no behaviour."""
+"""The effects of an agent: plain data without behaviour."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mrbt_mesh.core.scheduling.dispatch import Dispatched
 
 @dataclass(frozen=True, slots=True)
 class Publish:
-    """Send to these robots and to observers; `to` is None: to everybody."""
+    """Send to these robots and to observers. `to` None: to everybody."""
 
     kind: MessageKind
     data: bytes
@@ -25,9 +25,9 @@ class Publish:
 
 @dataclass(frozen=True, slots=True)
 class Persist:
-    """Keep these entries in the journal: `at_once`, or a little later, with others.
+    """Keep these entries in the journal: `at_once`, or a little later together with others.
 
-    Unless `number` is 0 it is answered by JournalSynced, once these and all before are on disk.
+    Unless `number` is 0, JournalSynced answers once these and all earlier entries are on disk.
     """
 
     entries: tuple[Entry, ...]
@@ -37,14 +37,14 @@ class Persist:
 
 @dataclass(frozen=True, slots=True)
 class Forget:
-    """These entries, by author and name, can no longer be reached: the journal may drop them."""
+    """These entries, by author and name, are out of reach: the journal may drop them."""
 
     keys: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Ask:
-    """Send a PULL to one peer; its answer comes back as AnswerReceived."""
+    """Send a PULL to one peer. Its answer comes back as AnswerReceived."""
 
     peer: str
     data: bytes
@@ -52,9 +52,9 @@ class Ask:
 
 @dataclass(frozen=True, slots=True)
 class AskRouter:
-    """Ask a router whether it or another one has a link to this robot.
+    """Ask a router whether it or another router has a link to this robot.
 
-    It is answered by RouterAnswered.
+    Answered by RouterAnswered.
     """
 
     robot: str
@@ -64,7 +64,7 @@ class AskRouter:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """Answer a query, with one message or, for a PULL of many facts, several pages."""
+    """Answer a query with one message or, for a PULL of many facts, several pages."""
 
     query: int
     pages: tuple[bytes, ...]
@@ -72,11 +72,11 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class StartAction:
-    """Run a local task; ends with ActionFinished or, after CancelAction, ActionStopped.
+    """Run a local task. Ends with ActionFinished or, after CancelAction, ActionStopped.
 
-    `coalition` is the token of the coalition that it starts with, empty without one. `travel_to`:
-    it is only the way to this place, where the local task happens; empty: the local task itself.
-    `values`: blackboard entry -> its value, of those that are arguments.
+    `coalition`: the id of the coalition that it starts with, empty if there is none. `travel_to`:
+    the action is only the way to this place, where the local task happens; empty: it is the local
+    task itself. `values`: the values of the blackboard entries that serve as arguments, by entry.
     """
 
     ticket: int
@@ -92,7 +92,7 @@ class StartAction:
 
     @property
     def called(self) -> dict[str, str]:
-        """The tasks with these values as arguments, as programs and people see them."""
+        """The tasks with these values as arguments, as shown to programs and people."""
         names = {"global_task": self.global_task, "local_task": self.local_task}
         values = dict(self.values)
         return {key: with_entries(n, values) for key, n in names.items()} if values else names
@@ -100,7 +100,7 @@ class StartAction:
 
 @dataclass(frozen=True, slots=True)
 class MakePlan:
-    """Call `make`, in another thread if there is one; answered by PlanMade of the same number."""
+    """Call `make`, in another thread if possible. Answered by PlanMade with the same number."""
 
     number: int
     make: Callable[[], Plan] = field(repr=False, compare=False)
@@ -108,9 +108,7 @@ class MakePlan:
 
 @dataclass(frozen=True, slots=True)
 class SearchSchedule:
-    """Carry out these steps beside all else; the last one is answered by ScheduleFound of this
-    number.
-    """
+    """Carry out these steps in the background. ScheduleFound with this number answers the last."""
 
     number: int
     steps: Iterator[Dispatched] = field(repr=False, compare=False)
@@ -118,8 +116,8 @@ class SearchSchedule:
 
 @dataclass(frozen=True, slots=True)
 class CheckMission:
-    """See whether the robot's program can do what a revision of the mission asks of this robot;
-    answered by MissionChecked.
+    """Check whether the robot's program can do what a revision of the mission asks of this robot.
+    Answered by MissionChecked.
     """
 
     mission: Mission = field(repr=False)
@@ -127,23 +125,23 @@ class CheckMission:
 
 @dataclass(frozen=True, slots=True)
 class UseMission:
-    """This revision of the mission is in force: what is begun from now on is of it."""
+    """This revision of the mission is in force: whatever begins from now on belongs to it."""
 
     mission: Mission = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True)
 class CancelAction:
-    """Stop the action; answered by ActionStopped, or ActionFinished if it was quicker."""
+    """Stop the action. Answered by ActionStopped, or by ActionFinished if it ended first."""
 
     ticket: int
 
 
 @dataclass(frozen=True, slots=True)
 class RequestBid:
-    """Have the robot's program bid for a local task; it is answered by BidsMade.
+    """Have the robot's program bid for a local task. Answered by BidsMade.
 
-    `performance`: the declared one.
+    `performance`: the robot's present performance of that task.
     """
 
     activation: str
@@ -155,7 +153,7 @@ class RequestBid:
 
 @dataclass(frozen=True, slots=True)
 class DeclareToken:
-    """Show the liveliness token of this incarnation, in place of an earlier one."""
+    """Declare the liveliness token of this incarnation, replacing an earlier one."""
 
     incarnation: Incarnation
 

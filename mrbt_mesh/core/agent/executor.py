@@ -1,9 +1,9 @@
-"""T_Li at work: following this robot's assignment, from the claim to the action.
+"""T_Li at work: follows this robot's assignment, from the claim to the action.
 
-A robot starts once the team agrees; if the local task happens somewhere else, it goes there first.
-The *start policy* of the global task decides what else it has to wait for: `PlainStart` for
-nothing, `CoalitionStart` (`coalition_start`) for the other members, `LeasedStart` (`leased_start`)
-also for the leases of a majority.
+A robot starts once the team agrees. If the local task has a place elsewhere, it goes there first.
+The *start policy* of the global task decides what else it has to wait for: `PlainStart`: nothing;
+`CoalitionStart` (`coalition_start`): the other members; `LeasedStart` (`leased_start`): also the
+leases of a majority.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mrbt_mesh.core.planning.plan import Plan, RobotAssignment
 
 
 class Situation(NamedTuple):
-    """What a start policy decides on; `is_grace_over`: it waits no longer for other robots."""
+    """The input of a start policy. `is_grace_over`: the robot no longer waits for other robots."""
 
     plan: Plan
     assignment: RobotAssignment
@@ -39,7 +39,7 @@ class Situation(NamedTuple):
 
 
 class Clearance(NamedTuple):
-    """A robot may start: with this coalition, if any, once these facts are written."""
+    """Permission to start: with this coalition, if any, after writing these facts."""
 
     coalition: str = ""
     facts: tuple[Fact, ...] = ()
@@ -50,14 +50,14 @@ class PlainStart:
 
     @property
     def needs_ready(self) -> bool:
-        """Whether a robot first writes down that it is ready."""
+        """Whether a robot first writes that it is ready."""
         return False
 
     def note_ready(self, number: int) -> None:
-        """The robot has promised, under this number, that it is ready."""
+        """Note that the robot has promised, under this number, that it is ready."""
 
     def clear(self, situation: Situation) -> Clearance | None:
-        """The clearance to start now; None: the robot has to wait."""
+        """The clearance to start now; None if the robot has to wait."""
         return Clearance()
 
     def given_up(self, claim: Claim) -> list[Fact]:
@@ -66,14 +66,14 @@ class PlainStart:
 
 
 class StartPolicies(NamedTuple):
-    """The start policies that the mission's tasks have."""
+    """The start policies of the mission's tasks."""
 
     plain: PlainStart
     coalition: PlainStart
     leased: PlainStart | None
 
     def of(self, task: GlobalTask) -> PlainStart:
-        """The one of a global task."""
+        """The start policy of a global task."""
         if task.exclusive and self.leased is not None:
             return self.leased
         return self.coalition if task.simultaneous else self.plain
@@ -82,9 +82,8 @@ class StartPolicies(NamedTuple):
 class Executor:
     """Claims and starts the local task that the plan assigns to this robot; stops any other.
 
-    `on_start` is called with each action that begins, and the time.
-    `scheduler`: of a mission with places.
-    `shows_outcome`: T_Li was ticked with an outcome, and is to be ticked again.
+    `on_start`: called with each action that begins, and the time. `scheduler`: for a mission with
+    places. `shows_outcome`: T_Li was ticked with an outcome and must be ticked again.
     """
 
     def __init__(
@@ -129,7 +128,7 @@ class Executor:
             assert start is not None  # the plan has it
             if start.needs_ready and claim.phase is Phase.CLAIMED and not travel_to:
                 claim = work.get_ready(claim)
-                # The coalition's leader refers to this entry, also if it is this robot.
+                # The coalition's leader refers to this entry, even if the leader is this robot.
                 start.note_ready(context.promise([*writes, (records.CLAIM, claim)], now_us))
                 writes, is_news = [], False
             is_grace_over = now_us >= self._grace_ends_us
@@ -144,7 +143,7 @@ class Executor:
             context.write([*writes, context.claim()], now_us)
 
     def _way(self, claim: Claim | None) -> str:
-        """The place to which the robot has to go before it can begin; empty if there is none."""
+        """The place that the robot has to travel to before it can begin; empty if none."""
         context = self._context
         if context.mission.travel is None or claim is None:
             return ""
@@ -154,7 +153,7 @@ class Executor:
         return goal if context.work.is_between or goal != context.place else ""
 
     def _may_start(self, plan: Plan, now_us: int) -> bool:
-        """Whether all robots in good standing have the same plan, or the grace time has passed."""
+        """True if all healthy robots have the same plan, or the grace time has passed."""
         if self._context.facts.is_revised and not self._reviser.may_begin():
             return False
         if self.scheduler is not None and now_us < (self.scheduler.settles_us or 0):
@@ -169,12 +168,12 @@ class Executor:
 
     @property
     def _grace_ends_us(self) -> int:
-        """From when on this robot starts its assignment without agreement."""
+        """When this robot starts its assignment even without agreement."""
         return self._context.work.assigned_us + self._grace_us
 
     @property
     def starts_us(self) -> int | None:
-        """When it starts at the latest, if it waits for agreement alone; None: it does not wait."""
+        """When it starts at the latest, if it only waits for agreement; None if it does not."""
         return self._grace_ends_us if self._context.work.is_waiting else None
 
     def _tick(self, plan: Plan, assigned: str | None) -> str | None:
@@ -222,8 +221,8 @@ class Executor:
         context.log("info", event, **names, activation=start.activation, **place)
 
     def given_up(self, claim: Claim) -> list[Fact]:
-        """The facts to write when a claim is dropped without an outcome, by the mission that this
-        robot follows; none if that has no such step.
+        """The facts to write when a claim is dropped without an outcome, according to the mission
+        that this robot follows; none if the mission has no such step.
         """
         start = self._start_of(claim)
         return start.given_up(claim) if start is not None else []

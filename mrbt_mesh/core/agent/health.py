@@ -1,4 +1,4 @@
-"""The facts of a robot itself: its capabilities, and problems of its program and its journal."""
+"""Facts about the robot itself: its capabilities, and problems of its program and journal."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ MAX_PROBLEMS = 20
 
 
 class Health:
-    """Writes facts for the team."""
+    """Writes facts about the robot's capabilities and problems."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        # Problems that a new life keeps until its incarnation is above all earlier ones.
+        # Problems kept back until a new incarnation, above all earlier ones, has joined.
         self._unsaid: dict[str, str] = {}
         self._recording_problem = context.config.recording_problem
 
     def joined(self, now_us: int) -> None:
-        """Write the problems that were found before the robot joined; those that its program had
-        in an earlier life are over.
+        """Write the problems found before the robot joined. Problems of its program from an earlier
+        incarnation are solved.
         """
         unsaid, self._unsaid = self._unsaid, {}
         found = {as_subject(subject) for subject in unsaid}
@@ -55,7 +55,8 @@ class Health:
     # -- problems of its program --------------------------------------------------------------
 
     def problem_found(self, event: ProblemFound, now_us: int) -> None:
-        """Write the problem of a part of the program; a new life keeps it until it has joined.
+        """Write the problem of a part of the program, or keep it until a new incarnation has
+        joined.
 
         The team hears of the first MAX_PROBLEMS parts; the log has them all.
         """
@@ -67,7 +68,7 @@ class Health:
             self._context.write(facts, now_us)
 
     def problem_facts(self, problems: Mapping[str, str]) -> list[Fact]:
-        """The facts of new problems and of solved ones; nothing that is known already."""
+        """The facts of new and of solved problems, without those that are already known."""
         context = self._context
         known = context.facts.problems.get(context.me, {})
         writes: dict[str, str] = {}
@@ -85,7 +86,7 @@ class Health:
     # -- its capabilities ---------------------------------------------------------------------
 
     def change_capability(self, change: CapabilityChanged, now_us: int) -> str | None:
-        """Declare a minor fault or its end; returns why it cannot be, or None."""
+        """Declare a minor fault or its end. Returns why that is impossible, or None."""
         description, name, source = self._context.description, change.local_task, change.source
         if not change.lost:
             return self._change(lambda: description.restore(name, source), now_us)
@@ -95,12 +96,12 @@ class Health:
     def change_performance(
         self, local_task: str, value: int, source: str, now_us: int
     ) -> str | None:
-        """Declare how well this robot does something; returns why it cannot be, or None."""
+        """Declare a performance of this robot. Returns why that is impossible, or None."""
         description = self._context.description
         return self._change(lambda: description.perform(local_task, value, source), now_us)
 
     def _change(self, change: Callable[[], str | None], now_us: int) -> str | None:
-        """Change the description, and write it if it differs."""
+        """Change the description, and write it if it differs. Returns what `change` does."""
         context, description = self._context, self._context.description
         before = description.changes()
         problem = change()
@@ -117,13 +118,13 @@ class Health:
     # -- its journal --------------------------------------------------------------------------
 
     def journal_reported(self, event: JournalReported, now_us: int) -> None:
-        """The journal can be written again, or cannot."""
+        """Process a report that the journal can be written again, or cannot."""
         durability = self._context.durability
         durability.problem, durability.is_failing = event.problem, event.is_failing
         self.report_journal(now_us)
 
     def journal_opened(self, event: JournalOpened, now_us: int) -> None:
-        """The journal holds these entries alone: write all others once more."""
+        """Write all other entries again, as the reopened journal holds only these."""
         context = self._context
         context.replica.restore(event.entries)
         held = {entry.hash for entry in event.entries}
@@ -151,7 +152,7 @@ class Health:
     # -- its recording ------------------------------------------------------------------------
 
     def recording_reported(self, event: RecordingReported, now_us: int) -> None:
-        """What the robot does is recorded, or not any more."""
+        """Process a report that the robot's recording works, or no longer does."""
         self._recording_problem = event.problem
         self._report_recording(now_us)
 

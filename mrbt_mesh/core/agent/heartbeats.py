@@ -1,6 +1,6 @@
 """This robot's heartbeats: their contents, and when to send one.
 
-Which robots get it is a matter of the team's dissemination (`core/membership/dissemination.py`).
+The team's dissemination decides which robots get them (`core/membership/dissemination.py`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 class Heartbeats:
-    """Puts this robot's heartbeats together."""
+    """Composes and sends this robot's heartbeats."""
 
     def __init__(
         self,
@@ -43,19 +43,19 @@ class Heartbeats:
         self._parts = parts
 
     def send_if_due(self, plan: Plan | None, now_us: int) -> None:
-        """Send one if it is time, or if others must hear something at once."""
+        """Send a heartbeat if it is due, or if others must hear something at once."""
         urgent = self._urgent(plan)
         if self._schedule.is_due(urgent, now_us):
             self._send(plan, urgent, now_us)
 
     def send_if_regular(self, plan: Plan | None, now_us: int) -> None:
-        """The same, where only reports of others may have changed."""
+        """The same as `send_if_due`, for steps in which only reports of others may have changed."""
         last, is_due = self._last, now_us >= self._schedule.next_due_us
         if is_due or (last and self._agrees(last.digest) != last.is_agreed):
             self._send(plan, self._urgent(plan), now_us)
 
     def send(self, plan: Plan | None, now_us: int) -> None:
-        """Send the last one now."""
+        """Send the last heartbeat now."""
         self._send(plan, self._urgent(plan), now_us, is_last=True)
 
     def hurry_if_probing(self, now_us: int) -> None:
@@ -89,7 +89,7 @@ class Heartbeats:
         )
 
     def _lease_state(self) -> tuple[Request | None, tuple[LeaseGrant, ...]]:
-        """The lease that this robot requests, and those that it has granted."""
+        """Return the lease that this robot requests, and those that it has granted."""
         if self._leased is None:
             return None, ()
         leases = self._leased.leases
@@ -140,8 +140,8 @@ class Heartbeats:
 
 
 def who_waits(plan: Plan, facts: TeamFacts, judges: Judges) -> set[str]:
-    """The robots that wait until all have the same plan: those that begin something by it, and
-    some that write down that something has failed for long enough, or that the mission is over.
+    """The robots that wait until all have the same plan: those that begin something by it, and some
+    that write that something has failed for long enough, or that the mission is over.
     """
     found = set()
     for robot, assignment in plan.assignments.items():

@@ -1,6 +1,7 @@
 """Messages from outside: heartbeats, facts, queries and answers, liveliness tokens.
 
-A message that is malformed or of another run is counted and logged once per source, never fatal.
+A message that is malformed or belongs to another run is counted, and logged once per source and
+reason. It is never fatal.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ _BEAT = MessageKind.HEARTBEAT
 
 
 class Inbound:
-    """Takes in messages."""
+    """Processes messages."""
 
     def __init__(
         self,
@@ -62,7 +63,7 @@ class Inbound:
         self._parts = parts
 
     def take(self, event: FromOutside, now_us: int) -> None:
-        """Take in one message."""
+        """Process one message."""
         sealing = self._context.sealing
         if sealing is not None:
             try:
@@ -92,7 +93,7 @@ class Inbound:
                 self._answer(peer, data, now_us)
 
     def _not_authentic(self, event: FromOutside, error: WireError, now_us: int) -> None:
-        """Refuse a message; an operator without a key of this team gets an answer."""
+        """Refuse a message. An operator without a key of this team gets an answer."""
         match event:
             case MessageReceived(_, source, _):
                 self._refuse(source, error)
@@ -135,7 +136,8 @@ class Inbound:
                 self._compare_clock(source, beat.report.incarnation.nonce, beat.steady_us, now_us)
             for heard in self._parts.heard:
                 heard(source, beat)
-            # Every heartbeat repeats it. While a plan is made the facts stay as they are.
+            # A lease request repeats in every heartbeat. While a plan is made, facts must not
+            # change.
             has_leases = beat.lease_request is not None or beat.lease_grants
             if self._leased is not None and has_leases and self._planner.awaited is None:
                 self._leased.heartbeat_received(source, beat, now_us)
@@ -148,7 +150,7 @@ class Inbound:
         context.stop(2, reason)
 
     def _compare_digest(self, source: str, beat: Heartbeat, now_us: int) -> None:
-        """Of the facts, and, once both have joined, of the members as each sees them."""
+        """Compare digests: of the facts and, once both have joined, of the members."""
         context = self._context
         theirs = ours = bytes(DIGEST_BYTES)
         if context.has_place and beat.report.has_joined:
@@ -180,7 +182,7 @@ class Inbound:
             self._refuse("a query", error)
 
     def _view(self, members_digest: bytes) -> dict[str, SelfReport]:
-        """The robots that this one counts on, for one with other members; none while it joins."""
+        """The healthy robots' reports, for a peer with other members; none while joining."""
         context = self._context
         incarnation = context.replica.incarnation
         same = context.membership.around.members_digest(incarnation) == members_digest
@@ -211,7 +213,7 @@ class Inbound:
                 context.joining.mark_answered(peer)
 
     def take_in(self, source: str, received: Received) -> None:
-        """Have kept what was news, and count what was refused."""
+        """Have the journal keep what was news, and count what was refused."""
         context = self._context
         context.keep(received.changed)
         if received.refused:

@@ -1,4 +1,4 @@
-"""The inputs of an agent: plain data, no behaviour."""
+"""The inputs of an agent: plain data without behaviour."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from mrbt_mesh.core.scheduling.problem import Schedule
 class MessageReceived:
     """A heartbeat or a batch of facts, published under the key of `source`.
 
-    `envelope`: that of `data`, if its tag has been checked already. `arrived_us`: when it arrived,
-    if it waited since; not before the last input that was handled.
+    `envelope`: the envelope of `data`, if its tag has already been checked. `arrived_us`: when it
+    arrived, if it had to wait; not before the last input that was handled.
     """
 
     kind: MessageKind
@@ -35,7 +35,7 @@ class MessageReceived:
 class TokenChanged:
     """A robot's liveliness token appeared (`held`) or disappeared.
 
-    `router`: the one that the robot is a client of; empty where robots have links of their own.
+    `router`: the router that the robot is a client of; empty where robots have links of their own.
     """
 
     robot: str
@@ -58,7 +58,7 @@ class RouterAnswered:
 
 @dataclass(frozen=True, slots=True)
 class QueryReceived:
-    """A question (PULL or COMMAND); answer it with `Reply(query, ...)`."""
+    """A query (PULL or COMMAND). Answer it with `Reply(query, ...)`."""
 
     query: int
     kind: MessageKind
@@ -67,7 +67,7 @@ class QueryReceived:
 
 @dataclass(frozen=True, slots=True)
 class AnswerReceived:
-    """A peer's answer to `Ask`, or None where it did not answer in time."""
+    """A peer's answer to `Ask`, or None if it did not answer in time."""
 
     peer: str
     data: bytes | None
@@ -86,8 +86,8 @@ class InputRefused:
 class ActionFinished:
     """The action under `ticket` ended by itself.
 
-    `conditions`: those and other entries that it set, written together with the outcome. `error` is
-    for the log; `reason`: why it failed, for the team, empty if unknown.
+    `conditions`: the conditions and other entries that it set, which are written together with the
+    outcome. `error`: for the log. `reason`: why it failed, for the team, empty if unknown.
     """
 
     ticket: int
@@ -106,7 +106,7 @@ class ActionStopped:
 
 @dataclass(frozen=True, slots=True)
 class ProgressReported:
-    """How far the action is, in percent."""
+    """The progress of the action, in percent."""
 
     ticket: int
     percent: int
@@ -114,8 +114,8 @@ class ProgressReported:
 
 @dataclass(frozen=True, slots=True)
 class TreeTicked:
-    """The tree that carries out the action has been ticked: the statuses of its nodes, a byte each,
-    in preorder.
+    """The tree that carries out the action has been ticked. `statuses`: of its nodes in preorder,
+    one byte each.
     """
 
     ticket: int
@@ -124,22 +124,23 @@ class TreeTicked:
 
 @dataclass(frozen=True, slots=True)
 class PositionReported:
-    """Where the robot is; its next heartbeats carry it."""
+    """Where the robot is. Its next heartbeats carry this."""
 
     position: Position
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSigned:
-    """The robot's recording was signed so far; its next heartbeats carry it."""
+    """How far the robot's recording is signed. Its next heartbeats carry this."""
 
     head: RecordingHead
 
 
 @dataclass(frozen=True, slots=True)
 class ConditionSet:
-    """The robot's own code has set a condition or another entry, outside any outcome, in a task of
-    this job (empty: of none). None: it is not set any more.
+    """The robot's own code has set a condition or another entry, outside of any outcome.
+
+    `job`: the job whose task set it, empty if none. `value` None: the entry is no longer set.
     """
 
     name: str
@@ -149,10 +150,11 @@ class ConditionSet:
 
 @dataclass(frozen=True, slots=True)
 class CapabilityChanged:
-    """A minor fault (`lost`) or its end; `local_task` is a type, a ground name, or `all`.
+    """A minor fault (`lost`) or its end. `local_task`: a type, a ground name, or `all`.
 
-    `reason`: one line of text. `source`: its origin (`Description`). `is_pending`: it is no fault,
-    it cannot be used yet. `is_watched`: the source notices its end, so no operator can declare it.
+    `reason`: one line of text. `source`: its origin (`Description`). `is_pending`: not a fault, but
+    the capability cannot be used yet. `is_watched`: the source notices its end, so no operator can
+    declare it.
     """
 
     local_task: str
@@ -165,9 +167,9 @@ class CapabilityChanged:
 
 @dataclass(frozen=True, slots=True)
 class PerformanceChanged:
-    """How well this robot does a local task from now on, in micro-units; 0: a minor fault.
+    """The performance of a local task from now on, in micro-units; 0: a minor fault.
 
-    `local_task` is a type or a ground name.
+    `local_task`: a type or a ground name.
     """
 
     local_task: str
@@ -176,9 +178,9 @@ class PerformanceChanged:
 
 @dataclass(frozen=True, slots=True)
 class ProblemFound:
-    """A problem of the robot's own program: `subject` names the part, `text` describes it.
+    """A problem of the robot's own program. `subject` names the part, `text` describes it.
 
-    It is shown to people; nothing follows from it.
+    It is shown to people and has no other effect.
     """
 
     subject: str
@@ -187,9 +189,9 @@ class ProblemFound:
 
 @dataclass(frozen=True, slots=True)
 class BidMade:
-    """The performance that this robot bids for a local task, in micro-units; None: it has no bid.
+    """This robot's bid for a local task, in micro-units; None: it makes no bid.
 
-    If its program failed, `reason` is why, and `error` the traceback, for the log.
+    If its program failed, `reason` says why, and `error` is the traceback, for the log.
     """
 
     activation: str
@@ -201,25 +203,23 @@ class BidMade:
 
 @dataclass(frozen=True, slots=True)
 class BidsMade:
-    """Answers to RequestBid, all that there are at once."""
+    """Answers to RequestBid, all that have arrived together."""
 
     bids: tuple[BidMade, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class TravelTimesMade:
-    """This robot's travel times by its program; empty: it has no function for them, or a failed
-    one.
-    """
+    """This robot's travel times from its program; empty if it has no function for them or fails."""
 
     times: TravelTimes
 
 
 @dataclass(frozen=True, slots=True)
 class WallClockRead:
-    """The robot's wall clock shows `offset_us` more than the clock of the inputs' times.
+    """The robot's wall clock minus the clock of the inputs' times is `offset_us`.
 
-    Comes first, and again when that has changed; only missions with jobs need it.
+    The first input, repeated when the offset has changed; only missions with jobs need it.
     """
 
     offset_us: int
@@ -237,7 +237,7 @@ class TimerFired:
 
 @dataclass(frozen=True, slots=True)
 class PlanMade:
-    """The plan that MakePlan of this number asked for."""
+    """The plan requested by MakePlan with this number."""
 
     number: int
     plan: Plan
@@ -253,7 +253,7 @@ class MissionChecked:
 
 @dataclass(frozen=True, slots=True)
 class ScheduleFound:
-    """The schedule that SearchSchedule of this number asked for."""
+    """The schedule requested by SearchSchedule with this number."""
 
     number: int
     schedule: Schedule
@@ -261,16 +261,16 @@ class ScheduleFound:
 
 @dataclass(frozen=True, slots=True)
 class JournalSynced:
-    """The entries of Persist of this number are on disk, and all before them."""
+    """The entries of Persist with this number, and all earlier ones, are on disk."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True)
 class JournalReported:
-    """The journal's problem in words; empty: it has none. `is_failing`: it cannot be written.
+    """The journal's problem as a text, empty if it has none. `is_failing`: it cannot be written.
 
-    The runtime tries again to write the entries that it could not.
+    The runtime retries the entries that it could not write.
     """
 
     problem: str
@@ -279,16 +279,16 @@ class JournalReported:
 
 @dataclass(frozen=True, slots=True)
 class RecordingReported:
-    """Why the robot does not record what it does, in words; empty: it does."""
+    """Why the robot does not record what it does, as a text; empty if it does."""
 
     problem: str
 
 
 @dataclass(frozen=True, slots=True)
 class JournalOpened:
-    """The journal was opened while the robot runs, and holds these entries alone.
+    """The journal was opened while the robot runs, and holds only these entries.
 
-    It could not be opened before, or was deleted, or damaged.
+    It could not be opened before, or was deleted or damaged.
     """
 
     entries: tuple[Entry, ...]
@@ -303,7 +303,7 @@ FromOutside: TypeAlias = NetworkInput | QueryReceived
 
 @dataclass(frozen=True, slots=True)
 class InputBatch:
-    """Inputs that waited together, oldest first: all are taken in before the agent acts on them."""
+    """Inputs that waited together, oldest first. All are processed before the agent acts."""
 
     inputs: tuple[NetworkInput, ...]
 
@@ -341,10 +341,10 @@ AT_ONCE = 25
 
 
 def together(waiting: Iterable[Input]) -> Iterator[Input]:
-    """The inputs that waited, in order; consecutive network inputs become one batch.
+    """Yield the inputs that waited, in order; consecutive network inputs are batched.
 
     So a robot that was slow hears all the others before it judges their silence, and acts once.
-    Inputs of the robot itself or of an operator stay alone: each is a step of the tree.
+    Inputs of the robot itself or of an operator are not batched: each is a step of the tree.
     """
     batch: list[NetworkInput] = []
     for event in waiting:

@@ -1,6 +1,6 @@
 """When jobs become due, and when they expire: wall-clock times that become facts.
 
-The first robot that sees a time pass writes the fact, for all, if its clock is believed.
+The first robot that sees a time pass writes the fact for all, provided that its clock is believed.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from mrbt_mesh.core.planning.job_ends import job_end
 
 
 class JobClock:
-    """The times of the jobs that one robot knows."""
+    """The start times and deadlines of the jobs that one robot knows."""
 
     def __init__(self, facts: TeamFacts, clock: WallClock) -> None:
         self._facts = facts
         self._clock = clock
-        # (Unix time, job, whether it expires then); it may have ended meanwhile.
+        # (Unix time, job, whether it expires then). The job may have ended meanwhile.
         self._times: list[tuple[int, str, bool]] = []
 
     @property
     def _jobs(self) -> Jobs:
-        """Those of now: when a key is revoked, facts are read anew."""
+        """The present index, which is replaced when a key is revoked or a revision is adopted."""
         assert self._facts.jobs is not None
         return self._facts.jobs
 
@@ -47,7 +47,7 @@ class JobClock:
         return found
 
     def next_deadline_us(self) -> int | None:
-        """When the next one passes; None also while the robot's clock is not believed."""
+        """When the next time passes. Also None while the robot's clock is not believed."""
         return self._clock.when_us(self._times[0][0]) if self._times else None
 
     def _fact(self, at_us: int, name: str, expires: bool) -> list[Fact]:

@@ -1,4 +1,4 @@
-"""What a robot takes of operators' commands about jobs, and what it answers."""
+"""Which operators' commands about jobs a robot accepts, and what it answers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.mission.jobs import OpenJob, utc_text
 
 MAX_OPEN = 20_000
-# Times are not further ahead than this: a year.
+# The furthest that times may be ahead: a year.
 MAX_JOB_US = 366 * 86_400 * 1_000_000
 
 
@@ -43,13 +43,13 @@ class _JobDesk:
 
     @property
     def _jobs(self) -> Jobs:
-        """Those of now: when a key is revoked, facts are read anew."""
+        """The present index, which is replaced when a key is revoked or a revision is adopted."""
         jobs = self._context.facts.jobs
         assert jobs is not None
         return jobs
 
     def state(self, name: str) -> dict[str, Any]:
-        """The state of a job as plain data; without one if no job has this id."""
+        """The state of a job as plain data, with the id only if there is no such job."""
         known = self._jobs.known.get(name)
         if self._jobs.is_archived(name):
             return {"id": name, "state": str(self._jobs.archived_end(name) or "ended")}
@@ -58,7 +58,7 @@ class _JobDesk:
         return _state(known)
 
     def is_known(self, entry: Entry) -> bool:
-        """Whether this very job has been submitted; raises RefusalError if another one has."""
+        """True if this very job has been submitted. Raises RefusalError if another one has."""
         name, job = entry.parts[1], _job(entry)
         if self._jobs.is_archived(name):
             if job.content not in self._jobs.archived_contents(name):
@@ -77,7 +77,7 @@ class _JobDesk:
         return True
 
     def check_new(self, entry: Entry, now_us: int) -> None:
-        """Raises RefusalError if a job cannot be taken now."""
+        """Raises RefusalError if a job cannot be accepted now."""
         job, context = _job(entry), self._context
         coming = context.facts.revisions.pending(context.mission.revision_number)
         if coming is not None and job.type not in coming[1].jobs:
@@ -103,7 +103,7 @@ class _JobDesk:
             raise RefusalError(text, OUT_OF_RANGE)
 
     def is_cancelled(self, entry: Entry) -> bool:
-        """Whether a job is cancelled already: to cancel it again changes nothing."""
+        """True if a job is already cancelled, so that cancelling it again changes nothing."""
         known = self._jobs.known.get(entry.parts[1])
         return known is not None and known.is_cancelled
 
@@ -127,7 +127,7 @@ def _job(entry: Entry) -> Job:
 
 
 def _description(known: KnownJob, found: Job | JobEnd) -> str:
-    """`morning-1: deliver(shelf_2), priority 5`, or how it has ended."""
+    """`morning-1: deliver(shelf_2), priority 5`, or how the job has ended."""
     label = OpenJob(known.id, found.type, found.arguments).label
     if isinstance(found, JobEnd):
         return f"{label}, which has ended: {known.end.state if known.end else found.state}"

@@ -1,7 +1,7 @@
-"""Starting under a lease: the coalition of an exclusive task needs leases of a majority.
+"""Starting under a lease: the coalition of an exclusive task needs leases from a majority.
 
-Both sides are here: this robot as a member that needs leases, and as a robot that grants them. An
-agent has this part only if its mission has exclusive tasks.
+Contains both sides: this robot as a member that needs leases, and as a grantor. An agent has this
+part only if its mission has exclusive tasks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from mrbt_mesh.core.membership.wire import Heartbeat
 
 
 class LeasedStart(CoalitionStart):
-    """Starts together with the other members, and only while a majority leases the activation."""
+    """Starts with the other members, and only while a majority leases the activation to them."""
 
     def __init__(self, context: Context, planner: Planner, now_us: int) -> None:
         super().__init__(context)
@@ -27,11 +27,11 @@ class LeasedStart(CoalitionStart):
         self.leases = Leases(
             context.me, context.facts, timing, now_us, durability, context.peer_clocks
         )
-        # By which to know whether the claim of a robot that is ready is on disk.
+        # The journal's number of this robot's ready claim, to know if it is on disk.
         self._ready = 0
 
     def resume(self, now_us: int) -> None:
-        """Go on with the work of before, and with the grants."""
+        """Continue the earlier work with its leases, and the grants."""
         self.leases.grantor.end_silence()
         claim = self._context.work.claim
         if claim is not None and claim.coalition and self._is_exclusive(claim):
@@ -42,28 +42,28 @@ class LeasedStart(CoalitionStart):
 
     @property
     def needs_ready(self) -> bool:
-        """A robot whose journal cannot be written does not get ready."""
+        """True if the journal can be written. Otherwise the robot does not get ready."""
         return self._context.durability.may_promise
 
     def note_ready(self, number: int) -> None:
-        """The robot has promised, under this number, that it is ready."""
+        """Note that the robot has promised, under this number, that it is ready."""
         self._ready = number
 
     def clear(self, situation: Situation) -> Clearance | None:
-        """As a coalition, once this robot's claim is on disk: it is known after a crash then."""
+        """As in a coalition, but only once this robot's claim is on disk to survive a crash."""
         durability = self._context.durability
         if not durability.may_promise or not durability.is_on_disk(self._ready):
             return None
         return super().clear(situation)
 
     def may_work(self, activation: str, token: CoalitionId, now_us: int) -> bool:
-        """Whether this robot holds the leases of a majority."""
+        """True if this robot holds the leases of a majority."""
         return self.leases.holder.is_held(activation, token, now_us)
 
     def steps_until_us(self) -> int | None:
-        """Until when the program may go on with this robot's claim; None: it is not exclusive.
+        """Until when the program may go on with this robot's claim; None if it is not exclusive.
 
-        In a large team not all robots of a majority are neighbours: the leases alone count.
+        In a large team the robots of a majority are not all neighbours: only the leases count.
         """
         context, claim = self._context, self._context.work.claim
         if claim is None or claim.phase is not Phase.RUNNING or not self._is_exclusive(claim):
@@ -74,8 +74,8 @@ class LeasedStart(CoalitionStart):
         return min(held_us, holder.heard_until_us(context.me))
 
     def given_up(self, claim: Claim) -> list[Fact]:
-        """Begun, the claim leaves the activation in doubt; a leader that never began frees its
-        leases.
+        """The facts that a dropped claim requires. A claim that was begun leaves the activation in
+        doubt; a leader that never began frees its leases.
         """
         context, activation = self._context, claim.activation
         if claim.phase is Phase.RUNNING:
@@ -103,7 +103,7 @@ class LeasedStart(CoalitionStart):
         return task is not None and task.exclusive
 
     def check(self, now_us: int) -> None:
-        """Follow the leases that this robot has granted; stop where its own have run out."""
+        """Expire the leases that this robot has granted, and stop if its own have expired."""
         context, claim = self._context, self._context.work.claim
         writes = self.leases.grantor.expire(now_us)
         if writes:
@@ -121,11 +121,11 @@ class LeasedStart(CoalitionStart):
     # -- the grantor --------------------------------------------------------------------------
 
     def heartbeat_received(self, robot: str, beat: Heartbeat, now_us: int) -> None:
-        """A heartbeat may request a lease, or answer this robot's own request."""
+        """Process a heartbeat, which may request a lease or answer this robot's own request."""
         self._promise(self.leases.receive_heartbeat(robot, beat, now_us, self._may_grant), now_us)
 
     def heartbeat_sent(self, number: int, now_us: int) -> None:
-        """A heartbeat renews the leases that this robot holds: it answers itself first."""
+        """Process this robot's own heartbeat, a request or renewal that it answers itself first."""
         self._promise(self.leases.heartbeat_sent(number, now_us, self._may_grant), now_us)
 
     def _promise(self, grants: list[Fact], now_us: int) -> None:
@@ -133,7 +133,7 @@ class LeasedStart(CoalitionStart):
             self.leases.grantor.written(self._context.promise(grants, now_us))
 
     def _may_grant(self, activation: str, token: CoalitionId) -> bool:
-        """Whether this robot itself finds that the activation is this coalition's."""
+        """True if, in this robot's own view, the activation belongs to this coalition."""
         context, facts, plan = self._context, self._context.facts, self._planner.plan
         if context.joining is not None or context.is_leaving or plan is None:
             return False

@@ -1,4 +1,4 @@
-"""A robot's way into its team, through pauses of its own process, and out of the team again."""
+"""How a robot joins its team, handles pauses of its own process, and stops."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from mrbt_mesh.core.membership.timing import SECOND_US, HeartbeatSchedule
 from mrbt_mesh.core.mission.mission import MissionEnd
 from mrbt_mesh.core.planning.plan import Plan
 
-# After an abort robots stay until a silent one was not heard for so long: it may be frozen, and
-# would go on alone when it wakes.
+# After an abort robots stay until the last silent one has been silent for this long: it may be
+# frozen, and would continue alone when it wakes.
 ABORT_STAY_US = 10 * SECOND_US
 
 
 class Lifecycle:
     """Joins, joins again after self-fencing, and stops once the mission is over.
 
-    `done_us`: since when all report the mission's result. `stops_us`: when it stops then.
+    `done_us`: since when all robots report the mission's result. `stops_us`: when the robot then
+    stops.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class Lifecycle:
         self.stops_us: int | None = None
 
     def resume(self, life: ResumedLife, now_us: int) -> None:
-        """Go on with a life that was recorded: hear the others first, as after a pause."""
+        """Continue a recorded incarnation: hear the others first, as after a pause."""
         context, me = self._context, self._context.me
         context.replica.resume(life.version)
         context.description.resume(context.facts.members[me].member)
@@ -66,10 +67,10 @@ class Lifecycle:
     # -- pauses -------------------------------------------------------------------------------
 
     def woke_late(self, lag_us: int, now_us: int) -> bool:
-        """Self-fencing, and patience with others after this robot itself was slow.
+        """Fence this robot if it was silent for too long, and be patient with others after any lag.
 
-        `lag_us`: by how much it missed its deadline, which is never later than its next beat. True
-        if it joins again.
+        `lag_us`: by how much it missed its deadline, which is never later than its next heartbeat.
+        Returns True if it joins again.
         """
         context = self._context
         timing = context.config.timing
@@ -86,7 +87,7 @@ class Lifecycle:
         return True
 
     def _fence(self, silent_us: int, now_us: int) -> None:
-        """Begin a new life: other robots may have taken over this robot's task."""
+        """Begin a new incarnation, as other robots may have taken over this robot's task."""
         context = self._context
         context.log("warning", "fenced", silent_s=silent_us / 1e6)
         context.emit(DeclareToken(context.replica.next_incarnation(0)))
@@ -95,7 +96,7 @@ class Lifecycle:
         context.write([context.claim()], now_us)
 
     def _catch_up(self, silent_us: int, now_us: int) -> None:
-        """Hear the others and their facts before it takes part again, in the same life."""
+        """Hear the others and their facts before taking part again, in the same incarnation."""
         context = self._context
         context.log("warning", "catches_up", silent_s=silent_us / 1e6)
         if context.work.claim is not None:
@@ -105,10 +106,10 @@ class Lifecycle:
         self._join_again(expected, False, now_us, keeps_life=True)
 
     def _has_nothing_to_lose(self) -> bool:
-        """Whether nobody can have taken over anything from this robot.
+        """True if nobody can have taken over anything from this robot.
 
-        All robots hear of a new life: where many are slow together, as when a large team starts on
-        one machine, new lives would add to the load that made them slow.
+        All robots hear of a new incarnation. Where many are slow together, as when a large team
+        starts on one machine, new incarnations would add to the load that made them slow.
         """
         work = self._context.work
         has_begun = work.claim is not None and work.claim.phase is not Phase.CLAIMED
@@ -116,11 +117,12 @@ class Lifecycle:
         return not has_begun and work.action is None and not has_leases
 
     def join_above(self, later: Incarnation, now_us: int) -> None:
-        """There is a later life of this robot: it started again without knowing of it.
+        """Join once more, above a later incarnation of this robot, which started again without
+        knowing it.
 
-        Others ignore its heartbeats, so it joins once more, above that life. If that life still
-        goes on, this process hears it while it joins, and stops. It listens for the whole time,
-        since it expects its own id, which it never hears.
+        Other robots ignore its heartbeats until then. If that incarnation is still running, this
+        process hears it while it joins, and stops. It listens for the whole time, since it expects
+        its own id, which it never hears.
         """
         self._context.log("warning", "later_life_found", incarnation=str(later))
         self._join_again(frozenset({self._context.me}), True, now_us)
@@ -130,7 +132,7 @@ class Lifecycle:
     ) -> None:
         context = self._context
         context.emit(*context.work.drop())
-        # If it hears nobody any more, it waits as one that has just started.
+        # If it no longer hears anybody, it waits like a process that has just started.
         alone_after_us = context.config.alone_after_us if expected else 0
         context.joining = Joining(
             context.config.timing,
@@ -146,7 +148,7 @@ class Lifecycle:
     # -- joining ------------------------------------------------------------------------------
 
     def try_to_join(self, now_us: int) -> bool:
-        """Take a place in the team once everything is known; whether it has just been taken."""
+        """Join the team once everything is known. Returns whether the robot has just joined."""
         context, joining = self._context, self._context.joining
         if joining is None or context.is_leaving:
             return False
@@ -190,7 +192,7 @@ class Lifecycle:
     # -- the end ------------------------------------------------------------------------------
 
     def result_to_stop_with(self, plan: Plan | None, now_us: int) -> Status | None:
-        """The mission's result once every living robot has come to it, and has heard so.
+        """The mission's result, once every living robot reports it and could hear that all do.
 
         None while the team stands by.
         """
@@ -211,13 +213,13 @@ class Lifecycle:
         return None
 
     def _stands_by(self, plan: Plan) -> bool:
-        """Whether the team goes on ticking T_G although it has ended; only an abort ends it."""
+        """True if the team keeps running after T_G has ended. Never true after an abort."""
         return (
             self._context.mission.ends is MissionEnd.NEVER and plan.command is not TeamOrder.ABORT
         )
 
     def _is_everybody_done(self, plan: Plan) -> bool:
-        """Others report the digest of the end where they know that the mission has ended."""
+        """True if all report the result, with the end's digest where they know of the end."""
         context = self._context
         digest = plan.digest if plan.ended is not None else None
         return (

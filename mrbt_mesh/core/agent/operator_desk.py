@@ -1,9 +1,10 @@
-"""Takes operators' commands, at one robot: what it refuses, what it writes, what it answers.
+"""How one robot takes operators' commands: what it refuses, what it writes, what it answers.
 
-An operator's client sends a command to all robots at once. Each takes it into its facts and answers
-once its journal holds it, with what the field has become. What robots may refuse is checked by a
-majority first, so that nothing of a command that is refused is written. There a field that is
-commanded once is reserved, so that of two commands with different values at most one is written.
+An operator's client sends a command to all robots at once. Each robot adds it to its facts and
+answers once its journal holds it, with what has become of the field. Commands that robots may
+refuse are first checked by a majority, so that nothing of a refused command is written. This check
+also reserves a field that is commanded once, so that of two commands with different values at most
+one is written.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ from mrbt_mesh.core.facts.values import (
 from mrbt_mesh.core.membership.timing import SECOND_US
 from mrbt_mesh.core.membership.wire import MAX_NONCE, MessageKind
 
-# How far the stamp of a command may be ahead of all that this robot has seen.
+# How far a command's stamp may be ahead of all stamps that this robot has seen.
 MAX_AHEAD = 1 << 20
 RESERVED_US = 5 * SECOND_US
 MAX_RESERVED = 10_000
 
 
 class RefusalError(ValueError):
-    """Why a command is refused, in words for the operator."""
+    """Why a command is refused, as a text for the operator."""
 
     def __init__(self, text: str, cause: str = INVALID) -> None:
         super().__init__(text)
@@ -55,9 +56,9 @@ class RefusalError(ValueError):
 class FieldRule:
     """How a robot deals with commands of one field.
 
-    `check` raises RefusalError for a command that cannot be taken now; `known` returns True if the
-    field has this very value for good already, and raises RefusalError if it has another one.
-    `state`: what the subject has become.
+    `check` raises RefusalError for a command that cannot be taken now. `known` returns True if the
+    field already has this very value for good, and raises RefusalError if it has another one.
+    `state`: what has become of the subject.
     """
 
     state: Callable[[str], dict[str, Any]]
@@ -74,12 +75,13 @@ class OperatorDesk:
     def __init__(self, context: Context, rules: Rules) -> None:
         self._context = context
         self._rules = rules
-        # Entry -> its values, until when it is reserved for these, and by which version.
+        # Entry -> its values, until when they are reserved, and by which version.
         self._reserved: dict[str, tuple[list[Any], int, Version]] = {}
 
     def take(self, body: Any, now_us: int) -> dict[str, Any] | AwaitedAnswer:
-        """Answer a client. A refusal is `{"refused": why, "cause": ..., "may_win": ...}`: whether
-        the command would replace what it conflicts with if another robot has taken it already.
+        """Answer a client. A refusal is `{"refused": why, "cause": ..., "may_win": ...}`.
+        `may_win`: the command would replace the one that it conflicts with, if another robot has
+        already taken it.
         """
         entry = None
         try:
@@ -93,7 +95,7 @@ class OperatorDesk:
             return {"refused": str(refusal), "cause": refusal.cause, "may_win": may_win}
 
     def _would_replace(self, entry: Entry) -> bool:
-        """Whether it would be in force here if another robot had taken it."""
+        """True if the command would be in force here if another robot had taken it."""
         held = self._context.facts.map.get(OPERATORS, entry.name)
         if isinstance(entry.record, FirstCommand):
             return held is not None and entry.version < held.version
@@ -139,9 +141,11 @@ class OperatorDesk:
     def _answer(
         self, step: CommandStep, entry: Entry, is_taken: bool
     ) -> dict[str, Any] | AwaitedAnswer:
-        """`taken`: whether the robot has, or would have, the command; else one that is newer has
-        been given. `stamp`: the newest that it has seen. `kept`: its journal holds the command.
-        `state`: of the subject.
+        """Answer a step of a command.
+
+        `taken`: the robot has, or would take, the command; otherwise a newer one was given.
+        `newest`: the version of the newest one. `stamp`: the greatest that the robot has seen.
+        `kept`: its journal holds the command. `state`: of the subject.
         """
 
         def make() -> dict[str, Any]:
@@ -170,13 +174,13 @@ class OperatorDesk:
             del self._reserved[next(iter(self._reserved))]
 
     def _give_up(self, entry: Entry) -> None:
-        """What was reserved by a later version stays: this may arrive late."""
+        """Release a reservation, unless a later version holds it: this may arrive late."""
         values, _, version = self._reserved.get(entry.name, (None, 0, entry.version))
         if values == entry.value[:1] and version <= entry.version:
             del self._reserved[entry.name]
 
     def _write(self, entry: Entry, passes_on: bool, now_us: int) -> None:
-        """Take it in, and pass it on if that is wanted."""
+        """Add a command to the facts, and pass it on if `passes_on`."""
         context = self._context
         self._reserved.pop(entry.name, None)
         message = context.replica.take_command(entry, now_us)
@@ -192,13 +196,13 @@ class OperatorDesk:
 
 
 def team_rules(context: Context) -> Rules:
-    """Those of what is commanded to the whole team."""
+    """The rules of commands to the whole team."""
     order = FieldRule(lambda _: {"order": str(context.facts.order())})
     return {records.PAUSED: order, records.ABORTED: order}
 
 
 def decision_rules(context: Context) -> Rules:
-    """That of decisions about exclusive tasks in doubt."""
+    """The rule of decisions about exclusive tasks in doubt."""
     facts = context.facts
 
     def decided(subject: str) -> dict[str, Any]:

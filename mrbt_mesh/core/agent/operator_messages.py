@@ -1,6 +1,6 @@
-"""What an operator's client and a robot say to each other: words, steps of commands, refusals.
+"""What an operator's client and a robot send each other: words, steps of commands, refusals.
 
-A client needs nothing else of a robot, so this module imports none of its parts.
+A client needs nothing else of a robot, so this module imports no parts of the agent.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from typing import Any
 
 from mrbt_mesh.core.facts.store import Entry, Incarnation, Version
 
-# Words to one robot, which end with its process.
+# Words to one robot, whose effects end with its process.
 FAULT, RESTORE, LEAVE, PERFORM = "fault", "restore", "leave", "perform"
 CHECK_REVISION = "check_revision"
 REFUSALS = "refusals"
-# A command that is a fact of its operator.
+# A command that becomes a fact of its operator.
 OPERATE = "operate"
 
-# What is wrong with a command that is refused. UNKNOWN: there is no such subject. CONFLICT: the
-# field has another value for good. FULL: there are too many. ENDED: it is too late. OUT_OF_RANGE: a
-# time is too far away or has passed, so that it was, or will be, right at another moment.
+# Why a command is refused. UNKNOWN: there is no such subject. CONFLICT: the field has another value
+# for good. FULL: there are too many. ENDED: it is too late. OUT_OF_RANGE: a time is too far away or
+# has passed, so the command was, or will be, valid at another time.
 INVALID, UNKNOWN, CONFLICT, FULL, ENDED = "invalid", "unknown", "conflict", "full", "ended"
 OUT_OF_RANGE = "out_of_range"
 # Another robot may take it, or this one in a moment; another client has reserved the field.
@@ -28,7 +28,7 @@ NOT_READY, CONTENDED = "not_ready", "contended"
 
 class CommandStep(enum.StrEnum):
     """What a client asks of a robot: to CHECK whether it would take a command, and to reserve its
-    field if that is commanded once; to WRITE it; or to GIVE_UP what was reserved.
+    field if that is commanded once; to WRITE the command; or to GIVE_UP what was reserved.
     """
 
     CHECK = "check"
@@ -42,8 +42,10 @@ def command_body(command: str, argument: Any = "") -> list[Any]:
 
 
 def operate_body(step: CommandStep, entry: Entry, passes_on: bool = True) -> list[Any]:
-    """What a client asks of a robot, as plain data. `passes_on`: the robot is to pass the command
-    on to the others at once; one that does not is asked for it by those that lack it.
+    """A client's request to a robot as plain data.
+
+    `passes_on`: the robot passes the command on to the others at once. Otherwise robots that lack
+    it pull it.
     """
     (stamp, command_id), _ = entry.version
     return [str(step), entry.name, stamp, command_id, entry.value, passes_on]

@@ -1,4 +1,4 @@
-"""The parts that features add to an agent, by what is called of them."""
+"""The parts that features add to an agent, grouped by the methods that they implement."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 class Parts:
-    """The methods of `Part` that the parts in use have, in the order of their features. So what a
-    mission does not use is not called.
+    """The methods of `Part` that the parts in use override, in the order of their features. Methods
+    that the mission does not use are never called.
     """
 
     def __init__(self, kit: Kit) -> None:
@@ -24,7 +24,7 @@ class Parts:
         self._note_methods()
 
     def compose(self, now_us: int) -> None:
-        """Have the parts that the mission in force uses; those that it uses no more end."""
+        """Create the parts that the mission in force uses, and end those that it no longer uses."""
         known = zip(features(), self._of_features, strict=True)
         self._of_features = [each.parts(self._kit, before, now_us) for each, before in known]
         before, self.all = self.all, list(chain.from_iterable(self._of_features))

@@ -1,4 +1,4 @@
-"""Keeps one robot's plan up to date, and finds which facts follow from it."""
+"""Keeps one robot's plan up to date, and finds the facts that follow from it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from mrbt_mesh.core.planning.make_plan import PlanFunction
 from mrbt_mesh.core.planning.outcome_tick import facts_of_tree, mission_result
 from mrbt_mesh.core.planning.plan import Plan
 
-# Called with each plan that this robot takes up, and the alive set that it was made for.
+# Called with each plan that this robot adopts, and the alive set that it was made for.
 PlanListener: TypeAlias = Callable[[Plan, Mapping[str, Incarnation]], None]
 
 
@@ -33,7 +33,7 @@ PlanListener: TypeAlias = Callable[[Plan, Mapping[str, Incarnation]], None]
 class Awaited:
     """A plan that is being made elsewhere, for these facts and this alive set.
 
-    `values`: those of T_A's leaves until it has been made.
+    `values`: of T_A's leaves until the plan has been made.
     """
 
     number: int
@@ -45,10 +45,9 @@ class Awaited:
 class Planner:
     """Ticks T_A: each change of facts or of the alive set leads to a new plan.
 
-    `decides`: whether it writes the facts that follow; a robot without contact does not.
-    `plan`: the newest one, None while this robot has never joined. `awaited`: the one that is being
-    made elsewhere, if there is one; until then the facts must stay as they are. Each of the
-    `listeners` is called while the facts are those that the plan follows from.
+    `decides`: it writes the facts that follow; a robot without contact does not. `plan`: the newest
+    one, None while this robot has never joined. `awaited`: the plan that is being made elsewhere,
+    if any; until then the facts must not change. `listeners`: called before any fact changes again.
     """
 
     def __init__(self, context: Context, robot_tree: RobotTree) -> None:
@@ -62,12 +61,12 @@ class Planner:
         self._robot_tree = robot_tree
         self._make_plan = context.config.engine.plan_making(context.config.solver)
         self._make_by_default: PlanFunction | None = None
-        # Errors of the robot's solver; the default one made those plans.
+        # Errors of the robot's solver; the default solver made those plans.
         self._failures: list[str] = []
         self._number = 0
-        # The facts and the alive set of the newest plan.
+        # The state (facts and alive set) of the newest plan.
         self._planned: tuple[int, int] | None = None
-        # The same, and the unproved facts, when it was looked last which of these are shown.
+        # The state and the unproved facts when these were last checked for proof.
         self._examined: tuple[int, int, int] | None = None
         # The outcomes and the alive set when T_A last planned.
         self._finished: tuple[int, int] | None = None
@@ -88,45 +87,46 @@ class Planner:
             listener(plan, alive)
 
     def forget(self) -> None:
-        """Plan anew at the next update."""
+        """Make a new plan at the next update."""
         self._planned = self.awaited = self._finished = None
         self.deadlines.restart_agreed()
 
     @property
     def is_current(self) -> bool:
-        """Whether the plan is that of the facts and the alive set as they are now.
+        """True if the plan was made for the present facts and alive set.
 
-        It is not between the facts that an update writes last (a claim) and the next update.
+        False between the facts that an update writes last (a claim) and the next update.
         """
         return self.plan is not None and self._planned == self._state()
 
     @property
     def is_over(self) -> bool:
-        """Whether the plan has the mission's result."""
+        """True if the plan has the mission's result."""
         return self.plan is not None and self.plan.result in (Status.SUCCESS, Status.FAILURE)
 
     @property
     def awaits_agreement(self) -> bool:
-        """Whether a deadline has passed and something is written once all report the same plan."""
+        """True if a deadline has passed and a fact is written once all report the same plan."""
         return self.deadlines.awaits_agreement
 
     def next_deadline_us(self) -> int | None:
-        """The next deadline that becomes a fact, of those that do not await agreement."""
+        """When the next deadline becomes a fact, of those that do not await agreement."""
         return self.deadlines.next_deadline_us()
 
     def _state(self) -> tuple[int, int]:
         return self._context.facts.changes, self._context.membership.member_changes
 
     def update(self, now_us: int, apart: bool) -> Plan | None:
-        """Tick T_A until nothing more follows: the plan, or None while it is made elsewhere.
+        """Tick T_A until nothing more follows. Returns the plan, or None while it is made
+        elsewhere.
 
-        With `apart` a plan is only asked for.
+        With `apart` a plan is only requested.
         """
         context, facts = self._context, self._context.facts
         dropped: list[tuple[str, str]] = []
         while True:
             dropped += self._prune()
-            # Which guards of several conditions have turned is written before anything is planned.
+            # Changes of guards of several conditions are written before anything is planned.
             while turned := facts.turned_guards():
                 noted = [(f"{records.EXPRESSION}/{name}", revision) for name, revision in turned]
                 before = facts.changes
@@ -162,15 +162,15 @@ class Planner:
         return self.plan if self.awaited is None else None
 
     def _prune(self) -> list[tuple[str, str]]:
-        """Drop what nothing reads any more. A robot that is alone keeps it: for others it is what
-        shows them how they come to the same end.
+        """Drop facts that nothing reads any more. A robot that is alone keeps them, as they show
+        other robots how it came to its conclusions.
         """
         context = self._context
         is_alone = not context.membership.heard_count and len(context.mission.robots) > 1
         return [] if is_alone else context.facts.prune()
 
     def _take_shown(self, plan: Plan, now_us: int) -> bool:
-        """Take in what follows from these facts by the word of other robots too."""
+        """Merge unproved facts that follow from these facts. Returns whether any were merged."""
         context, unproved = self._context, self._context.replica.unproved
         if not unproved:
             return False
@@ -187,11 +187,11 @@ class Planner:
         return bool(changed)
 
     def _is_agreed(self) -> bool:
-        """Whether all robots in good standing report this plan."""
+        """True if all healthy robots report this plan."""
         return self.plan is not None and self._context.membership.all_report_plan(self.plan.digest)
 
     def made(self, event: PlanMade, now_us: int) -> None:
-        """*Assign Agents* has ended elsewhere, with this plan."""
+        """Process a plan that *Assign Agents* has made elsewhere."""
         awaited = self.awaited
         if awaited is not None and event.number == awaited.number:
             self.awaited = None
@@ -203,7 +203,7 @@ class Planner:
     # -- T_A ----------------------------------------------------------------------------------
 
     def _tick_assignment(self, apart: bool) -> bool:
-        """Compute the values of T_A's leaves and tick it; whether there is a new plan.
+        """Compute the values of T_A's leaves and tick it. Returns whether there is a new plan.
 
         A local task has finished with an outcome or the death of its robot. Any new fact may change
         the requests of T_G or the assignment problem.
@@ -227,7 +227,8 @@ class Planner:
         return True
 
     def _make(self, alive: Mapping[str, Incarnation]) -> Plan:
-        """Any exact solver leads to the same plan, so a broken one can be replaced at once.
+        """Make a plan. Every exact solver gives the same plan, so the default one replaces a broken
+        one.
 
         Reads the facts and changes nothing that others read.
         """
@@ -246,7 +247,7 @@ class Planner:
     def _end(self, plan: Plan) -> list[Fact]:
         """The mission has ended once all robots report that T_G has.
 
-        In a large team the robots that would judge one of this name write it for all.
+        In a large team, the robots that would judge a robot with this fact's name write it for all.
         """
         context, membership = self._context, self._context.membership
         if (

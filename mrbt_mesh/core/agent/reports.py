@@ -1,4 +1,4 @@
-"""The facts of a robot's work: outcomes and conditions, its leave."""
+"""The facts about a robot's work: outcomes and conditions, and its leave."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mrbt_mesh.core.planning.outcome_tick import facts_of_tick
 
 
 class Reports:
-    """Writes facts for the team."""
+    """Writes facts about the robot's work for the team."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class Reports:
         self._executor = executor
         self._schedule = schedule
         self._health = health
-        # Conditions that a new life keeps until its incarnation is above all earlier ones.
+        # Conditions kept back until a new incarnation, above all earlier ones, has joined.
         self._unsaid: dict[str, Value | None] = {}
 
     def finished(self, event: ActionFinished, now_us: int) -> None:
@@ -78,9 +78,10 @@ class Reports:
         context.log(level, "local_task_finished", **names, outcome=outcome, error=event.error)
 
     def _way_ended(self, action: StartAction, event: ActionFinished, now_us: int) -> bool:
-        """The robot is at the place, or cannot reach it; whether no outcome follows from that.
+        """Process the end of a way: the place was reached or not. Returns True if no outcome
+        follows.
 
-        A member of a coalition that has yet to form loses the capability.
+        If it was not reached, a member of a coalition that has not formed yet loses the capability.
         """
         context, work = self._context, self._context.work
         names = {"local_task": action.local_task, "place": action.travel_to}
@@ -106,8 +107,8 @@ class Reports:
     def set_conditions(
         self, values: Mapping[str, Value | None], now_us: int, job: str = ""
     ) -> None:
-        """Write them, set in a task of this job; a new life keeps them until it has an incarnation
-        above all earlier ones.
+        """Write conditions, set in a task of `job`. They are kept back until a new incarnation,
+        above all earlier ones, has joined.
         """
         if self._context.is_new:
             mission = self._context.mission
@@ -126,7 +127,7 @@ class Reports:
     def _changed_conditions(
         self, conditions: Iterable[tuple[str, Value | None]], job: str = ""
     ) -> dict[str, ConditionValue]:
-        """The new values of conditions; those that have this value already are left out."""
+        """The records of the conditions whose values differ from the present ones."""
         context, facts = self._context, self._context.facts
         changed: dict[str, ConditionValue] = {}
         stamp = facts.max_stamp + 1
@@ -138,14 +139,14 @@ class Reports:
             elif facts.conditions.entry(name) != value:
                 changed[name] = ConditionValue(value, revision + 1, stamp)
             elif revision and name != given and self._last_word(name) != value:
-                # Others have written this of this robot, which no longer contradicts them.
+                # Other robots wrote this about this robot, which no longer contradicts them.
                 changed[name] = ConditionValue(value, revision, stamp)
             else:
                 changed.pop(name, None)
         return changed
 
     def _last_word(self, name: str) -> Value | None:
-        """The value that this robot itself has written last for a condition."""
+        """The value that this robot itself last wrote for a condition."""
         context = self._context
         entry = context.facts.map.get(context.me, f"{records.CONDITION}/{name}")
         if entry is not None and isinstance(entry.record, ConditionValue):
@@ -153,7 +154,7 @@ class Reports:
         return context.mission.default_of(name)
 
     def contradict(self, now_us: int) -> None:
-        """Write again the robot's own conditions that others took for lost, without hearing it."""
+        """Write the robot's own conditions again if others, not hearing it, took them for lost."""
         context, facts = self._context, self._context.facts
         if context.is_leaving or context.me not in context.mission.robots:
             return

@@ -1,8 +1,8 @@
-"""The way to another revision of the mission: proposed, held by all, in force.
+"""How a robot gets to another revision of the mission: proposed, held by all, in force.
 
 A robot that holds a proposal begins nothing until it is in force or void. Once it is in force, the
 robot begins nothing until all others act by it too. So no two robots that hear one another act by
-different trees; one that was away learns of the revision before it joins.
+different trees; a robot that was away learns of the revision before it joins.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from mrbt_mesh.errors import FileError
 
 
 def size_problem(before: Mission, after: Mission, timing: Timing) -> str:
-    """Why a team cannot have as many robots as a revision names; empty if it can."""
+    """Why a running team cannot change to a revision's number of robots; empty if it can."""
     sizes = len(before.robots), len(after.robots)
     if len({timing.all_are_neighbours(size) for size in sizes}) == 1:
         return ""
@@ -50,12 +50,12 @@ class Reviser:
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        # The digest of the revision that the runtime was asked about, and what it has said.
+        # The digest of the revision that the runtime was asked about, and its answer.
         self._asked = ""
         self._answer: str | None = None
 
     def rules(self) -> Rules:
-        """How this robot takes proposals, and that they are withdrawn."""
+        """The rules for proposals and their withdrawal."""
         state = self._state
         return {
             records.MISSION: FieldRule(state, self._check_proposal, self._is_proposed),
@@ -63,7 +63,7 @@ class Reviser:
         }
 
     def _state(self, number: str) -> dict[str, Any]:
-        """`proposed`: the digest of the mission proposed under this number."""
+        """A revision's state. `proposed`: the digest of the mission proposed under this number."""
         revisions, in_force = self._context.facts.revisions, self._context.mission.revision_number
         proposed = revisions.proposed(int(number))
         return {
@@ -73,7 +73,7 @@ class Reviser:
         }
 
     def _is_proposed(self, entry: Entry) -> bool:
-        """Whether this very mission is proposed; raises RefusalError if another one is."""
+        """True if this very mission is proposed. Raises RefusalError if another one is."""
         number = int(entry.parts[1])
         found = self._context.facts.revisions.proposed(number)
         if found is not None and found != _proposal(entry):
@@ -85,7 +85,7 @@ class Reviser:
         context, revisions = self._context, self._context.facts.revisions
         number, next_number = int(entry.parts[1]), revisions.last_number + 1
         if context.mission.revision_number < number < next_number:
-            # It may be this very one: its author asks again, and others were quicker.
+            # It may be this very proposal: its operator asks again, and other robots were quicker.
             text = f"{context.me} does not know yet what revision {number} is"
             raise RefusalError(text, NOT_READY)
         if number != next_number:
@@ -96,8 +96,8 @@ class Reviser:
             raise RefusalError(text, CONFLICT)
 
     def check(self, argument: str, _: int) -> tuple[bool, str]:
-        """Whether the robot's program could do a compiled mission: JSON of `problem`, null while
-        the runtime has not looked yet.
+        """Check if the robot's program could do a compiled mission. The answer is JSON with
+        `problem`, which is null until the runtime has checked.
         """
         try:
             mission = read_mission(argument)
@@ -114,12 +114,12 @@ class Reviser:
             raise RefusalError(text, ENDED)
 
     def checked(self, event: MissionChecked, _: int) -> None:
-        """The runtime has looked whether the robot's program can do what a revision asks for."""
+        """Note the runtime's answer on whether the robot's program can do a revision."""
         if event.digest == self._asked:
             self._answer = event.problem
 
     def may_begin(self) -> bool:
-        """Whether the robot may begin something, as far as revisions are concerned."""
+        """True if the robot may begin something, as far as revisions are concerned."""
         facts = self._context.facts
         number = facts.declared.revision_number
         return facts.revisions.pending(number) is None and facts.revisions.all_act_by(
@@ -145,7 +145,7 @@ class Reviser:
         alive = context.alive()
         if (
             pending is not None
-            and context.me in sorted(alive)[:2]  # one of them may lie
+            and context.me in sorted(alive)[:2]  # two of them, as one may lie
             and revisions.is_held_by_all(pending[1], alive)
             and self._may_adopt(alive)
         ):
@@ -155,8 +155,8 @@ class Reviser:
             context.write([(f"{records.MISSION_ADOPTED}/{number}", adopted)], now_us)
 
     def _may_adopt(self, alive: Collection[str]) -> bool:
-        """Leases are of a majority of the robots that the mission names: none may be left behind
-        that could grant one by the mission before.
+        """True if enough robots are alive. Leases need a majority of the robots that the mission
+        names, so no majority may be left behind that could grant one under the previous mission.
         """
         mission = self._context.mission
         is_exclusive = any(task.exclusive for task in mission.all_tasks())

@@ -1,8 +1,8 @@
 """Proposals of schedules, which this robot searches for in its spare time.
 
-Each robot begins its search elsewhere, so the team finds better ones than one robot would. A robot
-that is slow need not find any. Of robots on one computer only the first one searches: together they
-would keep each other from their work.
+Each robot begins its search elsewhere, so the team finds better schedules than one robot would. A
+slow robot need not find any. Of the robots on one computer only the first one searches, as they
+would otherwise keep each other from their work.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ from mrbt_mesh.core.planning.schedules import Lookahead
 from mrbt_mesh.core.scheduling.problem import SchedulingProblem
 from mrbt_mesh.core.scheduling.search import search, search_steps
 
-# To evaluate an order takes time in proportion to tasks times robots. On a usual machine a third of
-# a second is enough for the first number of these, some 8 ms for the second one. By the third one,
-# a problem is so small that this is worth while.
+# Evaluating an order takes time in proportion to tasks times robots. On a usual machine a third of
+# a second is enough for the first of these numbers, some 8 ms for the second. Up to the third one,
+# a problem is so small that a quick search is worthwhile.
 MOST_WORK, QUICK_WORK, LITTLE_WORK = 1_200_000, 30_000, 4_000
-# Few tasks have few orders: more evaluations per pair of tasks, or than these at all, find nothing
-# new.
+# Few tasks have few orders: more evaluations than this per pair of tasks, or than the last of these
+# numbers if that is more, find nothing new.
 MIN_EVALUATIONS, EVALUATIONS_PER_PAIR, ENOUGH_EVALUATIONS = 50, 25, 400
-# While there are deadlines ahead, what time it is is written again after so long.
+# While there are deadlines ahead, the time is written again after this long.
 TIME_US = 5_000_000
-# Where a robot has joined, nobody begins anything for this long: others may be joining, and the
-# first robot searches a little.
+# After a robot has joined, nobody begins anything for this long: others may be joining, and the
+# first robot makes a short search.
 SETTLE_US = 50_000
 
 
 def evaluations_of(problem: SchedulingProblem) -> int:
-    """How many orders a robot tries."""
+    """The number of orders that a robot evaluates."""
     in_time = max(MOST_WORK // _work_of(problem), MIN_EVALUATIONS)
     return min(in_time, max(ENOUGH_EVALUATIONS, EVALUATIONS_PER_PAIR * len(problem.tasks) ** 2))
 
@@ -53,7 +53,7 @@ def _work_of(problem: SchedulingProblem) -> int:
 
 
 class Scheduler:
-    """Searches, and proposes what it has found.
+    """Searches for schedules, and proposes what it has found.
 
     `settles_us`: until when the robot begins nothing, None if it never had to wait.
     """
@@ -64,30 +64,31 @@ class Scheduler:
         self._robots: frozenset[str] = frozenset()
         self._number = 0
         self._is_searching = False
-        # What it has searched a schedule for last, None before.
+        # What it last searched a schedule for, None if it never has.
         self._searched: Lookahead | None = None
-        # Whether what was found was hardly better than what rules alone come to.
+        # Whether the result was hardly better than what rules alone achieve.
         self._are_rules_as_good = False
-        # What it has set out for, or begun without a way: it overtakes others once.
+        # The activation it last set out for, or began without a way: it overtakes others only once.
         self._begun = ""
-        # What it is on its way to; whether it has turned round since it worked last.
+        # What it is travelling to; whether it has turned round since it last worked.
         self._way_to, self._has_turned = "", False
         self._wrote_time_us: int | None = None
-        # The last proposal in force that was compared with what rules come to.
+        # The last proposal in force that was compared with the result of rules.
         self._compared: Proposal | None = None
-        # The travel times of all robots in that search; its own that are not published yet.
+        # The travel times of all robots in the last search; its own that are not published yet.
         self._times: Mapping[str, TravelTimes] = {}
         self._unpublished: TravelTimes | None = None
         if context.mission.travel is not None:
-            # With many places this takes a while, so it is done before there are deadlines.
+            # With many places this takes a while, so it is done in advance, while no deadline is
+            # running.
             for kind in sorted({robot.type for robot in context.mission.robots.values()}):
                 context.mission.travel.table(kind)
 
     def follow(self, plan: Plan, now_us: int) -> None:
-        """Search a schedule for what lies ahead, once: again if there are new tasks, or at once for
-        other robots: what a search has found without them is of little use.
+        """Search a schedule for what lies ahead, once. Search again if there are new tasks, or at
+        once if the robots changed, as what a search found without them is of little use.
 
-        The first robot at once proposes what a short search finds, if there are few tasks.
+        If there are few tasks, the first robot at once proposes the result of a short search.
         """
         self._publish_travel_times(now_us)
         ahead = plan.ahead
@@ -119,7 +120,7 @@ class Scheduler:
             self._propose(ahead.proposal(search(problem, count, seed).schedule), ahead, now_us)
 
     def travel_times_made(self, event: TravelTimesMade, _: int) -> None:
-        """Keep them until the next plan: then the robot has joined."""
+        """Keep the travel times until the next plan, when the robot has joined."""
         self._unpublished = event.times
 
     def _publish_travel_times(self, now_us: int) -> None:
@@ -129,8 +130,10 @@ class Scheduler:
             self._context.write([(records.TRAVEL_TIMES, times)], now_us)
 
     def _settle(self, ahead: Lookahead, now_us: int) -> None:
-        """Robots that start together join within milliseconds, and equal plans do not show that
-        all know of the last one. A robot that is alone, and expects nobody, has no such reason.
+        """Wait a little after robots have joined.
+
+        Robots that start together join within milliseconds, and equal plans do not show that all
+        know of the last one. A robot that is alone, and expects nobody, need not wait.
         """
         robots = frozenset(ahead.robots)
         others = (robots | self._context.config.expected) - {self._context.me}
@@ -139,7 +142,7 @@ class Scheduler:
         self._robots = robots
 
     def _tell_time(self, ahead: Lookahead, now_us: int) -> None:
-        """Write what time it is, if there are deadlines ahead: how late something is follows."""
+        """Write the time if there are deadlines ahead, since lateness is computed from it."""
         clock, written_us = self._context.wall_clock, self._wrote_time_us
         if clock is None or not clock.is_believed or not self._is_first_here(ahead):
             return
@@ -152,8 +155,10 @@ class Scheduler:
 
     def begins(self, plan: Plan, claim: Claim, is_way: bool) -> list[Fact]:
         """The facts to write when the robot sets out for something, or begins to work on it: what
-        it overtakes, and whether it has turned round for it. As all agree then, it also takes back
-        a proposal that is not in force: what work and ways are done could make it seem better.
+        it overtakes, and whether it has turned round for it.
+
+        As all robots agree at this time, it also withdraws a proposal of its own that is not in
+        force, since finished work and ways could make that seem better.
         """
         begun, self._begun = self._begun, claim.activation
         way, self._way_to = self._way_to, claim.activation if is_way else ""
@@ -176,7 +181,7 @@ class Scheduler:
         return [*taken_back, (records.OVERTAKEN, noted)]
 
     def _withdraw(self, ahead: Lookahead, plan: Plan, now_us: int) -> None:
-        """Take its proposal back once all robots follow another one. Costs change a little with
+        """Withdraw its proposal once all robots follow another one. Costs change a little with
         every event, and no robot should turn round for that.
         """
         context = self._context
@@ -184,13 +189,13 @@ class Scheduler:
             context.write([(records.SCHEDULE, Proposal(()))], now_us)
 
     def _is_outdone(self, ahead: Lookahead) -> bool:
-        """Whether it has a proposal, and that of another robot is in force."""
+        """True if it has a proposal, but another robot's is in force."""
         mine = self._context.facts.proposals.get(self._context.me)
         return mine is not None and bool(mine.steps) and ahead.author not in ("", self._context.me)
 
     def _outdo(self, ahead: Lookahead, now_us: int) -> None:
-        """Propose what rules come to, if the schedule in force is twice as long, as one of a robot
-        that lies may be. By less it may only seem worse, as works count as half done.
+        """Propose the result of rules if the schedule in force is twice as long, as a lying robot's
+        may be. A smaller difference may only be apparent, as works count as half done.
         """
         proposal = self._context.facts.proposals.get(ahead.author)
         if proposal is self._compared or ahead.course is None or not self._is_first_here(ahead):
@@ -201,14 +206,14 @@ class Scheduler:
             self._context.write([(records.SCHEDULE, ahead.proposal(ruled.schedule))], now_us)
 
     def _is_first_here(self, ahead: Lookahead) -> bool:
-        """Whether no robot before it is on the same computer, as far as that is known."""
+        """True if no robot with a lower id is known to be on the same computer."""
         me, members = self._context.me, self._context.facts.members
         host = members[me].member.host
         here = (robot for robot in ahead.robots if members[robot].member.host == host)
         return not host or me == min(here, default=me)
 
     def _is_for(self, ahead: Lookahead) -> bool:
-        """Whether the last search was for these robots."""
+        """True if the last search was for these robots."""
         before = self._searched
         return before is not None and set(ahead.robots) == set(before.robots)
 
@@ -221,9 +226,9 @@ class Scheduler:
         if not ahead.numbers.keys() <= before.numbers.keys() or ahead.idle - before.idle:
             return True
         if ahead.problem.has_order and ahead.idle and len(ahead.opens) < len(before.opens):
-            return True  # each time that a task has been begun, so there is an end of it
+            return True  # once for each task that has begun, so this comes to an end
         if ahead.problem.has_deadlines and not before.problem.has_deadlines:
-            return True  # now that the team knows what time it is
+            return True  # the team now knows the time
         if self._are_rules_as_good or any(
             each.steps for each in self._context.facts.proposals.values()
         ):
@@ -231,7 +236,7 @@ class Scheduler:
         return ahead.problem != before.problem
 
     def found(self, event: ScheduleFound, plan: Plan | None, now_us: int) -> None:
-        """Propose what was found, with its robots: how long those at work still need was known
+        """Propose the schedule found, with its robots: how long those at work still need was known
         better before they began.
         """
         searched = self._searched
@@ -245,10 +250,10 @@ class Scheduler:
             self._propose(searched.proposal(event.schedule), ahead, now_us)
 
     def _propose(self, proposal: Proposal, ahead: Lookahead, now_us: int) -> None:
-        """Propose what is clearly better than the schedule in force.
+        """Propose a schedule if it is clearly better than the one in force.
 
-        Schedules by rules change with every event: if nothing better is found where they are in
-        force, the first robot proposes that of now, which the team then carries out.
+        Schedules by rules change with every event. If they are in force and nothing better was
+        found, the first robot proposes the present one, which the team then carries out.
         """
         best = ahead.mended(proposal).rank
         if ahead.course is None or best.is_clearly_better(ahead.course.rank):

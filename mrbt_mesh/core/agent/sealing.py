@@ -19,7 +19,8 @@ MAX_ASKERS = 1_000
 
 
 class Sealing:
-    """A guard for one agent. It remembers who sent each query: answers are for the sender alone.
+    """A guard for one agent. It remembers who sent each query, as only the sender may read the
+    answer.
 
     For `life` see `Guard`.
     """
@@ -29,7 +30,7 @@ class Sealing:
         self._askers: dict[int, str] = {}
 
     def seal(self, effect: Effect) -> Effect:
-        """The effect with its message sealed; others as they are."""
+        """Return the effect with its message sealed, or unchanged if it has none."""
         match effect:
             case Publish(_, data, to):
                 readers = (*to, *self._watchers()) if to is not None else None
@@ -44,12 +45,12 @@ class Sealing:
         return effect
 
     def _watchers(self) -> list[str]:
-        """Members other than robots may read messages to some robots only."""
+        """Members other than robots, who may read messages even if these go to some robots only."""
         keys = self.guard.keys
         return [name for name in keys.members() if keys.role_of(name) is not Role.ROBOT]
 
     def open(self, event: FromOutside) -> FromOutside:
-        """The input with its message opened; others as they are. Raises WireError."""
+        """Return the input with any message in it opened. Raises WireError."""
         match event:
             case MessageReceived(kind, source, data, envelope):
                 _, inner = self.guard.open(data, kind, source, envelope)

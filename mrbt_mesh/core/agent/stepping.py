@@ -1,8 +1,8 @@
 """Until when a robot's program may go on with its local task, by what the robot has heard.
 
-The action is not cancelled after that: it waits, before its next step, for news. Only what stops in
-time by this robot's own clock needs it: exclusive tasks, and what features ask for. If that clock
-has stood still (`peer_clocks`), news shows it.
+After that the action is not cancelled, but waits for news before its next step. Only work that must
+stop in time by this robot's own clock needs this: exclusive tasks, and what features ask for. If
+that clock has stood still (`peer_clocks`), news reveals it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mrbt_mesh.core.agent.parts import Parts
 
 
 class Stepping:
-    """The limit for the action that runs now."""
+    """The time limit of the action that runs now."""
 
     def __init__(self, context: Context, leased: LeasedStart | None, parts: Parts) -> None:
         self._context = context
@@ -21,9 +21,9 @@ class Stepping:
         self._parts = parts
 
     def until_us(self) -> int | None:
-        """Until when its steps need no further news; None: there is no limit.
+        """Until when its steps need no further news; None if there is no limit.
 
-        A cancelled action may go on: it ends what must not be left undone.
+        A cancelled action has no limit, as it ends what must not be left undone.
         """
         work = self._context.work
         if work.action is None or work.is_stopping or not work.action.global_task:

@@ -1,4 +1,4 @@
-"""What may be looked at from outside of an agent; nothing of it may be changed there."""
+"""Read access to an agent from outside."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from mrbt_mesh.core.planning.plan import Plan
 
 
 class AgentView:
-    """An agent as it is now, read-only: it changes with the agent.
+    """An agent as it is now, read-only. It changes with the agent.
 
-    `robot`: its id. `header`: that of its messages. `facts`: its replica of the team's facts.
-    `peers`: the other robots as it knows them. `alive()`: the alive set of its plan, itself
-    included. `stepping`: until when its program may go on. `judges(robot)`: whether it judges the
-    silence of another robot. `refused`: how often input was refused, by source and reason.
+    `robot`: its id. `header`: of its messages. `facts`: its replica of the team's facts. `peers`:
+    the other robots as it knows them. `alive()`: the alive set of its plan, including itself.
+    `stepping`: until when its program may go on. `judges(robot)`: whether it judges the silence of
+    another robot. `refused`: how often input was refused, by source and reason.
     """
 
     def __init__(self, context: Context, planner: Planner, tree: RobotTree) -> None:
@@ -38,7 +38,7 @@ class AgentView:
         self._context = context
         self._planner = planner
         self._tree = tree
-        # Composed with the parts of the agent.
+        # Set when the parts of the agent are composed.
         self.stepping: Stepping
 
     @property
@@ -53,27 +53,27 @@ class AgentView:
 
     @property
     def reads_wall_clock(self) -> bool:
-        """Whether it needs WallClockRead."""
+        """True if it needs WallClockRead."""
         return self._context.wall_clock is not None
 
     @property
     def spacing_us(self) -> int:
-        """How long inputs from others may wait after the last ones, to be taken in together."""
+        """How long inputs from others may wait after the last ones, to be processed together."""
         return self._context.membership.around.plan_spacing_us
 
     @property
     def is_calm(self) -> bool:
-        """Whether it suspects no robot: then heartbeats without news may wait a little."""
+        """True if it suspects no robot, so that heartbeats without news may wait a little."""
         return not self._context.membership.has_suspects
 
     @property
     def is_joining(self) -> bool:
-        """Whether it has yet to take its place in the team."""
+        """True until it has joined, and while it catches up or joins again."""
         return self._context.joining is not None
 
     @property
     def is_leaving(self) -> bool:
-        """Whether it is on its way out."""
+        """True if it is about to leave the team."""
         return self._context.is_leaving
 
     @property
@@ -83,7 +83,7 @@ class AgentView:
 
     @property
     def position(self) -> Position | None:
-        """The last one that its program has reported."""
+        """The last position that its program has reported."""
         return self._context.position
 
     @property
@@ -93,7 +93,7 @@ class AgentView:
 
     @property
     def suspicion_changes(self) -> int:
-        """Grows with every token that comes or goes, and with every suspicion of others."""
+        """Grows when a token appears or disappears, and when others' suspicions change."""
         return self._context.membership.suspicion_changes
 
     @property
@@ -103,42 +103,42 @@ class AgentView:
 
     @property
     def is_plan_current(self) -> bool:
-        """Whether the plan is that of its facts and its alive set as they are now."""
+        """True if the plan was made for its present facts and alive set."""
         return self._planner.is_current
 
     @property
     def awaited_plan(self) -> int | None:
-        """The number of the plan that is being made elsewhere (`effects.MakePlan`)."""
+        """The number of the plan being made elsewhere (`effects.MakePlan`), None if none is."""
         awaited = self._planner.awaited
         return awaited.number if awaited is not None else None
 
     @property
     def waits_for_deadline(self) -> bool:
-        """Whether a time limit of the tree, of a blocked task or of bids is running."""
+        """True if a time limit of the tree, of a blocked task or of bids is running."""
         return self._planner.next_deadline_us() is not None
 
     def agrees(self) -> bool:
-        """Whether all robots in good standing report its plan."""
+        """True if all healthy robots report its plan."""
         plan = self._planner.plan
         return plan is not None and self._context.membership.all_report_plan(plan.digest)
 
     def subscribe_to_plans(self, listener: PlanListener) -> None:
-        """Have `listener` called with each new plan, between the changes of facts around it."""
+        """Have `listener` called with each new plan, before any fact changes again."""
         self._planner.listeners.append(listener)
 
     @property
     def statuses(self) -> tuple[Status, ...]:
-        """Those of T_i, T_A, T_G and T_Li after the last tick."""
+        """The statuses of T_i, T_A, T_G and T_Li after the last tick."""
         return self._tree.statuses
 
     @property
     def tree_statuses(self) -> bytes:
-        """Of the nodes of the tree that carries out its local task; empty if none does."""
+        """The statuses of the nodes of its local task's tree; empty if no tree carries it out."""
         return self._context.work.tree_statuses
 
     @property
     def claim(self) -> Claim | None:
-        """The activation that it works on, or is about to."""
+        """The activation that it works on, or is about to work on."""
         return self._context.work.claim
 
     @property

@@ -1,12 +1,12 @@
 """What time it is: this robot's wall clock, compared with those of the others.
 
-Heartbeats carry what their sender's wall clock shows. The team's time is the median of the clocks
-of the robots that are heard, this one included; of an even number the earlier one in the middle, so
-that a clock that is ahead makes nothing happen too early. A robot whose clock is off by more than
-`TOLERANCE_US` says so, and leaves it to others to say that a time has come.
+Heartbeats carry their sender's wall clock. The team's time is the median of the clocks of the
+robots that are heard, including this one; of an even number the earlier one in the middle, so that
+a clock that is ahead makes nothing happen too early. A robot whose clock is off by more than
+`TOLERANCE_US` reports that, and leaves it to others to write that a time has come.
 
-A robot that hears no other keeps what it found last, until its own clock is set. One that is alone
-from the start goes by its own clock.
+A robot that hears no other keeps its last comparison until its own clock is set. A robot that is
+alone from the start uses its own clock.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from mrbt_mesh.core.membership.membership import Membership
 from mrbt_mesh.core.membership.timing import earlier_median
 
 TOLERANCE_US = 1_000_000
-# The runtime gives the clock again once it is off by so much from what it gave last.
+# The runtime reads the clock again once it is off by this much from the last reading.
 READ_AGAIN_US = 50_000
 
 
 class WallClock:
     """One robot's wall clock.
 
-    `is_believed`: others would agree that it is as late as this clock shows. `problem`: by how much
-    it is off, in words; empty if it is not.
+    `is_believed`: it is close enough to the team's time to decide that a time has come. `problem`:
+    a text on how far it is off; empty if it is not.
     """
 
     def __init__(self, membership: Membership, period_us: int) -> None:
@@ -32,17 +32,17 @@ class WallClock:
         self._membership = membership
         self._period_us = period_us
         self._offset_us: int | None = None
-        # By how much it is ahead of the team's time, and as the problem says.
+        # By how much it is ahead of the team's time; and the value shown in the problem.
         self._ahead_us = self._shown_us = 0
         self._is_compared = False
-        # When it is compared next, unless the members change.
+        # When it is next compared, unless the members change.
         self._next_us = 0
         self._member_changes = -1
 
     def read(self, offset_us: int, now_us: int) -> None:
-        """The clock shows this much more than the time of the inputs.
+        """Note that the clock shows `offset_us` more than the time of the inputs.
 
-        If it was set, or the clock of the inputs jumped, it has to be compared anew.
+        If it was set, or the clock of the inputs jumped, it must be compared anew.
         """
         before_us, self._offset_us = self._offset_us, offset_us
         if before_us is None or abs(offset_us - before_us) > TOLERANCE_US:
@@ -52,22 +52,22 @@ class WallClock:
         self._next_us = now_us
 
     def unix_us(self, now_us: int) -> int | None:
-        """What it shows; None before it was read."""
+        """The time that it shows; None before it was read."""
         return None if self._offset_us is None else max(0, now_us + self._offset_us)
 
     def team_us(self, now_us: int) -> int | None:
-        """The team's time, as it was compared last; None before the clock was read."""
+        """The team's time by the last comparison; None before the clock was read."""
         return None if self._offset_us is None else now_us + self._offset_us - self._ahead_us
 
     def when_us(self, unix_us: int) -> int | None:
-        """At which time of the inputs it shows `unix_us`; None: its word does not count."""
+        """The time of the inputs at which it shows `unix_us`; None if it is not believed."""
         if self._offset_us is None or not self.is_believed:
             return None
         return unix_us - self._offset_us
 
     def compare(self, now_us: int) -> bool:
-        """Compare it with the others', once per heartbeat; whether it is believed, or its problem,
-        has changed.
+        """Compare the clock with the others', once per heartbeat. Returns whether `is_believed` or
+        the problem has changed.
         """
         membership, changes = self._membership, self._membership.member_changes
         if self._offset_us is None or (now_us < self._next_us and changes == self._member_changes):
@@ -83,7 +83,7 @@ class WallClock:
         if self.is_believed:
             self._shown_us, self.problem = 0, ""
         elif before[0] or not is_known:
-            pass  # it is said once it is found again: heartbeats may have waited to be read
+            pass  # reported if found again: heartbeats may have waited to be read
         elif not self._shown_us or abs(self._ahead_us - self._shown_us) > TOLERANCE_US:
             self._shown_us, self.problem = self._ahead_us, _problem(self._ahead_us)
         return before != (self.is_believed, self._shown_us)

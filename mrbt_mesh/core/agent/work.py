@@ -1,9 +1,9 @@
 """What this robot works on: its claim, and the action that carries it out.
 
-A claim is `claimed` while the team comes to agree and `running` once the action is started; in
+A claim is `claimed` while the team comes to agree and `running` once the action is started. In
 between it is `travelling` on the way to the place of its local task, and `ready` while its
 coalition forms. The way is an action of its own. An action that is no longer needed is cancelled;
-if it finishes all the same, its outcome is recorded, and a way has led to its place.
+if it finishes nevertheless, its outcome is recorded, or the robot counts as at the way's place.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mrbt_mesh.core.planning.plan import RobotAssignment
 
 
 def _subject(assignment: RobotAssignment | None) -> tuple[object, ...] | None:
-    """What distinguishes one assignment from another: a coalition that has ended is formed anew."""
+    """What distinguishes assignments. Includes the round, as an ended coalition is formed anew."""
     x = assignment
     return None if x is None else (x.activation, x.local_task, x.leader, x.round, x.values)
 
@@ -27,12 +27,12 @@ def _subject(assignment: RobotAssignment | None) -> tuple[object, ...] | None:
 class Work:
     """At most one claim, and at most one action (which may still be stopping).
 
-    `action`: as it was started, until it has ended. `running_since_us`: since when it runs, None
-    without one, on a way, and while it stops. `tree_statuses`: of the nodes of the tree that
-    carries it out, if one does. `ended`: the local task that was assigned last and its outcome,
-    until T_Li has been ticked with it. `place`: the last one at which it has arrived, empty if it
-    has not yet; `has_arrived`: that is not written yet. `is_between`: it has set out from a place,
-    or may have in an earlier life, and has arrived nowhere since.
+    `action`: as it was started, until it has ended. `running_since_us`: since when it has been
+    running; None without one, on a way, and while it stops. `tree_statuses`: of the nodes of the
+    tree that carries it out, if one does. `ended`: the local task that was assigned last and its
+    outcome, until T_Li has been ticked with it. `place`: the last place where it arrived, empty
+    before the first arrival; `has_arrived`: the arrival is not written yet. `is_between`: it has
+    set out from a place, or may have in an earlier incarnation, and has not arrived anywhere since.
     """
 
     def __init__(self) -> None:
@@ -52,16 +52,17 @@ class Work:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether there is a claim whose action could start once the team agrees."""
+        """True if there is a claim whose action could start once the team agrees."""
         is_started = self.claim is None or self.claim.phase is Phase.RUNNING
         return not is_started and self.action is None
 
     def follow(
         self, assignment: RobotAssignment | None, stamp: int, place: str, now_us: int
     ) -> tuple[bool, list[Effect]]:
-        """Follow this robot's assignment in a new plan: (whether the claim changed, effects).
+        """Follow this robot's assignment in a new plan. Returns (whether the claim changed,
+        effects).
 
-        `place` is that of a new claim.
+        `place`: the place of a new claim.
         """
         wanted, held = _subject(assignment), _subject(self.assignment)
         self.assignment = assignment
@@ -75,7 +76,7 @@ class Work:
         return self.claim is not before, self._cancel()
 
     def _is_on_its_way_to(self, assignment: RobotAssignment | None) -> bool:
-        """Whether the way that the robot goes is that to this assignment, by another leader."""
+        """True if the robot already travels for this assignment, perhaps under another leader."""
         claim = self.claim
         return (
             claim is not None
@@ -86,7 +87,7 @@ class Work:
         )
 
     def get_ready(self, claim: Claim) -> Claim:
-        """The team agrees: wait for the coalition."""
+        """Wait for the coalition, as the team agrees. Returns the changed claim."""
         self.claim = replace(claim, phase=Phase.READY)
         return self.claim
 
@@ -123,7 +124,7 @@ class Work:
         incarnation: Incarnation,
         now_us: int,
     ) -> StartAction:
-        """Begin an action that nobody has asked for: it has no claim, and no outcome for others."""
+        """Begin an action that nobody requested. It has no claim, and no outcome for others."""
         self._tickets += 1
         self._stopping = False
         self._clear_progress()
@@ -134,9 +135,9 @@ class Work:
         return self.action
 
     def arrive(self, action: StartAction, now_us: int) -> None:
-        """The way has led to its place: wait there for agreement, also if it was to be cancelled.
+        """End a way at its place, even if it was being cancelled, and wait there for agreement.
 
-        What is claimed from there is written with the next step.
+        The claim from there is written in the next step.
         """
         self.action, self._stopping = None, False
         self.place, self.has_arrived, self.is_between = action.travel_to, True, False
@@ -153,9 +154,9 @@ class Work:
         now_us: int,
         travel_to: str,
     ) -> list[Effect]:
-        """Go on with what was assigned and claimed before; an action that ran is started again.
+        """Continue with the earlier assignment and claim. An action that ran is started again.
 
-        `travel_to`: the place to which the robot was on its way.
+        `travel_to`: the place that the robot was travelling to, empty if none.
         """
         self.claim, self.assigned_us, value = claim, now_us, 0
         if assignment is not None and claim is not None:
@@ -168,17 +169,17 @@ class Work:
         return [self.start(claim, partners, value, incarnation, now_us, *names)]
 
     def progressed(self, number: int, percent: int) -> None:
-        """How far the action is."""
+        """Note the progress of the action."""
         if self.action is not None and self.action.ticket == number:
             self.progress = max(0, min(100, percent))
 
     def tree_ticked(self, number: int, statuses: bytes) -> None:
-        """The nodes of the action's tree have these statuses."""
+        """Note the statuses of the nodes of the action's tree."""
         if self.action is not None and self.action.ticket == number and not self._stopping:
             self.tree_statuses = statuses if len(statuses) <= MAX_TREE_NODES else b""
 
     def finish(self, number: int, success: bool) -> StartAction | None:
-        """An action ended by itself; returns it, or None if it is not known."""
+        """End an action that ended by itself. Returns it, or None if it is not known."""
         action = self.action
         if action is None or action.ticket != number:
             return None
@@ -193,17 +194,17 @@ class Work:
 
     @property
     def is_stopping(self) -> bool:
-        """Whether the action was cancelled and has not ended."""
+        """True if the action was cancelled and has not ended."""
         return self._stopping
 
     def stopped(self, number: int) -> None:
-        """A cancelled action no longer runs."""
+        """Note that a cancelled action no longer runs."""
         if self.action is not None and self.action.ticket == number:
             self.action = None
             self._stopping = False
 
     def drop(self) -> list[Effect]:
-        """Give everything up: leaving, or taking a new incarnation."""
+        """Give up claim and action, to leave or to take a new incarnation. Returns the effects."""
         self.assignment = None
         self.claim = None
         self.has_arrived = False

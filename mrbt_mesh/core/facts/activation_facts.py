@@ -1,4 +1,4 @@
-"""What the team has said of one activation: the index that task statuses and plans read."""
+"""The facts of one activation: the index that task statuses and plans read."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ Outcomes: TypeAlias = Mapping[str, Mapping[str, bool]]
 class KnownBids:
     """The bids of one activation.
 
-    `by_task`: local task -> robot -> bid in micro-units; None: it has no bid. `closed`: local tasks
-    for whose bids nobody waits any more.
+    `by_task`: local task -> robot -> bid in micro-units, None if the robot makes no bid. `closed`:
+    local tasks for which no more bids are awaited.
     """
 
     by_task: Mapping[str, Mapping[str, int | None]] = field(default_factory=dict)
@@ -40,12 +40,12 @@ class KnownBids:
         return self.by_task.get(local_task, {})
 
     def with_bid(self, local_task: str, robot: str, bid: int | None) -> KnownBids:
-        """These, and one more."""
+        """Return these bids with one more."""
         bids = {**self.of(local_task), robot: bid}
         return KnownBids({**self.by_task, local_task: bids}, self.closed)
 
     def with_closed(self, local_task: str) -> KnownBids:
-        """These, where nobody waits for more for this local task."""
+        """Return these bids, with no more awaited for this local task."""
         return KnownBids(self.by_task, self.closed | {local_task})
 
 
@@ -56,11 +56,10 @@ NO_BIDS = KnownBids()
 class ActivationFacts:
     """All entries of one activation. They are dropped together.
 
-    `keys`: (author, name) of its entries. `coalitions`: None while none was named; then the
-    outcomes are theirs, otherwise they are in `outcomes`. `child_results`: position of the child ->
-    success. `begun_with`: (stamp, author) and the values that count
-    of the entries that its task reads. `outcomes` and `bids` are replaced when they change,
-    never altered.
+    `keys`: (author, name) of its entries. `coalitions`: None until an entry names one; from then on
+    it holds the outcomes, which are in `outcomes` otherwise. `child_results`: position of the child
+    -> success. `begun_with`: (stamp, author, values) that count for the entries that its task
+    reads. `outcomes` and `bids` are replaced when they change, never altered.
     """
 
     activation: Activation
@@ -75,7 +74,7 @@ class ActivationFacts:
     begun_with: tuple[int, str, tuple[str, ...]] | None = None
 
     def add(self, entry: Entry) -> None:
-        """Take in one of its entries."""
+        """Add one of its entries."""
         self.keys[entry.author, entry.name] = None
         parts, record = entry.parts, entry.record
         kind = parts[0]
@@ -103,7 +102,7 @@ class ActivationFacts:
     def add_outcome(
         self, parts: tuple[str, ...], robot: str, success: bool, version: Version
     ) -> None:
-        """Take in an outcome; `parts`: those of its name, the last may be a coalition."""
+        """Add an outcome. `parts`: the parts of its name, the last of which may be a coalition."""
         local_task = parts[2]
         if len(parts) == 4:
             coalition = CoalitionId.parse(parts[3])
@@ -119,10 +118,10 @@ class ActivationFacts:
         return self.coalitions
 
     def is_decided(self, decision: Decision) -> bool:
-        """Whether an operator has decided so about one of its coalitions."""
+        """True if an operator has decided so about one of its coalitions."""
         return self.coalitions is not None and decision in self.coalitions.decisions.values()
 
     @property
     def has_outcome(self) -> bool:
-        """Whether some robot has ended here."""
+        """True if some robot has an outcome here."""
         return bool(self.outcomes or (self.coalitions is not None and self.coalitions.outcomes))

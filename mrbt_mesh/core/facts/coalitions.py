@@ -1,12 +1,12 @@
-"""Coalitions: robots that start one activation together, and what becomes of them.
+"""Coalitions: robots that start one activation together, and how they end.
 
 A task that is `simultaneous` or `exclusive` is carried out by coalitions. The leader, the first
-robot that the plan has on the activation, writes down the robots that were ready, and all of them
-start. A coalition has succeeded once every local task has nu successes *of its members*. When a
+robot that the plan assigns to the activation, writes down the robots that are ready, and all of
+them start. A coalition has succeeded once every local task has nu successes *of its members*. If a
 member drops out and too few are left, it is broken: the rest stop, and a new one is formed.
 
-For an exclusive task a coalition needs the leases of a majority (`membership.leases`). One that
-had a lease and ended without outcomes leaves the activation in doubt.
+For an exclusive task a coalition needs the leases of a majority (`membership.leases`). One that had
+a lease and ended without outcomes leaves the activation in doubt.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from mrbt_mesh.core.mission.mission import GlobalTask
 
 
 def majority(grantors: Collection[str]) -> int:
-    """How many leases a coalition needs."""
+    """The number of leases that a coalition needs."""
     return len(grantors) // 2 + 1
 
 
 @dataclass(slots=True)
 class Coalitions:
-    """One activation's coalitions in the facts, by their ids.
+    """The facts about one activation's coalitions, by their ids.
 
-    `outcomes` are by coalition, local task and robot. `broken`, `grants`, `doubts` and `cleared`
-    hold their authors. `doubts` and `ended` hold versions too: with which entry an author
-    doubted the coalition, and with which it wrote its outcome. `decisions`: those of operators.
+    `outcomes`: by coalition, local task and robot. `broken`, `grants`, `doubts` and `cleared`:
+    their authors. `doubts` and `ended` also have versions: of the entry with which an author
+    doubted the coalition, or wrote its outcome. `decisions`: those of operators.
     """
 
     members: dict[CoalitionId, tuple[CoalitionMember, ...]] = field(default_factory=dict)
@@ -57,7 +57,7 @@ class Coalitions:
     decisions: dict[CoalitionId, Decision] = field(default_factory=dict)
 
     def add(self, kind: str, coalition: CoalitionId, entry: Entry) -> None:
-        """Take in what an author has said of a coalition."""
+        """Add a fact about a coalition."""
         if isinstance(entry.record, Coalition):
             self.members[coalition] = entry.record.members
         elif isinstance(entry.record, OperatorCommand):
@@ -71,16 +71,16 @@ class Coalitions:
     def add_outcome(
         self, coalition: CoalitionId, local_task: str, robot: str, success: bool, version: Version
     ) -> None:
-        """Take in how a local task ended for a member."""
+        """Add a member's outcome of a local task."""
         self.outcomes.setdefault(coalition, {}).setdefault(local_task, {})[robot] = success
         self.ended.setdefault(coalition, {})[robot] = version
 
     def outcome(self, coalition: CoalitionId, member: CoalitionMember) -> bool | None:
-        """Success or failure of a member, None while it has neither."""
+        """A member's success or failure, None while it has neither."""
         return self.outcomes.get(coalition, {}).get(member.local_task, {}).get(member.robot)
 
     def failed_robots(self, local_task: str) -> set[str]:
-        """Robots that have failed at a local task, in whichever coalition."""
+        """The robots that have failed at a local task in any coalition."""
         return {
             robot
             for found in self.outcomes.values()
@@ -89,25 +89,25 @@ class Coalitions:
         }
 
     def is_resolved(self, coalition: CoalitionId) -> bool:
-        """Whether all members of this coalition have said how it ended."""
+        """True if all members of this coalition have an outcome."""
         members = self.members.get(coalition, ())
         return bool(members) and all(self.outcome(coalition, m) is not None for m in members)
 
     def is_open(self, coalition: CoalitionId) -> bool:
-        """Whether its work may be half done: not all outcomes are known, and it is not cleared."""
+        """True if the work may be half done: outcomes are missing, and it may not begin again."""
         return not self.is_resolved(coalition) and not self.may_begin_again(coalition)
 
     def may_begin_again(self, coalition: CoalitionId) -> bool:
-        """Whether the work counts as not begun: it never was, or an operator has decided so."""
+        """True if the work counts as not begun: it never was, or an operator decided to retry."""
         return coalition in self.cleared or self.decisions.get(coalition) is Decision.RETRY
 
     def in_doubt(self, grantors: Collection[str]) -> list[CoalitionId]:
         """Coalitions that have ended and left the activation in doubt, in canonical order.
 
-        The doubt of a member that stopped is enough. Otherwise the leases of that many grantors
-        must have run out that the others are no majority. A member that had its outcome before
-        counts as a grantor only: the members still at work cannot renew its lease if it does not
-        hear them.
+        The doubt of a member that has stopped is enough. Otherwise the leases of so many grantors
+        must have expired that the rest are not a majority. A member whose outcome came before its
+        doubt counts only as a grantor: the members still at work cannot renew its lease if it does
+        not hear them.
         """
         needed = len(grantors) - majority(grantors) + 1
         found = []
@@ -130,13 +130,13 @@ class Coalitions:
         return sorted(unended)
 
     def round_number(self, grantors: Collection[str], at_work: CoalitionId | None) -> int:
-        """How many coalitions have ended without success, before the one at work if there is."""
+        """The number of coalitions that ended without success, before any that is at work."""
         ended = {*self.broken, *self.in_doubt(grantors)}
         return sum(at_work is None or coalition < at_work for coalition in ended)
 
 
 class CoalitionFacts(Protocol):
-    """What the functions below read of the team's facts."""
+    """The part of the team's facts that the functions below read."""
 
     @property
     def map(self) -> FactMap: ...
@@ -148,9 +148,9 @@ class CoalitionFacts(Protocol):
 def is_still_in(
     facts: CoalitionFacts, coalition: CoalitionId, member: CoalitionMember, activation: str
 ) -> bool:
-    """Whether a member without an outcome still holds the claim with which it was ready.
+    """True if a member without an outcome still holds the claim with which it was ready.
 
-    A claim older than that one is no drop-out: the newer one has not arrived here yet.
+    An older claim does not mean that it dropped out: the newer one has not arrived here yet.
     """
     entry = facts.map.get(member.robot, CLAIM)
     listed = Version(Incarnation(member.counter, member.nonce), member.sequence)
@@ -170,8 +170,8 @@ def coalition_at_work(
 ) -> CoalitionId | None:
     """The first coalition, in canonical order, that has enough members left.
 
-    After a partition has healed there may be two. That of an exclusive task stays until its leases
-    have run out: it may be at work out of reach.
+    There may be two after a partition has healed. A coalition of an exclusive task stays until its
+    leases have expired, since it may be at work out of reach.
     """
     for coalition in facts.coalitions(activation).unended(facts.grantors):
         if task.exclusive or _has_enough(facts, task, activation, coalition, alive):
@@ -188,7 +188,8 @@ def newly_broken(
 ) -> list[CoalitionId]:
     """Coalitions with too few members left, and those that have to give way to an earlier one.
 
-    Only members go by the alive set; for others a coalition out of reach may well go on.
+    Only members consider the alive set: a coalition out of other robots' reach may still be at
+    work.
     """
     found = facts.coalitions(activation)
     at_work = coalition_at_work(facts, task, activation, alive)
@@ -209,7 +210,10 @@ def _has_enough(
     coalition: CoalitionId,
     alive: Mapping[str, Incarnation] | None,
 ) -> bool:
-    """Whether nu members of each local task have succeeded or are still in (None: dead or not)."""
+    """True if nu members of each local task have succeeded or still take part.
+
+    `alive` None: dead or not.
+    """
     found = facts.coalitions(activation)
     left = dict.fromkeys((need.local_task for need in task.needs), 0)
     for member in found.members[coalition]:
@@ -224,7 +228,7 @@ def _has_enough(
 def ready_members(
     facts: CoalitionFacts, activation: str, robots: Mapping[str, str]
 ) -> list[CoalitionMember]:
-    """Those of `robots` (robot -> local task) that are ready for this activation, by id."""
+    """Return the robots (robot -> local task) that are ready for this activation, sorted by id."""
     ready = []
     for robot in sorted(robots):
         entry = facts.map.get(robot, CLAIM)
@@ -242,6 +246,6 @@ def ready_members(
 
 
 def are_enough(task: GlobalTask, members: Collection[CoalitionMember]) -> bool:
-    """Whether there are nu members for each local task."""
+    """True if there are nu members for each local task."""
     tasks = [member.local_task for member in members]
     return all(tasks.count(need.local_task) >= need.min_robots for need in task.needs)

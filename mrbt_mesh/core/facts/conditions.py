@@ -1,20 +1,20 @@
-"""How the team reads a condition, and how often a guard has turned.
+"""How the team reads a condition, and how often a guard has changed its value.
 
 Every robot may set a condition. Over all authors the value with the greatest (revision, stamp,
-author) counts. A condition that nobody has set has its declared default. A condition that every
-robot has for itself holds, without a name behind it, if it holds for any robot of the mission.
+author) counts. A condition that nobody has set has its declared default. If every robot has its own
+condition, the name without a robot holds if it holds for any robot of the mission.
 
-A boolean alternates, so its revision shows how often it has turned to either value. This is not so
+A boolean alternates, so its revision shows how often it has changed to either value. This is not so
 for an *expression*, several conditions that decide together: a robot that sees its value change
 writes that down, with the revisions of the conditions that it has read. Over all authors the
-greatest revision counts; of equal ones, all that was read. Only a robot that knows all that was
-read before may write the next one, so late news is not taken for a change.
+greatest revision counts; of equal ones, the greatest of each revision read. Only a robot that knows
+everything that was read before may write the next one, so late news is not mistaken for a change.
 
-Another entry of the blackboard does not alternate, and two robots may give it different values with
-one revision. So each comparison with it is such an expression, and what was read of the entry is
-noted as (revision, stamp, author), which names one value.
+Other blackboard entries do not alternate, and two robots may give one of them different values with
+the same revision. So each comparison with such an entry is an expression, and what was read of the
+entry is noted as (revision, stamp, author), which identifies one value.
 
-What is noted of an expression counts once all that was read for it is known here.
+A note about an expression counts once everything read for it is known here.
 """
 
 from __future__ import annotations
@@ -33,31 +33,31 @@ _NOT_SET = ConditionValue(None, 0, 0), ""
 
 
 class Conditions:
-    """The conditions of one mission, and the expressions that are guards, by the entries."""
+    """The conditions of one mission, and its guard expressions, as the facts have them."""
 
     def __init__(self, mission: Mission) -> None:
         self._mission = mission
         self._has_values = mission.has_blackboard
         self._by_author: dict[str, dict[str, ConditionValue]] = {}
         self._standing: dict[str, tuple[ConditionValue, str]] = {}
-        # Read at every tick: standing values, and defaults that were asked for.
+        # Cached, as they are read at every tick: standing values, and defaults that were needed.
         self._values: dict[str, bool] = {}
         self._defaults: dict[str, bool] = {}
         self._noted: dict[str, dict[str, ExpressionRevision]] = {}
-        # The same, of which something that was read is not known here yet.
+        # Notes that rest on something that is not known here yet.
         self._early: dict[str, dict[str, ExpressionRevision]] = {}
         self._readers: dict[str, list[Expression]] = {}
-        # Of which something was said since they were looked at last.
+        # Expressions that may have changed since `unnoted` last looked at them.
         self._touched: dict[str, Expression] = {}
         self._expressions: Mapping[str, Expression] = {}
         self._with_actions: Mapping[str, GuardWithActions] = {}
         self.use(mission)
-        # Before what has changed since guards with actions were looked at last.
+        # Values and counts before the changes since guards with actions were last checked.
         self._values_before: dict[str, bool] = {}
         self._counts_before: dict[Guard, int] = {}
 
     def use(self, mission: Mission) -> None:
-        """Read the guards of this mission's tree from now on: other jobs are in it."""
+        """Read the guards of this mission's tree from now on, as the jobs in it have changed."""
         before, self._mission = self._expressions, mission
         actions_before = self._with_actions
         self._expressions = mission.per_robot.guard_expressions
@@ -78,7 +78,7 @@ class Conditions:
                 self.note(name, author, noted)
 
     def set(self, name: str, author: str, value: ConditionValue) -> None:
-        """The author's value from now on. Only those of ended jobs are ever dropped."""
+        """Set the author's value. Only values of ended jobs are ever dropped."""
         self._remember(name)
         self._by_author.setdefault(name, {})[author] = value
         self._stand(name)
@@ -86,17 +86,17 @@ class Conditions:
             self._note_early()
 
     def counts(self, name: str) -> dict[str, int]:
-        """How often each author has changed a condition, by its greatest revision."""
+        """How often each author says that a condition has changed: its revision."""
         return {by: each.revision for by, each in self._by_author.get(name, {}).items()}
 
     def drop(self, name: str, author: str) -> None:
-        """The author's value of an entry was dropped with its job."""
+        """Drop the author's value of an entry, together with the entry's job."""
         self._remember(name)
         del self._by_author[name][author]
         self._stand(name)
 
     def _stand(self, name: str) -> None:
-        """Find the value that counts."""
+        """Find the value that counts, and invalidate what depends on it."""
         values = self._by_author[name]
         if values:
             _, _, winner = max((each.revision, each.stamp, by) for by, each in values.items())
@@ -108,7 +108,7 @@ class Conditions:
         self._touch_readers(name)
 
     def value(self, name: str) -> bool:
-        """Whether the condition, or comparison, holds."""
+        """True if the condition or comparison holds."""
         value = self._values.get(name)
         if value is None:
             value = self._read(name, {})
@@ -117,23 +117,23 @@ class Conditions:
         return value
 
     def entry(self, name: str) -> Value | None:
-        """The value of a condition or another entry of the blackboard; None: it is not set."""
+        """The value of a condition or another blackboard entry; None if it is not set."""
         if not self._has_values:
             return self.value(name)
         standing = self._standing.get(name)
         return self._mission.default_of(name) if standing is None else standing[0].value
 
     def of_robot(self, robot: str, name: str) -> bool:
-        """Whether the condition holds for a robot: its own if every robot has its own."""
+        """True if the condition holds for a robot: its own one if every robot has its own."""
         return self.value(robot_condition(name, robot) if name in self._mission.per_robot else name)
 
     def after(self, changes: Mapping[str, Value | None]) -> dict[str, bool]:
-        """What these changes of entries make of conditions and comparisons."""
+        """The values that conditions and comparisons would have after these changes of entries."""
         affected = {each for name in changes for each in self._affected(name)}
         return {name: self._read(name, changes) for name in sorted(affected)}
 
     def _read(self, name: str, changes: Mapping[str, Value | None]) -> bool:
-        """Whether a condition holds after these changes."""
+        """True if a condition holds after these changes."""
         if self._mission.has_own_conditions and name in self._mission.per_robot:
             own = (robot_condition(name, robot) for robot in self._mission.robots)
             return any(self._read(each, changes) for each in own)
@@ -148,7 +148,7 @@ class Conditions:
         return self._default(name) if standing is None else bool(standing[0].value)
 
     def _affected(self, name: str) -> Iterator[str]:
-        """The conditions that follow from a condition or entry, itself among them."""
+        """The conditions that depend on a condition or entry, including a condition itself."""
         if not self._has_values or not self._mission.holds_value(name):
             yield name
             if "@" in name:
@@ -158,35 +158,35 @@ class Conditions:
                 yield from self._affected(reader.id)
 
     def revision(self, name: str) -> int:
-        """How often the condition, or expression, has changed."""
+        """How often the condition or expression has changed."""
         if name in self._noted:
             return self.noted(name).revision
         standing = self._standing.get(name)
         return standing[0].revision if standing is not None else 0
 
     def seen(self, name: str) -> Revision:
-        """What is noted of a condition or entry when it is read."""
+        """What to note of a condition or entry when it is read."""
         if not self._has_values or not self._mission.holds_value(name):
             return self.revision(name)
         value, author = self._standing.get(name, _NOT_SET)
         return value.revision, value.stamp, author
 
     def turns(self, name: str, value: bool) -> int:
-        """How often the condition, or expression, has turned to `value`."""
+        """How often the condition or expression has changed to `value`."""
         revision = self.revision(name)
         return self.turns_at(name, value, revision) if revision else 0
 
     def turns_at(self, name: str, value: bool, revision: int) -> int:
-        """The same at any revision: a boolean alternates, from its default on.
+        """The same as `turns`, at any revision: a boolean alternates, starting from its default.
 
-        Of a guard with actions only the turns against what it guards are counted.
+        For a guard with actions, only changes against what it guards are counted, as True.
         """
         if name in self._with_actions:
             return revision if value else 0
         return revision // 2 if value == self._default(name) else (revision + 1) // 2
 
     def entries(self) -> dict[str, str]:
-        """The blackboard entries that are set, but for conditions; their values for people."""
+        """The blackboard entries that are set, without conditions, and their values as texts."""
         found = {}
         for name in sorted(filter(self._mission.holds_value, self._standing)):
             value = self.entry(name)
@@ -195,7 +195,7 @@ class Conditions:
         return found
 
     def names(self) -> list[str]:
-        """The conditions that somebody has set, and expressions that have turned."""
+        """The conditions that some robot has set, and the expressions that have changed."""
         return [*self._standing, *self._noted]
 
     def _default(self, name: str) -> bool:
@@ -213,7 +213,7 @@ class Conditions:
     # -- expressions --------------------------------------------------------------------------
 
     def note(self, name: str, author: str, noted: ExpressionRevision) -> None:
-        """What an author has seen of an expression, or of a guard with actions."""
+        """Add an author's note about an expression, or about a guard with actions."""
         self._early.get(name, {}).pop(author, None)
         if self._is_early(name, noted):
             self._early.setdefault(name, {})[author] = noted
@@ -227,7 +227,7 @@ class Conditions:
             self._note_early()
 
     def _is_early(self, name: str, noted: ExpressionRevision) -> bool:
-        """True if something that was read is newer than all that is known of it here."""
+        """True if something that was read is newer than what is known here."""
         if name in self._expressions:
             known = map(self.seen, self._expressions[name].conditions)
             return any(map(operator.gt, noted.read, known))
@@ -237,14 +237,14 @@ class Conditions:
         )
 
     def _note_early(self) -> None:
-        """Something became known: take in what was noted early and is not any more."""
+        """Add the early notes again, as something became known; some may no longer be early."""
         early, self._early = self._early, {}
         for name, by_author in sorted(early.items()):
             for author, noted in sorted(by_author.items()):
                 self.note(name, author, noted)
 
     def forget(self, name: str, author: str) -> None:
-        """What an author has seen of a guard was dropped, with the job in whose tree it was."""
+        """Drop an author's note about a guard, with the job in whose tree the guard was."""
         for known in (self._noted, self._early):
             noted = known.get(name, {})
             noted.pop(author, None)
@@ -256,7 +256,7 @@ class Conditions:
             self._touched[expression.id] = expression
 
     def noted(self, name: str) -> ExpressionRevision:
-        """What the team knows of an expression: the join of what all authors have seen."""
+        """What the team knows of an expression: the join of all authors' notes."""
         said = self._noted.get(name)
         if not said:
             return ExpressionRevision(0, ())
@@ -266,13 +266,13 @@ class Conditions:
         return ExpressionRevision(revision, read)
 
     def unnoted(self) -> list[tuple[str, ExpressionRevision]]:
-        """The expressions whose values have changed, as far as is known here: to be noted."""
+        """The expressions whose value has changed, by what is known here, with notes to write."""
         found = []
         for name, expression in sorted(self._touched.items()):
             noted = self.noted(name)
             read = tuple(map(self.seen, expression.conditions))
             if any(map(operator.lt, read, noted.read)):
-                continue  # late news: it is looked at again when the rest has come
+                continue  # late news: checked again once the rest has arrived
             was = self._default(name) ^ bool(noted.revision % 2)
             if self._value_at(expression, read) != was:
                 found.append((name, ExpressionRevision(noted.revision + 1, read)))
@@ -281,7 +281,7 @@ class Conditions:
         return found
 
     def _value_at(self, expression: Expression, read: Sequence[Revision]) -> bool:
-        """Whether an expression holds where this is what is known of its conditions now."""
+        """True if an expression holds, given what is known of its conditions now."""
         if self._has_values and any(map(self._mission.holds_value, expression.conditions)):
             return self.value(expression.id)
         return expression_value(self._mission, expression, read)
@@ -289,7 +289,7 @@ class Conditions:
     # -- guards with actions ------------------------------------------------------------------
 
     def _remember(self, name: str) -> None:
-        """Before something is said of a condition or guard: how it was."""
+        """Remember the values and counts of a condition or guard before a fact about it changes."""
         if not self._with_actions:
             return
         for each in self._affected(name):
@@ -299,11 +299,12 @@ class Conditions:
                 self._values_before.setdefault(each, self.value(each))
 
     def turned_with_actions(self, facts: EvaluationFacts) -> list[tuple[str, ExpressionRevision]]:
-        """A guard with actions from which conditions have taken its status: to be noted.
+        """A guard with actions that lost its status through changed conditions, with the note to
+        write.
 
-        One at a time, since what was done behind it is to be done again before others are looked
-        at. One that has lost it is against what it guards, so to note too much repeats nothing
-        that goes on.
+        Returns one at a time, since what was done behind it must be done again before other guards
+        are checked. A guard that has lost its status does not let through what it guards, so noting
+        too much repeats nothing that is running.
         """
         before = OtherConditions(facts, self._values_before, self._counts_before)
         for guard in self._with_actions.values() if self._values_before else ():
@@ -312,7 +313,7 @@ class Conditions:
             noted = self.noted(guard.id)
             read: tuple[Revision, ...] = tuple(map(self.revision, guard.conditions))
             if noted.read == read or any(map(operator.lt, read, noted.read)):
-                continue  # others have seen it, or have seen more
+                continue  # other robots have seen it, or have seen more
             if self._mission.evaluator.has_turned(guard, before, facts):
                 return [(guard.id, ExpressionRevision(noted.revision + 1, read))]
         self._values_before.clear()
@@ -323,7 +324,7 @@ class Conditions:
 def expression_value(
     mission: Mission, expression: Expression, revisions: Sequence[Revision]
 ) -> bool:
-    """Whether an expression holds (succeeds) when its conditions have these revisions."""
+    """True if an expression holds (succeeds) when its conditions have these revisions."""
     holding = {
         name
         for name, revision in zip(expression.conditions, revisions, strict=True)

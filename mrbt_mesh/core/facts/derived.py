@@ -1,10 +1,11 @@
-"""Facts that follow from others: which of these wait to be shown, and when one says nothing new.
+"""Facts that follow from others: which of them wait for proof, and when one says nothing new.
 
-They are written to be cheap to read and short to keep: their causes may be dropped. One robot's
-word for them is not enough (`membership.unproved`). Others join the map at once: ends of jobs count
-by the map alone (`KnownJob.written_end`), and what a robot that was apart, or knows of fewer
-outcomes, may see and others never will, is believed: attempts that are used up, results of children
-of nodes with memory, times that are over, broken coalitions.
+They are written because they are cheap to read and short to keep, while their causes may be
+dropped. One robot's word for them is not enough (`membership.unproved`). Other derived facts join
+the map at once. Ends of jobs count only as far as the map supports them (`KnownJob.written_end`).
+Facts that a robot which was cut off, or knows fewer outcomes, may see and others never will are
+believed: attempts used up, results of children of nodes with memory, expired timeouts, broken
+coalitions.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from mrbt_mesh.core.facts.records import AdoptedMission, JobArchive, MissionResu
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.core.facts.team_facts import TeamFacts
 
-# Those that a robot which was alone may have seen, and others never can: the alive set or a
-# condition was another one there.
+# Kinds that a robot which was alone may have seen while others never can, because its alive set or
+# a condition was different.
 WITNESSED_KINDS = frozenset({records.LATCHED_FAILURE, records.RESULT})
 DERIVED_KINDS = WITNESSED_KINDS | {
     records.JOB_ARCHIVE,
@@ -25,12 +26,12 @@ DERIVED_KINDS = WITNESSED_KINDS | {
 
 
 def follows_from_others(entry: Entry) -> bool:
-    """True for a fact that waits until others show it, or another robot holds it."""
+    """True for a fact that waits until other facts show it, or another robot holds it."""
     return entry.parts[0] in DERIVED_KINDS
 
 
 def is_known(facts: TeamFacts, entry: Entry) -> bool:
-    """True if the facts say the same already, so that this entry tells nothing new."""
+    """True if the facts already say the same, so that this entry adds nothing."""
     name, record, jobs = entry.name, entry.record, facts.jobs
     if isinstance(record, AdoptedMission) and int(entry.parts[1]) < facts.declared.revision_number:
         return True
@@ -41,7 +42,7 @@ def is_known(facts: TeamFacts, entry: Entry) -> bool:
 
 
 def says(known: Record, claimed: Record) -> bool:
-    """True if the second record says no more than the first, of the same name."""
+    """True if `claimed` says no more than `known`, a record of the same name."""
     if isinstance(known, MissionResult) and isinstance(claimed, MissionResult):
         return known.success >= claimed.success and known.agreed >= claimed.agreed
     return known == claimed

@@ -1,4 +1,4 @@
-"""A robot's description of itself: its member entry, with its losses and present performances."""
+"""A robot's description of itself: its member entry, with losses and present performances."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mrbt_mesh.core.mission.failure_reasons import one_line
 from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MICRO, performance
 from mrbt_mesh.core.mission.names import ALL, type_name
 
-# The sources of losses. One does not take back a loss by another, except that the operator takes
-# back the program's too, if the program does not notice the end itself.
+# The sources of losses. A source cannot take back another one's loss, except that the operator can
+# take back the program's, unless the program itself watches for the end.
 PROGRAM, OPERATOR = "program", "operator"
 
 
@@ -27,9 +27,9 @@ class _Loss:
 class Description:
     """A robot's own description.
 
-    `lost`: types or ground local tasks, sorted -> why they are lost; `pending`: the same for those
-    that cannot be used yet; `watched`: those in `lost` that no operator can take back. Its
-    capabilities are at first those that it was started with, and change in value only.
+    `lost`: types or ground local tasks, sorted -> why they are lost. `pending`: the same for those
+    that cannot be used yet. `watched`: those in `lost` that no operator can take back. The
+    capabilities are initially those that the robot was started with, and only their values change.
     `may_promise` is as in `Member`.
     """
 
@@ -54,8 +54,8 @@ class Description:
         self._losses: dict[tuple[str, str], _Loss] = {}
 
     def use(self, kind: str, capabilities: Mapping[str, int]) -> None:
-        """What a revision of the mission says of it. What it has lost stays lost, and performances
-        that it has changed itself stay where the declared one is as before.
+        """Apply a mission revision. Lost capabilities stay lost. A performance that the robot
+        reported is kept if its declared value has not changed.
         """
         kept = {
             name: value
@@ -72,7 +72,7 @@ class Description:
         }
 
     def resume(self, known: Member) -> None:
-        """Take over what the robot has said of itself before."""
+        """Take over the robot's earlier description."""
         self._capabilities = dict(known.capabilities)
         lost = {(name, PROGRAM): _Loss(reason, False) for name, reason in known.lost.items()}
         pending = {(name, PROGRAM): _Loss(reason, True) for name, reason in known.pending.items()}
@@ -98,7 +98,7 @@ class Description:
         return loss.is_watched or source not in (PROGRAM, OPERATOR)
 
     def _reasons(self, is_pending: bool) -> dict[str, str]:
-        """Of what is lost, or pending, all reasons in one line."""
+        """Return what is lost, or pending, each with all of its reasons in one line."""
         found: dict[str, list[str]] = {}
         for (name, _), loss in sorted(self._losses.items()):
             if loss.is_pending is is_pending:
@@ -113,10 +113,10 @@ class Description:
         is_pending: bool = False,
         is_watched: bool = False,
     ) -> str | None:
-        """A minor fault, or what cannot be used yet; `all` loses everything.
+        """Report a minor fault, or a capability that cannot be used yet; `all` means every one.
 
-        `is_watched`: its end is noticed by the source, so no operator can take it back.
-        Returns what is wrong with it, or None.
+        `is_watched`: the source notices its end itself, so no operator can take it back. Returns an
+        error text, or None.
         """
         problem = self._problem(local_task)
         if problem is None:
@@ -129,9 +129,10 @@ class Description:
         return problem
 
     def restore(self, local_task: str, source: str = OPERATOR) -> str | None:
-        """The end of what `source` has said; of the operator, of what the program has said too.
+        """End a loss reported by `source`. The operator also ends the program's losses.
 
-        A type restores its ground local tasks too. Returns what is wrong with it, or None.
+        The operator cannot end a loss that the program watches. A type includes its ground local
+        tasks. Returns an error text, or None.
         """
         problem = self._problem(local_task)
         if problem is None:
@@ -146,17 +147,17 @@ class Description:
         return problem
 
     def perform(self, local_task: str, value: int, source: str = OPERATOR) -> str | None:
-        """From now on `value` is the performance, in micro-units; 0: the capability is lost.
+        """Set the performance to `value`, in micro-units; 0 means that the capability is lost.
 
-        A type means all its ground local tasks. A loss under this name ends.
-        Returns what is wrong with it, or None.
+        A type includes all of its ground local tasks. A loss under this name ends. Returns an error
+        text, or None.
         """
         if not 0 <= value <= MAX_PERFORMANCE:
             most = MAX_PERFORMANCE // MICRO
             return f"a performance is a number from 0 to {most}, not {value / MICRO:g}"
         if value == 0:
             return self.lose(local_task, "its performance is 0", source)
-        # Values of single ground local tasks end with a value of their type.
+        # A type's value replaces the values of its single ground local tasks.
         kept = {
             name: known
             for name, known in self._capabilities.items()
@@ -175,11 +176,11 @@ class Description:
         return None
 
     def performance(self, local_task: str) -> int | None:
-        """How well it does it now, in micro-units, lost or not; None: it never could."""
+        """The present performance in micro-units, even if it is lost; None if it never had one."""
         return performance(self._capabilities, local_task)
 
     def changes(self) -> dict[str, Any]:
-        """What is not as it was at first, with the reasons; performances in units."""
+        """What differs from the declared description, with reasons; performances in units."""
         declared = self._declared
         values = {n: v / MICRO for n, v in self._capabilities.items() if declared.get(n) != v}
         more = {"pending": self.pending, "performances": values}

@@ -1,10 +1,10 @@
 """The jobs of a team, as all robots read them from the facts.
 
-A job is what an operator has submitted; the first submission under an id counts. Each field that
-operators change later is a fact of its own, and so is the end of a job. One robot's word for that
-counts only if other facts of the job bear it out. Once two have written it, these are dropped,
-except that the job was cancelled. Of the oldest ends only hashes are kept, in archives, so that no
-job is done again.
+An operator submits a job; the first submission under an id counts. Each field that operators change
+later is a fact of its own, and so is the end of a job. An end written by one robot counts only if
+other facts of the job support it. Once two robots have written it, those other facts are dropped,
+except a cancellation. Of the oldest ends only hashes are kept, in archives, so that no job is done
+again.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ from mrbt_mesh.core.mission.jobs import OpenJob, jobs_nodes
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.core.mission.names import owning_job
 
-# How many ends of jobs are kept at least, and of how many archives their hashes.
+# The least number of ends that are kept, and the number of archives kept.
 KEPT_ENDS = 500
 KEPT_ARCHIVES = 200
-# How many robots have to write that a job has ended before its other facts are dropped.
+# How many robots have to write a job's end before the job's other facts are dropped.
 WITNESSES = 2
-# How many of the last ended jobs count, where the robot that has done least goes first.
+# How many recent ends count for the order in which robots with less work go first.
 COUNTED_ENDS = 100
 _KEPT = f"{records.JOB_END}/", f"{records.JOB_CANCELLED}/"
 
 
 class JobKey(NamedTuple):
-    """The canonical order of jobs: larger priorities first, then as they have arrived."""
+    """The canonical order of jobs: by larger priority, then by arrival."""
 
     minus_priority: int
     stamp: int
@@ -57,13 +57,13 @@ class JobKey(NamedTuple):
 
 @dataclass(slots=True)
 class KnownJob:
-    """All that is known of one id.
+    """Everything known under one job id.
 
     `keys`: (author, name) of its entries, and of guards in its tree. `commands`: field -> what
-    operators have commanded. `activations`: those of its tree that there are facts of; `claims`:
-    how many robots work on it. With either it is begun. `results`: (author, name) -> entry, of
-    outcomes and failures in its tree; `end_versions`: author -> the version of the end that it has
-    written. `witnesses`: how many robots have to write one. `version`: how often its facts have
+    operators have commanded. `activations`: those of its tree that facts are about; `claims`: how
+    many robots work on it. It is begun if either is not empty. `results`: (author, name) -> entry,
+    for outcomes and failures in its tree. `end_versions`: author -> the version of the end that it
+    wrote. `witnesses`: how many robots have to write an end. `version`: how often its facts have
     changed.
     """
 
@@ -81,16 +81,16 @@ class KnownJob:
 
     @property
     def is_begun(self) -> bool:
-        """Whether robots work on it, or have."""
+        """True if robots work on it, or have."""
         return self.claims > 0 or bool(self.activations)
 
     def _commanded(self, field: str) -> Any:
-        """The value of a field, None if no operator has commanded any."""
+        """Return the value of a field, None if no operator has commanded one."""
         entry = self.commands.get(field)
         return entry.record.value if entry and isinstance(entry.record, OperatorCommand) else None
 
     def commanded_by(self, field: str) -> str:
-        """The operator who has commanded a field last; empty: nobody has."""
+        """Return the operator who last commanded a field; empty if nobody has."""
         entry = self.commands.get(field)
         return entry.record.operator if entry and isinstance(entry.record, OperatorCommand) else ""
 
@@ -102,13 +102,13 @@ class KnownJob:
 
     @property
     def arrival(self) -> int:
-        """The stamp of its submission, 0: none is known."""
+        """The stamp of its submission; 0 if that is not known."""
         entry = self.commands.get(records.JOB)
         return entry.version.incarnation.counter if entry is not None else 0
 
     @property
     def is_due(self) -> bool:
-        """Whether it may begin, as far as time is concerned."""
+        """True if the job may begin as far as its start time is concerned."""
         job = self.job
         return bool(self.due) or (job is not None and not job.not_before_us)
 
@@ -119,17 +119,17 @@ class KnownJob:
 
     @property
     def is_cancelled(self) -> bool:
-        """Whether an operator has cancelled it."""
+        """True if an operator has cancelled it."""
         return records.JOB_CANCELLED in self.commands
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has ended, or was cancelled: nothing of it begins any more."""
+        """True if the job has ended or was cancelled, so that none of its tasks begins any more."""
         return self.is_cancelled or self.written_end is not None
 
     @property
     def written_end(self) -> JobEnd | None:
-        """The end that robots have written and that counts, None if there is none."""
+        """The end that robots have written and that counts; None if there is none."""
         found = [
             (-end.rank(), end.stamp, author)
             for author, end in self._possible_ends().items()
@@ -139,20 +139,21 @@ class KnownJob:
 
     @property
     def is_settled(self) -> bool:
-        """Whether enough robots have written its end for its other facts to be dropped."""
+        """True if enough robots have written the job's end for its other facts to be dropped."""
         found = self._possible_ends()
         return bool(found) and (self.is_cancelled or len(found) >= self.witnesses)
 
     def _possible_ends(self) -> dict[str, JobEnd]:
-        """Author -> end. That it was cancelled follows from an operator's command alone."""
+        """Return author -> end. A written cancellation counts only with an operator's command."""
         if self.is_cancelled:
             return self.ends
         return {a: end for a, end in self.ends.items() if end.state is not JobState.CANCELLED}
 
     def _is_shown(self, author: str, end: JobEnd) -> bool:
-        """Whether other facts of the job bear out an end that one robot has written: that it had a
-        deadline; or that it was due, and the robot had returned from work in it, or a failure in
-        it was latched, or a time was over. So a robot that is alone can end what it has done.
+        """True if other facts of the job support an end that one robot wrote: the job had a
+        deadline; or it was due, and that robot had an outcome in it, or a failure in it was
+        latched, or a timeout in it expired. So a robot that is alone can end a job that it has
+        done.
         """
         if end.state is JobState.EXPIRED:
             return self.job is not None and bool(self.job.deadline_us)
@@ -165,8 +166,8 @@ class KnownJob:
 
     @property
     def end(self) -> JobEnd | None:
-        """How it has ended, None if it has not. A job that was cancelled may have been done all the
-        same, by robots that had not heard of that (`done_all_the_same`).
+        """How the job ended, None if it has not. A cancelled job may have been done nevertheless,
+        by robots that had not heard of the cancellation (`done_all_the_same`).
         """
         end, job = self.written_end, self.job
         if not self.is_cancelled:
@@ -183,32 +184,32 @@ class KnownJob:
 
     @property
     def done_all_the_same(self) -> tuple[str, ...]:
-        """The robots that have done it though it was cancelled, sorted."""
+        """The robots that have done the job although it was cancelled, sorted."""
         end = self.written_end
         is_done = self.is_cancelled and end is not None and end.state is JobState.SUCCEEDED
         return end.robots if end is not None and is_done else ()
 
     @property
     def overruled_text(self) -> str:
-        """What became of a job that was cancelled, in words; empty: it was not done."""
+        """A text on the robots that did a cancelled job; empty if none did."""
         robots = ", ".join(self.done_all_the_same)
         return f"done all the same by {robots}, which was cut off" if robots else ""
 
     @property
     def priority(self) -> int:
-        """Its priority now."""
+        """Its present priority."""
         job, changed = self.job, self._commanded(records.JOB_PRIORITY)
         submitted = job.priority if job is not None else 0
         return submitted if changed is None else changed
 
 
 class Jobs:
-    """The jobs of one mission, by id, and which of them are in the mission's tree.
+    """The jobs of one mission by id, and which of them are in the mission's tree.
 
-    In the tree are, of each type, those that are begun and the next ones that are not held, as many
-    as its Jobs node takes at a time. `obsolete`: (author, name) of the entries of ended jobs that
-    may be dropped. `witnesses`: how many robots have to write the end of a job. `arrived`: those
-    that were submitted since this was emptied.
+    For each type, the tree contains the jobs that are begun, and the next ones that are due and not
+    held, up to the limit of the type's Jobs node. `obsolete`: (author, name) of entries of ended
+    jobs that may be dropped. `witnesses`: how many robots have to write the end of a job.
+    `arrived`: jobs submitted since this was last emptied.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -216,7 +217,7 @@ class Jobs:
         self._mission = mission
         self.witnesses = min(WITNESSES, max(1, len(mission.robots)))
         self._node_of = jobs_nodes(mission)
-        # Of jobs that may be in the tree: their type and key; by type, the keys in order.
+        # Jobs that may be in the tree -> their type and key; type -> its keys in order.
         self._placed: dict[str, tuple[str, JobKey]] = {}
         self._open: dict[str, list[JobKey]] = {name: [] for name in self._node_of}
         self._begun: dict[str, dict[str, JobKey]] = {name: {} for name in self._node_of}
@@ -224,32 +225,32 @@ class Jobs:
         self.obsolete: dict[tuple[str, str], None] = {}
         self.arrived: dict[str, None] = {}
         self._in_tree: tuple[OpenJob, ...] | None = None
-        # Those that have ended, with their places among them: by the stamp of the end, then by id.
+        # Ended jobs -> their place in the order of ends: by the stamp of the end, then by id.
         self._ended: dict[str, tuple[int, str]] = {}
         self._by_end: list[tuple[int, str]] = []
         self._shares: Mapping[str, int] | None = None
         self._unended: dict[str, None] = {}
-        # Those that were cancelled, and of which no robot has written the end yet.
+        # Cancelled jobs whose end no robot has written yet.
         self._cancelled: dict[str, None] = {}
-        # Those that have ended, and whose end too few robots have written.
+        # Ended jobs whose end too few robots have written.
         self._unsettled: dict[str, None] = {}
-        # Those that were cancelled, and done all the same.
+        # Cancelled jobs that were done nevertheless.
         self._overruled: dict[str, None] = {}
         # (author, number) -> the archive; and all hashes of ids, sorted.
         self._archives: dict[tuple[str, str], JobArchive] = {}
         self._archived = array("Q")
 
     def __iter__(self) -> Iterator[KnownJob]:
-        """All that are known, by id."""
+        """All known jobs, by id."""
         return (self.known[name] for name in sorted(self.known))
 
     def count_open(self) -> int:
-        """How many jobs have not ended."""
+        """The number of jobs that have not ended."""
         return len(self._unended)
 
     @property
     def shares(self) -> Mapping[str, int]:
-        """Robot -> on how many of the last `COUNTED_ENDS` jobs that have ended it has worked."""
+        """Robot -> how many of the last `COUNTED_ENDS` ended jobs it has worked on."""
         if self._shares is None:
             kept = (name for _, name in reversed(self._by_end) if not self.is_archived(name))
             ends = (self.known[name].written_end for name in islice(kept, COUNTED_ENDS))
@@ -257,38 +258,38 @@ class Jobs:
         return self._shares
 
     def has_ended(self, name: str) -> bool:
-        """Whether this job has ended, as far as is known."""
+        """True if this job is known to have ended."""
         known = self.known.get(name)
         return (known is not None and known.has_ended) or self.is_archived(name)
 
     def is_settled(self, name: str) -> bool:
-        """Whether this job has ended, and its other facts may be dropped."""
+        """True if this job has ended and its other facts may be dropped."""
         known = self.known.get(name)
         return (known is not None and known.is_settled) or self.is_archived(name)
 
     def hold_of(self, name: str) -> Hold:
-        """Whether operators hold this job; empty: no job is held."""
+        """Whether operators hold this job. An unknown job is not held."""
         known = self.known.get(name)
         return known.hold if known is not None else Hold.RELEASED
 
     def cancelled(self) -> list[KnownJob]:
-        """Those that were cancelled, and of which no robot has written the end yet, by id."""
+        """The cancelled jobs whose end no robot has written yet, by id."""
         return [self.known[name] for name in sorted(self._cancelled)]
 
     def unsettled(self) -> list[KnownJob]:
-        """Those that have ended, and whose end too few robots have written, by id."""
+        """The ended jobs whose end too few robots have written, by id."""
         return [self.known[name] for name in sorted(self._unsettled)]
 
     def overruled(self) -> list[KnownJob]:
-        """Those that were cancelled, and done all the same, by id."""
+        """The cancelled jobs that were done nevertheless, by id."""
         return [self.known[name] for name in sorted(self._overruled)]
 
     def count_archived(self) -> int:
-        """How many jobs are known by their hashes alone."""
+        """The number of jobs known only by their hashes."""
         return len(self._archived)
 
     def is_archived(self, name: str) -> bool:
-        """Whether it has ended long ago."""
+        """True if the job ended long ago and is in an archive."""
         return bool(self._archived) and self._has_hash(hash_of(name))
 
     def _has_hash(self, wanted: int) -> bool:
@@ -296,7 +297,7 @@ class Jobs:
         return place < len(self._archived) and self._archived[place] == wanted
 
     def archived_contents(self, name: str) -> set[int]:
-        """`Job.content` of a job that has ended long ago; several if archives contradict."""
+        """The `Job.content` of a job in an archive; several if archives contradict each other."""
         wanted, found = hash_of(name), set()
         for archive in self._archives.values():
             place = bisect_left(archive.hashes, wanted)
@@ -305,19 +306,19 @@ class Jobs:
         return found
 
     def archived_end(self, name: str) -> JobState | None:
-        """How a job ended that has ended long ago; None: it has not, or that is not kept, or
-        archives contradict.
+        """How a job in an archive ended. None if it is in no archive, if its end is not kept, or if
+        archives contradict each other.
         """
         hashed = hash_of(name)
         found = {archive.end_of(hashed) for archive in self._archives.values()} - {None}
         return found.pop() if len(found) == 1 else None
 
-    # -- those that have ended long ago -------------------------------------------------------
+    # -- archives -----------------------------------------------------------------------------
 
     def to_archive(self, turn: int) -> tuple[int, JobArchive] | None:
-        """The next archive, with its number, if there are enough ends for one.
+        """Return the next archive with its number, if there are enough ends for one.
 
-        `turn`: how many robots should have written it before this one.
+        `turn`: how many robots should write it before this one.
         """
         if len(self._ended) <= KEPT_ENDS + (1 + turn) * MAX_ARCHIVED:
             return None
@@ -334,8 +335,8 @@ class Jobs:
         return max(numbers, default=0) + 1, archive
 
     def knows_archive(self, number: int, archive: JobArchive) -> bool:
-        """Whether all jobs in an archive are known to have ended, with these contents, and it has
-        one of the next numbers.
+        """True if all jobs in an archive are known to have ended, with the archive's contents, and
+        its number is one of the next.
         """
         numbers = [int(name) for _, name in self._archives]
         if not archive.hashes or number > max(numbers, default=0) + KEPT_ARCHIVES:
@@ -346,7 +347,7 @@ class Jobs:
         return all(row in ended or self._has_hash(row[0]) for row in rows)
 
     def add_archive(self, entry: Entry, archive: JobArchive) -> None:
-        """Take in an archive: of these jobs nothing else is kept."""
+        """Add an archive. All other entries of its jobs become obsolete."""
         self._archives[entry.author, entry.parts[1]] = archive
         self._archived = array("Q", sorted({*self._archived, *archive.hashes}))
         self._shares = None
@@ -359,7 +360,7 @@ class Jobs:
         self.obsolete |= dict.fromkeys(names)
 
     def remove_archive(self, entry: Entry) -> None:
-        """An archive was dropped."""
+        """Remove an archive that was dropped."""
         del self._archives[entry.author, entry.parts[1]]
         self.obsolete.pop((entry.author, entry.name), None)
         self._shares = None
@@ -367,25 +368,25 @@ class Jobs:
         self._archived = array("Q", sorted(hashes))
 
     def fits(self, job: Job) -> bool:
-        """Whether the mission has its type, and that takes its arguments. Until a revision does, an
-        open job is known and waits.
+        """True if the mission has the job's type, which accepts its arguments. Otherwise an open
+        job waits until a revision does.
         """
         kind = self._mission.jobs.get(job.type)
         return kind is not None and not kind.problem(job.arguments)
 
     def node_status(self, origin: int) -> Status:
-        """RUNNING, or how a Jobs node was ended by a job whose type ends it."""
+        """RUNNING, or how a job whose type ends the mission ended a Jobs node."""
         return self._ended_nodes.get(origin, Status.RUNNING)
 
-    # -- those in the tree --------------------------------------------------------------------
+    # -- the jobs in the tree -----------------------------------------------------------------
 
     @property
     def has_changed(self) -> bool:
-        """Whether other jobs may be in the tree than when `in_tree` was called last."""
+        """True if the jobs in the tree may have changed since the last call of `in_tree`."""
         return self._in_tree is None
 
     def in_tree(self) -> tuple[OpenJob, ...]:
-        """The jobs whose trees are to be in the mission's tree, in the canonical order."""
+        """The jobs whose trees belong in the mission's tree, in the canonical order."""
         if self._in_tree is None:
             keys: list[JobKey] = []
             for name, node in self._node_of.items():
@@ -411,7 +412,7 @@ class Jobs:
     # -- keeping the indices ------------------------------------------------------------------
 
     def add(self, entry: Entry) -> None:
-        """Take in a fact of a job, or of a guard that may be in the tree of one."""
+        """Add a fact of a job, or of a guard that may be in a job's tree."""
         name = job_of(entry)
         if not name:
             return
@@ -435,7 +436,7 @@ class Jobs:
         self._place(known)
 
     def remove(self, entry: Entry) -> None:
-        """A fact of a job was dropped, or of a guard in its tree."""
+        """Remove a dropped fact of a job, or of a guard in its tree."""
         known = self.known[job_of(entry)]
         known.version += 1
         del known.keys[entry.author, entry.name]
@@ -450,7 +451,7 @@ class Jobs:
         self._place(known)
 
     def note_activation(self, name: str, activation: str, is_known: bool) -> None:
-        """There are facts of an activation of a job's tree now, or there are none any more."""
+        """Note that facts of an activation of a job's tree now exist, or exist no more."""
         known = self._of(name)
         was_begun = known.is_begun
         if is_known:
@@ -461,7 +462,7 @@ class Jobs:
             self._place(known)
 
     def note_result(self, name: str, result: Entry, is_known: bool) -> None:
-        """There is this outcome, or failure, in a job's tree now, or not any more."""
+        """Note that an outcome or failure in a job's tree now exists, or exists no more."""
         known = self._of(name)
         known.results.pop((result.author, result.name), None)
         if is_known:
@@ -470,7 +471,7 @@ class Jobs:
             self._place(known)
 
     def note_claims(self, name: str, by: int) -> None:
-        """`by` more robots work on a job than before."""
+        """Note that the number of robots that work on a job has changed by `by`."""
         known = self._of(name)
         was_begun = known.is_begun
         known.claims += by
@@ -495,7 +496,7 @@ class Jobs:
                 self._ended_nodes[origin] = Status.SUCCESS if is_success else Status.FAILURE
 
     def _place(self, known: KnownJob) -> None:
-        """Put a job where it belongs now."""
+        """Recompute in which indices a job belongs."""
         before = self._placed.pop(known.id, None)
         if before is not None:
             name, key = before
@@ -529,7 +530,7 @@ class Jobs:
         is_open = job is not None and not self.has_ended(known.id)
         if is_open:
             self._unended[known.id] = None
-        # One that is not due is not in the tree even if a robot works on it.
+        # A job that is not due is not in the tree even if a robot works on it.
         waits = not known.is_due or (known.hold is not Hold.RELEASED and not known.is_begun)
         if job is None or not is_open or waits or not self.fits(job):
             return
@@ -542,25 +543,25 @@ class Jobs:
 
 
 def _is_kept(name: str) -> bool:
-    """Whether an entry of this name is kept when its job has ended."""
+    """True if an entry of this name is kept after its job has ended."""
     return name.startswith(_KEPT)
 
 
 def job_of(entry: Entry) -> str:
-    """The job of a fact, or of the guard or blackboard entry that it is of; empty: of none."""
+    """The job that a fact, or its guard or blackboard entry, belongs to; empty if it has none."""
     kind, name = entry.parts[:2]
     return name if kind in records.JOB_KINDS else job_in_guard(name)
 
 
 def hash_of(name: str) -> int:
-    """The hash by which an archive names a job, from 0 to `MAX_HASH`."""
+    """The hash that identifies a job in an archive, from 0 to `MAX_HASH`."""
     digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
     return int.from_bytes(digest, "big") & MAX_HASH
 
 
 def job_in_guard(guard: str) -> str:
-    """The job in whose tree a guard is (`#7@morning-1:2`), or that has an entry or comparison
-    (`found@job:morning-1`); empty if it is none of these.
+    """The job whose tree has this guard (`#7@morning-1:2`), or that owns this entry or comparison
+    (`found@job:morning-1`); empty if the name is neither.
     """
     if guard.startswith("#"):
         return guard.partition("@")[2].partition(":")[0]
@@ -568,6 +569,6 @@ def job_in_guard(guard: str) -> str:
 
 
 def guard_number(guard: str) -> int:
-    """The number of the node that a guard is (`#7`, `#7@morning-1:2`); -1: it is of none."""
+    """The number of the node that a guard belongs to (`#7`, `#7@morning-1:2`); -1 if none."""
     number = guard.removeprefix("#").partition(":")[0].partition("@")[0]
     return int(number) if guard.startswith("#") and number.isdecimal() else -1

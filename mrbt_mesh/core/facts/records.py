@@ -1,7 +1,7 @@
-"""What an entry means: member, claim, outcome, bid, coalition, condition, job; their limits.
+"""What entries mean: member, claim, outcome, bid, coalition, condition, job; and their limits.
 
-Values come from the network: every parser raises ValueError for anything that is not exactly
-its kind, and nothing else.
+Values come from the network: a parser accepts exactly its kind and raises ValueError, and no other
+exception, for anything else.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ from mrbt_mesh.core.mission.mission import MAX_PERFORMANCE, MAX_PRIORITY, MAX_RO
 from mrbt_mesh.core.mission.travel import MAX_HORIZON, MAX_MS, MAX_TIMED_PLACES
 
 _Item = TypeVar("_Item")
-# What was read of a condition, or of another entry: (revision, stamp, author), since several values
-# may have one revision.
+# What was read of a condition (its revision), or of another entry: (revision, stamp, author), since
+# several values may have the same revision.
 Revision: TypeAlias = int | tuple[int, int, str]
 
 MAX_NAME = 2_048
 MAX_CAPABILITIES = 1_000
 MAX_SUBJECT = 100
-# How many jobs one archive names, by how long a hash.
+# The most jobs in one archive, and the largest hash.
 MAX_ARCHIVED = 500
 MAX_HASH = (1 << 53) - 1
-# Of one task, how many times it was overtaken: higher counts make no difference.
+# The largest count of overtakings of one task: higher counts make no difference.
 MAX_OVERTAKEN = 1_000_000
-# Of a compiled mission, in characters.
+# The largest length of a compiled mission, in characters.
 MAX_MISSION = 250_000
-# The subjects of problems with the robot itself; all others are parts of its program.
+# The subjects of problems with the robot itself. All others are parts of its program.
 JOURNAL, CLOCK, NETWORK, PROCESS = "journal", "clock", "network", "process"
 ADDRESS, RECORDING = "address", "recording"
 OF_ROBOT = (JOURNAL, CLOCK, NETWORK, ADDRESS, PROCESS, RECORDING)
-# Problems with a recording: it has ended, for a reason that follows; it was not asked for.
+# Problems with a recording: it has ended (a reason follows), or was never asked for.
 NOT_RECORDED, NOT_ASKED = "does not record", "does not record, as it was started so"
 
 
 class Plain(NamedTuple):
-    """How a field is plain data: `read` raises ValueError for anything else, `write` inverts it."""
+    """How a field is plain data: `read` parses it or raises ValueError, `write` inverts that."""
 
     read: Callable[[Any], Any]
     write: Callable[[Any], Any] = lambda value: value
@@ -175,10 +175,10 @@ _Robots: TypeAlias = Annotated[int, Plain(partial(read_integer, low=1, high=MAX_
 
 
 class Record:
-    """Base of all records: a frozen dataclass whose fields are a list on the wire.
+    """Base of all records: a frozen dataclass, represented on the wire as the list of its fields.
 
-    A record of one field is that value alone. A field's type decides how it is read, or `Plain` in
-    its annotation. The newest entry of an author wins, but for `write_once` and `rank`.
+    A record with one field is that value alone. A field is read by its type, or by a `Plain` in its
+    annotation. An author's newest entry wins, unless `write_once` or `rank` decide otherwise.
     """
 
     fields: ClassVar[Mapping[str, Plain]]
@@ -204,7 +204,7 @@ class Record:
 
     @classmethod
     def parse(cls, value: Any) -> Self:
-        """The other way round; raises ValueError for anything else."""
+        """Parse what `to_value` returns. Raises ValueError if the value is malformed."""
         make: Callable[..., Self] = cls
         values = read_fields(value, len(cls.fields)) if len(cls.fields) > 1 else [value]
         pairs = zip(cls.fields.values(), values, strict=True)
@@ -215,10 +215,10 @@ class Record:
 class Member(Record):
     """A robot's own description.
 
-    `capabilities` are in micro-units. `lost`: capability -> why the robot has lost it (a minor
-    fault). `pending`: capability -> what it waits for; the robot cannot use it yet, which is no
-    fault. `may_promise`: its journal can be written, as exclusive tasks need it. `watched`: those
-    in `lost` whose end the robot itself notices, and no operator can declare; sorted.
+    `capabilities`: in micro-units. `lost`: capability -> why the robot has lost it (a minor fault).
+    `pending`: capability -> what it waits for; the robot cannot use it yet, which is not a fault.
+    `may_promise`: its journal can be written, as exclusive tasks require. `watched`: those in
+    `lost` whose end the robot notices itself, so that no operator can declare it; sorted.
     """
 
     type: str
@@ -233,21 +233,21 @@ class Member(Record):
     watched: _Texts = ()
 
     def to_value(self) -> Any:
-        """The record as plain data; without `watched` where there is nothing, as mostly."""
+        """The record as plain data. `watched` is omitted if empty, as it usually is."""
         values = Record.to_value(self)
         return values if self.watched else values[:-1]
 
     @classmethod
     def parse(cls, value: Any) -> Self:
-        """The other way round; raises ValueError for anything else."""
+        """Parse what `to_value` returns. Raises ValueError if the value is malformed."""
         is_short = isinstance(value, list) and len(value) == len(cls.fields) - 1
         values = [*value, []] if is_short else value
         return super(Member, cls).parse(values)
 
 
 class Phase(enum.IntEnum):
-    """How far a claim is. `TRAVELLING`: on its way to the place of its local task. `READY`: may
-    start as soon as its coalition does.
+    """How far a claim has come. `TRAVELLING`: on its way to the place of its local task. `READY`:
+    may start as soon as its coalition does.
     """
 
     CLAIMED = 1
@@ -261,10 +261,10 @@ _Phase: TypeAlias = Annotated[Phase, Plain(lambda value: Phase(read_integer(valu
 
 @dataclass(frozen=True, slots=True)
 class Claim(Record):
-    """The one activation that a robot works on; `since` is a Lamport stamp.
+    """The one activation that a robot works on. `since`: a Lamport stamp.
 
-    `coalition` is the id of the coalition with which it runs, if its task has any. `place`: where
-    the robot is, or from which it has set out; empty in a mission without places.
+    `coalition`: the id of the coalition that it runs with, if its task has coalitions. `place`:
+    where the robot is, or where it has set out from; empty in a mission without places.
     """
 
     activation: _Name
@@ -282,7 +282,7 @@ class Claim(Record):
 
 @dataclass(frozen=True, slots=True)
 class NoClaim(Record):
-    """The author works on nothing; `place` as in `Claim`."""
+    """The author works on nothing. `place`: as in `Claim`."""
 
     place: str = ""
 
@@ -291,7 +291,7 @@ class NoClaim(Record):
 
 
 def parse_claim(value: Any) -> Claim | NoClaim:
-    """A claim, or NoClaim for None or a place."""
+    """Parse a claim; None or a place gives a NoClaim."""
     if value is None:
         return NO_CLAIM
     has_no_place = isinstance(value, list) and len(value) == len(Claim.fields) - 1
@@ -322,9 +322,11 @@ class Proposal(Record):
 
 @dataclass(frozen=True, slots=True)
 class Overtaken(Record):
-    """How often the author has begun something before tasks that come earlier, by activation: those
-    that still lay ahead when it was written. `begun`: what it has begun last, or set out for;
-    `has_turned`: it had set out for something else, and has not worked since.
+    """How often the author has begun a later task first, by activation that it overtook.
+
+    Only activations that still lay ahead when this was written are counted. `begun`: what the
+    author began last, or set out for. `has_turned`: it had set out for something else, and has not
+    worked since.
     """
 
     begun: _Name
@@ -341,8 +343,8 @@ class TeamTime(Record):
 
 @dataclass(frozen=True, slots=True)
 class TravelTimes(Record):
-    """The author's travel times from each of these places to each, by its program; None: as the
-    mission declares.
+    """The author's travel times between all pairs of these places, as its program reports them;
+    None: as the mission declares.
     """
 
     places: Annotated[tuple[str, ...], Plain(_read_places, list)]
@@ -359,9 +361,9 @@ class TravelTimes(Record):
 
 @dataclass(frozen=True, slots=True, order=True)
 class CoalitionId:
-    """Names one coalition: its leader, in the life and with the claim that brought it together.
+    """Identifies a coalition by its leader, the leader's incarnation, and the leader's claim.
 
-    `since` is the stamp of the leader's claim. The order is the canonical one of claims.
+    `since`: the stamp of that claim. The order is the canonical one of claims.
     """
 
     since: int
@@ -398,7 +400,7 @@ class CoalitionMember(Record):
 
 @dataclass(frozen=True, slots=True)
 class Coalition(Record):
-    """The robots that start one activation together, as their leader wrote them down."""
+    """The robots that start one activation together, as written down by their leader."""
 
     members: Annotated[tuple[CoalitionMember, ...], Plain(_read_members, _write_members)]
 
@@ -407,8 +409,8 @@ class Coalition(Record):
 
 @dataclass(frozen=True, slots=True)
 class Outcome(Record):
-    """How the author ended one local task of one activation; success wins. `reason`: of a failure,
-    as the robot's program gives it, else empty.
+    """How the author ended one local task of one activation. Success wins. `reason`: of a failure,
+    as given by the robot's program, else empty.
     """
 
     success: bool
@@ -435,8 +437,8 @@ class Outcome(Record):
 
 @dataclass(frozen=True, slots=True)
 class ConditionValue(Record):
-    """A condition, or another entry of the blackboard, as its author last saw or set it; None: not
-    set any more. `revision` grows by one at each change, so no author takes one back.
+    """A condition, or another blackboard entry, as its author last saw or set it. None: no longer
+    set. `revision` grows by one at each change, so an author's value never reverts to an older one.
     """
 
     value: Annotated[Value | None, Plain(_read_value)]
@@ -460,8 +462,8 @@ class ExpressionRevision(Record):
 
 @dataclass(frozen=True, slots=True)
 class Arguments(Record):
-    """The values with which an activation has begun, of the entries that its task reads, sorted by
-    name, as arguments. Of several the one with the smallest (stamp, author) counts.
+    """The values with which an activation began, as arguments, of the entries that its task reads,
+    sorted by name. If there are several records, the one with the smallest (stamp, author) counts.
     """
 
     values: _Texts
@@ -471,7 +473,7 @@ class Arguments(Record):
 
 
 class TeamOrder(enum.StrEnum):
-    """The operators' standing order to the team. `ABORT` is absorbing."""
+    """The operators' standing order to the team. `ABORT` is final."""
 
     RESUME = "resume"
     PAUSE = "pause"
@@ -479,7 +481,7 @@ class TeamOrder(enum.StrEnum):
 
 
 class Hold(enum.StrEnum):
-    """Whether a job is held: no step of it begins. `NOW`: what runs is cancelled, too."""
+    """Whether a job is held, so that no step of it begins. `NOW`: running steps are cancelled."""
 
     RELEASED = "released"
     HELD = "held"
@@ -496,7 +498,7 @@ class Decision(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Attempt(Record):
-    """How many attempts of a Retry or Repeat are used up; joins by maximum."""
+    """How many attempts of a Retry or Repeat are used up. Joins by maximum."""
 
     number: int
 
@@ -508,7 +510,7 @@ class Attempt(Record):
 
 @dataclass(frozen=True, slots=True)
 class ChildResult(Record):
-    """How a child of a node with memory ended; success wins."""
+    """How a child of a node with memory ended. Success wins."""
 
     success: bool
 
@@ -520,9 +522,9 @@ class ChildResult(Record):
 
 @dataclass(frozen=True, slots=True)
 class MissionResult(Record):
-    """How the mission has ended, and how many of its robots have agreed on it.
+    """How the mission has ended, and how many of its robots agreed on that.
 
-    Of what one author writes, the result that more have agreed on wins, then success.
+    Of one author's results, the one that more robots agreed on wins, then success.
     """
 
     success: bool
@@ -536,9 +538,9 @@ class MissionResult(Record):
 
 @dataclass(frozen=True, slots=True)
 class Bid(Record):
-    """What the author's performance would be, in micro-units; None: it makes no bid.
+    """The performance that the author would have, in micro-units; None: it makes no bid.
 
-    The first one counts: a robot that starts again does not outbid itself.
+    The first bid counts, so a restarted robot does not outbid itself.
     """
 
     performance: Annotated[int | None, Plain(_read_bid)]
@@ -549,19 +551,19 @@ class Bid(Record):
 @dataclass(frozen=True, slots=True)
 class RobotProblem(Record):
     """The newest problem with the author's journal, recording or clock, or with one part of its
-    program: its bid, a function, the loop. Empty: it is solved.
+    program: its bid, a function, the loop. Empty: the problem is solved.
     """
 
     text: _Reason
 
 
 def problem_text(subject: str, text: str) -> str:
-    """A problem in words."""
+    """A problem as a text for people."""
     return text if subject in OF_ROBOT else f"program problem, {subject}: {text}"
 
 
 def as_subject(text: str) -> str:
-    """The subject of a problem in the form that a fact's name may have."""
+    """Convert a problem's subject to the form allowed in a fact's name."""
     name = "".join(sign if sign.isprintable() and sign != "/" else "_" for sign in text)
     return name[:MAX_SUBJECT] or "_"
 
@@ -575,7 +577,7 @@ class JobState(enum.StrEnum):
     EXPIRED = "expired"
 
 
-# How an archive says it.
+# How an archive encodes it.
 JOB_ENDS: Mapping[str, JobState] = {state.value[0]: state for state in JobState}
 _JobState: TypeAlias = Annotated[JobState, Plain(lambda value: JobState(read_text(value)), str)]
 
@@ -585,8 +587,8 @@ class Job(Record):
     """A job as it was submitted.
 
     It begins at `not_before_us` at the earliest and expires at `deadline_us`: Unix times in
-    microseconds, 0: none. `content`: a hash of the request as the operator made it, in which times
-    may be relative, so that the same request again is the same job.
+    microseconds, 0: none. `content`: a hash of the request as the operator made it, where times may
+    be relative, so that repeating a request gives the same job.
     """
 
     type: str
@@ -599,8 +601,8 @@ class Job(Record):
 
 @dataclass(frozen=True, slots=True)
 class JobEnd(Record):
-    """How a job has ended; success goes first, then a cancellation. `robots`: those that have
-    worked on it. `content`: as that of the job.
+    """How a job has ended. Success wins, then a cancellation. `robots`: those that worked on it.
+    `content`: as in `Job`.
     """
 
     state: _JobState
@@ -621,9 +623,10 @@ class JobEnd(Record):
 
 @dataclass(frozen=True, slots=True)
 class JobArchive(Record):
-    """Jobs that have ended long ago, of which only that is kept: the hashes of their ids, sorted,
-    and in the same order their `Job.content`, and how they ended, by the first letter of that.
-    `ends` is empty in archives of earlier versions.
+    """Jobs that ended long ago, of which nothing else is kept. `hashes`: of their ids, sorted.
+
+    In the same order: `contents`, their `Job.content`; `ends`, the first letters of how they ended,
+    which is empty in archives of earlier versions.
     """
 
     hashes: Annotated[Sequence[int], Plain(_read_hashes, list)]
@@ -648,7 +651,7 @@ class JobArchive(Record):
         return found
 
     def end_of(self, hashed: int) -> JobState | None:
-        """How the job with this hash ended; None: it is not in the archive, or that is not kept."""
+        """How the job with this hash ended. None if it is not in here, or its end is not kept."""
         place = bisect_left(self.hashes, hashed)
         is_here = place < len(self.hashes) and self.hashes[place] == hashed
         return JOB_ENDS[self.ends[place]] if is_here and self.ends else None
@@ -656,9 +659,9 @@ class JobArchive(Record):
 
 @dataclass(frozen=True, slots=True)
 class ProposedMission(Record):
-    """A revision of the mission. `text`: it, compiled. `is_forced`: also if it cancels work or
-    robots leave, `repeats_exclusive`: also if exclusive tasks are begun again that were begun
-    (`planning.objections`).
+    """A revision of the mission. `text`: the compiled mission. `is_forced`: apply it even if that
+    cancels work or robots leave. `repeats_exclusive`: apply it even if exclusive tasks that were
+    begun are begun again (`planning.objections`).
     """
 
     text: Annotated[str, Plain(partial(read_document, limit=MAX_MISSION))]
@@ -668,11 +671,11 @@ class ProposedMission(Record):
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand(Record):
-    """What an operator commands: the value of one field of one subject, which are the entry's name.
+    """What an operator commands: the value of one field of one subject, as named by the entry.
 
-    Its author is `OPERATORS`, and its version the stamp and the id that the operator's client has
-    given, so it is the same entry whichever robot takes it, and whenever. `signer`: in a team with
-    keys, the member that has signed it; `signature` is in hex.
+    Its author is `OPERATORS`, and its version the stamp and the id given by the operator's client,
+    so it is the same entry whichever robot takes it, and whenever. `signer`: in a team with keys,
+    the member that signed it. `signature`: in hex.
     """
 
     value: Any
@@ -690,7 +693,7 @@ class OperatorCommand(Record):
 
     @classmethod
     def read(cls, field: Callable[[Any], Any], value: Any) -> Self:
-        """A command whose value `field` reads; raises ValueError."""
+        """Parse a command whose value is read by `field`. Raises ValueError if it is malformed."""
         given, operator, signer, signature = read_fields(value, 4)
         texts = [_read_name_of_operator(operator), read_text(signer), read_text(signature)]
         return cls(field(given), *texts)
@@ -698,18 +701,18 @@ class OperatorCommand(Record):
 
 @dataclass(frozen=True, slots=True)
 class FirstCommand(OperatorCommand):
-    """One of a field that is commanded once: the first one counts."""
+    """A command of a field that is commanded only once: the first one counts."""
 
     write_once: ClassVar[bool] = True
 
 
 def stamp_of(record: Record) -> int:
-    """The Lamport stamp of a record; 0: it has none."""
+    """The Lamport stamp of a record; 0 if it has none."""
     return record.since if isinstance(record, Claim) else getattr(record, "stamp", 0)
 
 
 def command_text(parts: Sequence[str], command: OperatorCommand) -> str:
-    """A command in words; `parts`: those of its name."""
+    """A command as a text. `parts`: the parts of its name."""
     field, *subject = parts
     value = command.value
     if isinstance(value, Record):
@@ -739,8 +742,8 @@ def _read_team_order(value: Any) -> TeamOrder:
 
 @dataclass(frozen=True, slots=True)
 class HeldMission(Record):
-    """Which revision the author would take up, or why it does not; empty `digest`: none.
-    `in_force`: the revision by which it acts.
+    """The revision that the author would take up, or why it does not. `digest`: empty for none.
+    `in_force`: the revision that it acts by.
     """
 
     number: int
@@ -751,7 +754,7 @@ class HeldMission(Record):
 
 @dataclass(frozen=True, slots=True)
 class AdoptedMission(Record):
-    """All robots have held this revision: it is in force."""
+    """All robots have held this revision, so it is in force."""
 
     digest: str
 
@@ -776,11 +779,11 @@ class Latch(Record):
 
 LATCH, NO_CLAIM, NO_TRAVEL_TIMES = Latch(), NoClaim(), TravelTimes((), ())
 
-# The author of what operators command, which is no robot's id.
+# The author of what operators command; not a robot id.
 OPERATORS = "@operators"
-# Fields of commands; features have others. Of the team: PAUSED, ABORTED. By activation and
-# coalition: DECISION. By id of a job: JOB (it is submitted), JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED.
-# By number of a revision: MISSION (it is proposed), MISSION_WITHDRAWN.
+# Fields of commands; features have more. For the team: PAUSED, ABORTED. By activation and
+# coalition: DECISION. By job id: JOB (submitted), JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED. By
+# revision number: MISSION (proposed), MISSION_WITHDRAWN.
 PAUSED, ABORTED, DECISION = "paused", "aborted", "decision"
 JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED = "job", "job_hold", "job_priority", "job_cancelled"
 MISSION, MISSION_WITHDRAWN = "mission", "mission_withdrawn"
@@ -788,17 +791,17 @@ MEMBER, CLAIM, RESULT = "member", "claim", "result"
 OUTCOME, CONDITION, ATTEMPT = "outcome", "condition", "attempt"
 # LATCHED_FAILURE: an activation has failed for good. EXPIRED: the time of a Timeout is over.
 LATCHED_FAILURE, EXPIRED = "latched_failure", "expired"
-# Of an expression of conditions that is a guard.
+# An expression of conditions that is a guard.
 EXPRESSION = "expression"
-# Of one coalition of one activation, named by its id. BROKEN: too few members are left.
-# GRANT: the author has granted it an exclusive task. DOUBT: that grant has ended, and nobody
-# knows how far the work got. CLEARED: it never began, by its leader.
+# About one coalition of one activation, by its id. BROKEN: too few members are left. GRANT: the
+# author has granted it a lease of an exclusive task. DOUBT: that lease has expired, and nobody
+# knows how far the work got. CLEARED: its leader says that it never began.
 COALITION, BROKEN, GRANT, DOUBT, CLEARED = "coalition", "broken", "grant", "doubt", "cleared"
-# What the blackboard had for an activation when it began.
+# The blackboard values with which an activation began.
 ARGUMENTS = "arguments"
 # A child of a node with memory has ended: scope of the node, position of the child.
 CHILD_RESULT = "passed"
-# For one local task of an activation: the author's bid; all bids that count are in.
+# For one local task of an activation: the author's bid; no more bids are awaited.
 BID, CLOSED = "bid", "closed"
 # A problem with a part of the author's program.
 PROBLEM = "problem"
@@ -806,24 +809,24 @@ PROBLEM = "problem"
 JOB_END = "job_end"
 # The time has come before which a job must not begin.
 JOB_DUE = "job_due"
-# Of jobs that have ended before those of which the ends are kept.
+# Jobs that ended earlier than those whose ends are kept.
 JOB_ARCHIVE = "job_archive"
 JOB_KINDS = frozenset({JOB, JOB_HOLD, JOB_PRIORITY, JOB_CANCELLED, JOB_DUE, JOB_END})
-# Of activations in a job's tree, those that bear out its end.
+# Facts of activations in a job's tree that support the job's end.
 RESULTS_IN_JOBS = frozenset({OUTCOME, LATCHED_FAILURE, EXPIRED})
-# The author's proposal of a schedule, and its travel times; what it has begun before its turn, and
-# what time it was.
+# The author's proposed schedule, and its travel times; what it has begun out of turn, and its last
+# reported time.
 SCHEDULE, TRAVEL_TIMES = "schedule", "travel_times"
 OVERTAKEN, TEAM_TIME = "overtaken", "team_time"
-# A revision of the mission is in force, by number. And which one the author holds.
+# A revision of the mission is in force, by number; which one the author holds.
 MISSION_ADOPTED, MISSION_HELD = "mission_adopted", "mission_held"
 COALITION_KINDS = frozenset({COALITION, BROKEN, GRANT, DOUBT, CLEARED, DECISION})
 EXCLUSIVE_KINDS = frozenset({GRANT, DOUBT, CLEARED, DECISION})
 BID_KINDS = frozenset({BID, CLOSED})
 MISSION_KINDS = frozenset({MISSION, MISSION_WITHDRAWN, MISSION_ADOPTED, MISSION_HELD})
 
-# The fields of commands -> how a value is read, and how many parts a name has; those that are
-# commanded once, where the first one counts, and those where the newest does.
+# Fields of commands -> how a value is read, and how many parts a name has. `_ONCE`: commanded once,
+# the first command counts. `_AGAIN`: the newest command counts.
 _ONCE: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     JOB: (Job.parse, 2),
     MISSION: (ProposedMission.parse, 2),
@@ -837,8 +840,8 @@ _AGAIN: Mapping[str, tuple[Callable[[Any], Any], int]] = {
     JOB_CANCELLED: (_read_true, 2),
     MISSION_WITHDRAWN: (_read_true, 2),
 }
-# Kind -> its parser, and how many parts a name has:
-# kind / condition, scope or activation / local task, coalition or position / coalition
+# Kind -> its parser, and the numbers of parts that a name may have: kind / condition, scope or
+# activation / local task, coalition or position / coalition
 _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
     MEMBER: (Member.parse, (1,)),
     CLAIM: (parse_claim, (1,)),
@@ -879,10 +882,10 @@ _KINDS: Mapping[str, tuple[Callable[[Any], Record], tuple[int, ...]]] = {
 COMMANDS = frozenset({*_ONCE, *_AGAIN, *(f for each in features() for f in each.commands)})
 
 
-# Each name is read several times, by every robot that is simulated in one process.
+# Cached: each name is read several times, by every robot simulated in one process.
 @lru_cache(maxsize=4_096)
 def split_name(name: str) -> tuple[str, ...]:
-    """The parts of an entry's name: kind first; raises ValueError if it is none."""
+    """Split an entry's name into its parts, kind first. Raises ValueError if it is malformed."""
     parts = tuple(name.split("/"))
     if parts[0] not in _KINDS or len(parts) not in _KINDS[parts[0]][1]:
         raise ValueError(f"no kind of fact has the name {shown(name)}")
@@ -890,7 +893,7 @@ def split_name(name: str) -> tuple[str, ...]:
 
 
 def parse_record(name: str, value: Any) -> tuple[tuple[str, ...], Record]:
-    """The parts of an entry's name, and its record; raises ValueError if one is malformed."""
+    """Return the parts of an entry's name, and its record. Raises ValueError if malformed."""
     if _read_name(name) != name:
         raise ValueError(f"a printable name expected, found {shown(name)}")
     parts = split_name(name)

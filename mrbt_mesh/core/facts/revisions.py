@@ -1,8 +1,8 @@
 """The revisions of the mission, as all robots read them from the facts.
 
 An operator proposes a mission under the next number. Every robot writes whether it holds it, and
-from then on begins nothing. Once all do, it is in force, which is a fact as well. A proposal that a
-robot refuses, or of which two were made at once, is void: the next one has another number.
+begins nothing from then on. Once all robots hold it, it is in force, which is a fact as well. A
+proposal is void if a robot refuses it or two were made at once: the next one has another number.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from mrbt_mesh.core.mission.compiled import mission_from_compiled
 from mrbt_mesh.core.mission.mission import Mission
 
 _NONE = HeldMission(0, "", "", 0)
-# Of numbers of revisions.
+# The most digits of a revision number.
 MAX_DIGITS = 9
 
 
 @lru_cache(maxsize=16)
 def read_mission(text: str) -> Mission:
-    """A compiled mission; raises FileError. Robots that are simulated read the same ones."""
+    """Parse a compiled mission. Raises FileError. Cached, as simulated robots share missions."""
     return mission_from_compiled(text, "revision")
 
 
 class Revisions:
-    """What is said about revisions of one mission."""
+    """The facts about revisions of one mission."""
 
     def __init__(self) -> None:
         # (number, author) -> what was proposed.
@@ -45,7 +45,7 @@ class Revisions:
         self._held: dict[str, HeldMission] = {}
 
     def add(self, entry: Entry) -> None:
-        """Take in a fact about a revision."""
+        """Add a fact about a revision."""
         match entry.record:
             case OperatorCommand(ProposedMission() as proposed):
                 self._proposed[_key(entry)] = proposed
@@ -58,7 +58,7 @@ class Revisions:
                 self._withdrawn.add(_key(entry))
 
     def remove(self, entry: Entry) -> None:
-        """A fact about an earlier revision was dropped."""
+        """Remove a dropped fact about an earlier revision."""
         key = _key(entry)
         self._proposed.pop(key, None)
         self._adopted.pop(key, None)
@@ -66,9 +66,9 @@ class Revisions:
 
     @property
     def last_number(self) -> int:
-        """The greatest number that any revision has; 0: there is none.
+        """The greatest number of any revision; 0 if there is none.
 
-        It is one that was proposed, or that two robots know of: one alone may lie.
+        It was proposed, or two robots know of it, since one robot alone may lie.
         """
         known = {robot: max(each.number, each.in_force) for robot, each in self._held.items()}
         for number, author in (*self._adopted, *self._withdrawn):
@@ -77,19 +77,19 @@ class Revisions:
         return max(proposed, second_greatest(known.values()))
 
     def proposed(self, number: int) -> ProposedMission | None:
-        """What is proposed under this number, None if nothing is known of it."""
+        """The proposal under this number, None if it is not known."""
         return self._proposed.get((number, records.OPERATORS))
 
     def proposer(self, number: int) -> str:
-        """The operator who has proposed this revision; empty if nothing is known of it."""
+        """The operator who proposed this revision; empty if it is not known."""
         return self._proposers.get(number, "")
 
     def held_by(self, robot: str) -> HeldMission:
-        """Which revision a robot holds, and by which it acts."""
+        """The revision that a robot holds, and the one that it acts by."""
         return self._held.get(robot, _NONE)
 
     def adopted(self, after: int) -> Mission | None:
-        """The newest revision that was adopted and is known here, None if none is after `after`."""
+        """The newest adopted revision known here, None if none is newer than `after`."""
         digests = {(number, digest) for (number, _), digest in self._adopted.items()}
         known = ((n, read_mission(p.text)) for (n, _), p in self._proposed.items() if n > after)
         found = [m for n, m in known if (n, m.digest) in digests]
@@ -105,7 +105,7 @@ class Revisions:
         return proposed, read_mission(proposed.text)
 
     def void_reason(self, number: int) -> str:
-        """Why a proposal cannot be adopted any more; empty if it can."""
+        """Why a proposal can no longer be adopted; empty if it can."""
         if any(each == number for each, _ in self._withdrawn):
             return "it was withdrawn"
         held = {robot: each for robot, each in self._held.items() if each.number == number}
@@ -117,23 +117,25 @@ class Revisions:
         return ""
 
     def is_held_by_all(self, mission: Mission, robots: Collection[str]) -> bool:
-        """Whether all these robots hold this revision."""
+        """True if all of these robots hold this revision."""
         wanted = mission.revision_number, mission.digest
         held = map(self.held_by, robots)
         return all((each.number, each.digest) == wanted and not each.problem for each in held)
 
     def awaited(self, number: int, in_force: int, robots: Collection[str]) -> list[str]:
-        """The robots that have to hold this revision first, or to act by it; sorted."""
+        """The robots that must still hold this revision, or, once it is in force, act by it;
+        sorted.
+        """
         held = ((robot, self.held_by(robot)) for robot in sorted(robots))
         is_in_force = in_force >= number
         return [r for r, each in held if (each.in_force if is_in_force else each.number) < number]
 
     def all_act_by(self, number: int, robots: Collection[str]) -> bool:
-        """Whether all these robots act by this revision, or a later one."""
+        """True if all of these robots act by this revision, or a later one."""
         return all(self.held_by(robot).in_force >= number for robot in robots)
 
     def obsolete(self, in_force: int) -> list[tuple[str, str]]:
-        """(author, name) of what is said about earlier revisions."""
+        """(author, name) of the facts about earlier revisions."""
         if not in_force:
             return []
         kinds: dict[str, Collection[tuple[int, str]]] = {

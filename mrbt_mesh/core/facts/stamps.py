@@ -1,26 +1,26 @@
-"""Numbers that robots continue from one another: how far one robot can drive them ahead.
+"""Limits on how far one robot can drive shared, continued numbers ahead.
 
 A stamp or a count of changes has an upper limit. If every robot continued from the greatest number
-that any robot has written, one robot that lies could use up all numbers with a single fact. Among
-the two authors with the greatest numbers at least one is honest, so the second greatest number is
-one that honest robots have come to, and the greatest counts only up to a distance above it.
+that any robot has written, one lying robot could use up all numbers with a single fact. Of the two
+authors with the greatest numbers at least one is honest. So honest robots have reached the second
+greatest number, and the greatest counts only up to a distance above that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 
-# One robot may write this many stamped facts while no other writes any; beyond that, its facts
-# still count, but later ones of others have smaller stamps.
+# The number of stamped facts that one robot may write while no other robot writes any. Further ones
+# still count, but later facts of other robots have smaller stamps.
 MAX_STAMPS_AHEAD = 1 << 24
-# A condition may change this often while only one robot sets it; likewise attempts of a loop.
+# How often a condition may change, or a loop be attempted, while only one robot writes it.
 MAX_CHANGES_AHEAD = 1 << 32
-# Facts with counts that no honest robot comes to.
+# The most facts remembered that have counts which no honest robot reaches.
 MAX_SUSPICIOUS = 1_000
 
 
 def second_greatest(numbers: Collection[int]) -> int:
-    """The second greatest of these, one per author; 0 if there are fewer than two."""
+    """The second greatest number, where there is one per author; 0 if there are fewer than two."""
     return sorted(numbers)[-2] if len(numbers) > 1 else 0
 
 
@@ -32,13 +32,15 @@ class Stamps:
         self._by_author: dict[str, int] = {}
 
     def see(self, author: str, stamp: int) -> None:
-        """A fact of this author has this stamp."""
+        """Note that a fact of this author has this stamp."""
         if stamp > self._by_author.get(author, 0):
             self._by_author[author] = stamp
 
     @property
     def greatest(self) -> int:
-        """The greatest one, at most `MAX_STAMPS_AHEAD` above the second greatest, or one's own."""
+        """The greatest stamp, at most `MAX_STAMPS_AHEAD` above the second greatest or this robot's
+        own.
+        """
         stamps = self._by_author.values()
         confirmed = max(second_greatest(stamps), self._by_author.get(self._me, 0))
         return min(max(stamps, default=0), confirmed + MAX_STAMPS_AHEAD)
@@ -56,8 +58,8 @@ class Counts:
     ) -> bool:
         """True for a count so far above those of all other authors that nobody may continue it.
 
-        `known`: the counts of this fact in the map, by author. An author's greatest one stays
-        there, so what continues it is never too far.
+        `known`: the counts of this fact in the map, by author. An author's greatest count stays
+        there, so a count that continues it is never too far ahead.
         """
         if count <= MAX_CHANGES_AHEAD:
             return False

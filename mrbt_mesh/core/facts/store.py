@@ -2,8 +2,8 @@
 
 Joining is commutative, associative and idempotent, so loss, duplication and reordering of messages
 only delay agreement (Shapiro, Preguica, Baquero, Zawirski: Conflict-free replicated data types,
-2011). This module knows keys, versions, joining and digests. What the entries mean is in
-`records`, how the team reads them in `team_facts`.
+2011). This module knows keys, versions, joining and digests. `records` defines what the entries
+mean, `team_facts` how the team reads them.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import msgpack
 from mrbt_mesh.core.facts.records import Record, parse_record, split_name
 
 MAX_VALUE_BYTES = 1 << 18
-# What a robot writes: the name of an entry, and its record.
+# What a robot writes: the name and the record of an entry.
 Fact: TypeAlias = tuple[str, Record]
 _DIGEST_MODULUS = 1 << 128
 
 
 class Incarnation(NamedTuple):
-    """One life of a robot's process: a counter above all seen, and a nonce of the process.
+    """One life of a robot's process: a counter above all those known, and a nonce of the process.
 
     Counter 0 is a newcomer that has not joined yet.
     """
@@ -38,7 +38,7 @@ class Incarnation(NamedTuple):
 
 
 class Version(NamedTuple):
-    """Orders the entries of one author; all entries of one batch share it."""
+    """Orders the entries of one author. All entries of one batch share it."""
 
     incarnation: Incarnation
     sequence: int
@@ -46,22 +46,22 @@ class Version(NamedTuple):
 
 @dataclass(slots=True)
 class BatchProof:
-    """Shows that an author wrote a batch: the hashes of its entries, and a signature over them."""
+    """Proves that an author wrote a batch: the hashes of its entries, and a signature over them."""
 
     hashes: bytes = b""
     signature: bytes = b""
 
 
-# The value that bytes decode to.
+# Decode an entry's bytes to its value.
 plain_value = partial(msgpack.unpackb, strict_map_key=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One fact: `packed` is its value as on the wire, `record` what it means.
+    """One fact. `packed`: its value as on the wire; `record`: the value parsed.
 
-    `parts` are those of its name, the kind first. `hash`: 128 bits over author, name, version and
-    value. `proof` is that of its batch, in a team with keys; it is no part of the fact.
+    `parts`: the parts of its name, the kind first. `hash`: 128 bits over author, name, version and
+    value. `proof`: the proof of its batch, in a team with keys; it is not part of the fact.
     """
 
     author: str
@@ -75,14 +75,14 @@ class Entry:
 
     @property
     def value(self) -> Any:
-        """Its value as plain data."""
+        """The value as plain data."""
         return plain_value(self.packed)
 
 
 def parse_entry(
     author: str, name: str, version: Version, value: Any, proof: BatchProof | None = None
 ) -> Entry:
-    """An entry from the wire or the disk; raises ValueError if the value is none of its kind."""
+    """Make an entry from the wire or the disk. Raises ValueError if its kind has no such value."""
     return make_entry(author, name, version, parse_record(name, value)[1], proof, value)
 
 
@@ -94,7 +94,7 @@ def make_entry(
     proof: BatchProof | None = None,
     value: Any = None,
 ) -> Entry:
-    """An entry; raises ValueError if it is too large. `value`: as it came, None: a robot's own."""
+    """Make an entry. Raises ValueError if it is too large. `value`: as received, None for own."""
     value = record.to_value() if value is None else value
     try:
         packed = msgpack.packb(value)
@@ -111,10 +111,11 @@ def make_entry(
 
 
 def join(mine: Entry | None, other: Entry) -> Entry:
-    """The entry that is kept, of two with the same key; the order of arguments does not matter.
+    """Return which of two entries with the same key is kept, regardless of their order.
 
-    The greatest version wins, equal ones (which should not occur) by their bytes. Records
-    that grow by other rules (a success beats a failure) have a `Record.rank`.
+    The greater version wins, equal versions (which should not occur) are decided by their bytes. Of
+    `write_once` records the older one wins. Records that grow by other rules (a success beats a
+    failure) have a `Record.rank`, which goes first.
     """
     if mine is None:
         return other
@@ -133,18 +134,18 @@ Listener: TypeAlias = Callable[[Sequence[Change]], None]
 
 
 # The entries of each author are divided into this many parts. A pull has a digest of each part, so
-# that the answer has to carry only the entries of the parts that differ.
+# the answer need only carry the entries of parts that differ.
 PARTS = 64
 _PART_MODULUS = 1 << 64
 
 
 def part_of(version: Version) -> int:
-    """The part of an author's entries to which those of a batch belong, all of them to one."""
+    """The part that a batch, and all of its entries, belongs to."""
     return (version.incarnation.counter + version.sequence) % PARTS
 
 
 class FactMap:
-    """All entries, with a digest per author that is kept up to date entry by entry."""
+    """All entries, with a digest per author that is updated entry by entry."""
 
     def __init__(self) -> None:
         self._by_author: dict[str, dict[str, Entry]] = {}
@@ -161,16 +162,16 @@ class FactMap:
         return (entry for author in sorted(self._by_author) for entry in self.of_author(author))
 
     def subscribe(self, listener: Listener) -> None:
-        """Have `listener` called with all that a batch has changed, after it has."""
+        """Have `listener` called after each batch, with all changes that it made."""
         self._listeners.append(listener)
 
     def get(self, author: str, name: str) -> Entry | None:
-        """The entry of this author with this name."""
+        """The author's entry with this name, None if there is none."""
         entries = self._by_author.get(author)
         return entries.get(name) if entries is not None else None
 
     def merge(self, entries: Iterable[Entry]) -> list[Entry]:
-        """Join entries in; returns those that changed the map."""
+        """Join entries into the map. Returns those that changed it."""
         changes: list[tuple[Entry | None, Entry]] = []
         for entry in entries:
             own = self._by_author.setdefault(entry.author, {})
@@ -186,7 +187,7 @@ class FactMap:
         return [new for _, new in changes]
 
     def drop(self, author: str, name: str) -> None:
-        """Forget an entry that no evaluation can reach any more."""
+        """Drop an entry that no evaluation can reach any more."""
         own = self._by_author.get(author, {})
         entry = own.pop(name, None)
         if entry is not None:
@@ -209,7 +210,7 @@ class FactMap:
             self._digests.pop(author, None)
 
     def authors(self) -> Iterable[str]:
-        """Those of all entries, in no order that replicas have in common."""
+        """The authors of all entries, in an order that may differ between replicas."""
         return self._by_author.keys()
 
     def author_digests(self) -> dict[str, bytes]:
@@ -217,18 +218,18 @@ class FactMap:
         return {a: self._digests[a].to_bytes(16, "big") for a in sorted(self._digests)}
 
     def part_digests(self, author: str) -> bytes:
-        """`PARTS` digests of 8 bytes, each of the author's entries in one part: see `part_of`."""
+        """`PARTS` digests of 8 bytes, one for each part of the author's entries; see `part_of`."""
         totals = [0] * PARTS
         for entry in self._by_author.get(author, {}).values():
             totals[part_of(entry.version)] += entry.hash
         return b"".join([(total % _PART_MODULUS).to_bytes(8, "big") for total in totals])
 
     def count_of(self, author: str) -> int:
-        """How many entries an author has."""
+        """The number of an author's entries."""
         return len(self._by_author.get(author, {}))
 
     def digest(self) -> bytes:
-        """An 8-byte digest of the whole map: of the sum of the hashes of all entries."""
+        """An 8-byte digest of the whole map, computed from the sum of all entries' hashes."""
         if self._digest is None:
             total = self._total.to_bytes(16, "big")
             self._digest = hashlib.blake2b(total, digest_size=8).digest()

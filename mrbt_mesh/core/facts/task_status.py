@@ -1,9 +1,9 @@
 """When a global task has succeeded, and when it has failed.
 
-This is the paper's *Perform Global Task g* (section V, definition of T_G): the status of the
-action leaf, computed from the outcomes of its activation. Where the paper is silent or
-contradicts itself, see docs/decisions. Never a function of who is thought alive:
-what follows from that is latched as a failure, a fact, once all have agreed on it for some time
+This is the paper's *Perform Global Task g* (section V, definition of T_G): the status of the action
+leaf, computed from the outcomes of its activation. Where the paper is silent or contradicts itself,
+see docs/decisions. The status never depends on which robots seem alive: consequences of that are
+latched as a failure, a fact, once all robots have agreed on them for some time
 (`planning.pending_failures`).
 """
 
@@ -20,12 +20,12 @@ from mrbt_mesh.core.mission.mission import FailurePolicy, GlobalTask, InDoubtPol
 
 
 class TeamMembers(Protocol):
-    """What a task's failure depends on beside the outcomes."""
+    """What a task's failure depends on besides the outcomes."""
 
     @property
     def grantors(self) -> frozenset[str]: ...
     def robots_with(self, local_task: str) -> Collection[str]:
-        """All known robots with the capability; dead ones, and ones that lost it, included."""
+        """All known robots with the capability, including dead robots and robots that lost it."""
         ...
 
     def claimants(self, activation: str, local_task: str) -> Collection[str]:
@@ -34,9 +34,10 @@ class TeamMembers(Protocol):
 
 
 def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> Status:
-    """Success goes before failure: a late one still counts, also after a latched failure.
+    """Return the status of a task's activation.
 
-    An operator's decision and a latched failure count like outcomes.
+    Success takes precedence over failure, so a late success still counts, even after a latched
+    failure. An operator's decision and a latched failure count like outcomes.
     """
     if said.is_decided(Decision.DONE) or has_succeeded(task, said):
         return Status.SUCCESS
@@ -47,7 +48,7 @@ def task_status(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> S
 
 
 def has_succeeded(task: GlobalTask, said: ActivationFacts) -> bool:
-    """At least nu successes of each local task; of one and the same coalition if it has any."""
+    """True if each local task has at least nu successes, of the same coalition if there are any."""
     if said.coalitions is not None:
         return any(_are_enough(task, found) for found in said.coalitions.outcomes.values())
     return bool(said.outcomes) and _are_enough(task, said.outcomes)
@@ -60,7 +61,7 @@ def _are_enough(task: GlobalTask, outcomes: Mapping[str, Mapping[str, bool]]) ->
 
 
 def has_failed(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> bool:
-    """One need has failed; or the activation is in doubt, and the mission counts that as failed."""
+    """True if one need has failed, or the activation is in doubt and the mission fails it then."""
     coalitions = said.coalitions
     if coalitions is None:
         return any(_need_failed(task, need, said, team) for need in task.needs)
@@ -70,10 +71,11 @@ def has_failed(task: GlobalTask, said: ActivationFacts, team: TeamMembers) -> bo
 
 
 def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: TeamMembers) -> bool:
-    """There is a failure, which is enough for the policy `first` if its robot was needed, and
+    """True if a robot has failed and the failure policy counts that as a failure of the need.
 
-    policy `paper`: failures exceed assigned - nu, where assigned = outcomes + valid claims;
-    other policies: successes and robots that may still try, dead or not, are fewer than nu.
+    - `first`: nu is above 0;
+    - `paper`: failures exceed assigned - nu, where assigned = outcomes + valid claims;
+    - others: successes and robots that may still try, dead or not, are fewer than nu.
     """
     results = said.outcomes.get(need.local_task, {})
     failures = sum(not success for success in results.values())
@@ -91,10 +93,11 @@ def _need_failed(task: GlobalTask, need: Need, said: ActivationFacts, team: Team
 def _coalitions_failed(
     task: GlobalTask, need: Need, coalitions: Coalitions, team: TeamMembers
 ) -> bool:
-    """There is a failure, which is enough for the policy `first` if its robot was needed, and
+    """True if a robot has failed and the failure policy counts that as a failure of the need.
 
-    policy `paper`: in one coalition the failures exceed its members - nu;
-    other policies: fewer than nu robots, dead or not, have not failed in any coalition.
+    - `first`: nu is above 0;
+    - `paper`: in one coalition the failures exceed its members - nu;
+    - others: fewer than nu robots, dead or not, have not failed in any coalition.
     """
     failed = coalitions.failed_robots(need.local_task)
     if not failed or task.failure is FailurePolicy.FIRST:

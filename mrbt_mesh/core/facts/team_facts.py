@@ -1,7 +1,7 @@
 """The team's facts: the map of entries of one mission and run, and how the team reads it.
 
-`TeamFacts` keeps an index for each kind of reading and gives T_G its `EvaluationFacts`. For
-the rules see the package's docstring.
+`TeamFacts` keeps the indices for all readers and gives T_G its `EvaluationFacts`. For the rules see
+the package's docstring.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from mrbt_mesh.core.mission.names import type_name
 _Index = TypeVar("_Index", bound=Index)
 # Kinds of facts that may belong to jobs, besides those of activations.
 OF_JOBS = records.JOB_KINDS | {records.CONDITION, records.EXPRESSION}
-# Of an activation of which nothing is known.
+# Stands for an activation of which nothing is known.
 _NOTHING = ActivationFacts(Activation("", -1, "", (), 0))
 
 
@@ -73,7 +73,7 @@ class KnownClaim(NamedTuple):
 
 
 def capability(member: Member, local_task: str) -> int | None:
-    """p(i, l) in micro-units of a member, None where it cannot do it, or not now."""
+    """p(i, l) of a member in micro-units; None if it cannot do the task at all, or not now."""
     if member.lost or member.pending:
         names = local_task, type_name(local_task)
         if any(name in member.lost or name in member.pending for name in names):
@@ -82,7 +82,7 @@ def capability(member: Member, local_task: str) -> int | None:
 
 
 def changed_performances(mission: Mission, robot: str, member: Member) -> dict[str, int]:
-    """What a robot does better or worse than in the mission, in micro-units."""
+    """The performances of a robot that differ from the mission's, in micro-units."""
     known = mission.robots.get(robot)
     declared = known.capabilities if known else mission.robot_types.get(member.type, {})
     return {n: v for n, v in sorted(member.capabilities.items()) if declared.get(n) != v}
@@ -91,12 +91,12 @@ def changed_performances(mission: Mission, robot: str, member: Member) -> dict[s
 class TeamFacts:
     """The replicated facts of one run of one mission, indexed.
 
-    `declared`: the mission in force, as its file has it. `jobs`: None if it has no types of jobs.
-    `revisions`: what is said about missions that take its place; `is_revised`: anything is, or it
-    has taken the place of another one.
-    `activations`: what is said of each activation, by name. `problems`: robot -> its journal
-    or a part of its program -> what is wrong with it. `changes` counts all changes of the
-    map, `outcome_changes` those of outcomes. `me`: the robot that holds them, if one does.
+    `declared`: the mission in force, as in its file. `jobs`: None if the mission has no job types.
+    `revisions`: the facts about missions that replace it. `is_revised`: there are such facts, or
+    the mission in force is a revision. `activations`: name -> the facts of the activation.
+    `problems`: robot -> its journal or a part of its program -> what is wrong with it. `changes`
+    counts all changes of the map, `outcome_changes` those of outcomes. `me`: the robot that holds
+    the facts, if any.
     """
 
     def __init__(self, mission: Mission, run: str, me: str = "") -> None:
@@ -110,15 +110,15 @@ class TeamFacts:
         self.outcome_changes = 0
         self._has_news_of_mission = False
         self.is_revised = mission.revision is not None
-        # Robots that an earlier mission named, and the one in force does not: they have left.
+        # Robots that an earlier mission named but the one in force does not: they have left.
         self.removed_robots: frozenset[str] = frozenset()
         self._begin(mission)
-        # Authors whose facts say nothing: see `set_revoked`.
+        # Authors whose facts are ignored: see `set_revoked`.
         self.revoked: frozenset[str] = frozenset()
         self.map.subscribe(self._index)
 
     def _begin(self, mission: Mission) -> None:
-        """Read the facts of this mission, of which nothing is known yet."""
+        """Start with empty indices for this mission."""
         self.declared = mission
         self.members: dict[str, KnownMember] = {}
         self.claims: dict[str, KnownClaim] = {}
@@ -128,17 +128,17 @@ class TeamFacts:
         self.proposals: dict[str, Proposal] = {}
         self.jobs = Jobs(mission) if mission.jobs else None
         self.travel_times: dict[str, TravelTimes] = {}
-        # Robot -> how often it has overtaken which activations; and what time it was.
+        # Robot -> how often it has overtaken which activations; robot -> its last reported time.
         self.overtakings: dict[str, Overtaken] = {}
         self.team_times: dict[str, TeamTime] = {}
         self._mission = mission
-        # The jobs in its tree; None: their types are.
+        # The jobs in `_mission`'s tree; None: the tree still has the job types.
         self._in_tree: tuple[OpenJob, ...] | None = None
         self._places: dict[str, str] = {}
-        # (robot, its type) -> its table of travel times, of robots that have published some.
+        # (robot, its type) -> its travel times, for robots that have published some.
         self._travel_tables: dict[tuple[str, str], Sequence[Sequence[int]]] = {}
         self._order, self._is_aborted = TeamOrder.RESUME, False
-        # What features read, by the class of the index; and by the kind of entry.
+        # The indices of features: by class; and by the kind of entry.
         self._indexes: dict[type[Index], Index] = {}
         self._index_of: dict[str, Index] = {}
         for feature in features():
@@ -146,23 +146,24 @@ class TeamFacts:
                 self._indexes[type(index)] = index
                 self._index_of |= dict.fromkeys(feature.commands, index)
         self._results: dict[str, MissionResult] = {}
-        # What says nothing while this mission is in force, and whether `prune` has to look at it.
+        # Entries that are ignored while this mission is in force, and whether `prune` must check
+        # them.
         self._unbelieved: dict[tuple[str, str], Entry] = {}
         self._may_drop_unbelieved = False
-        # What `prune` has to look at: all activations, if the reach of some may have changed, or
-        # those that are new.
+        # What `prune` must check: all activations, if some may have become reachable or
+        # unreachable, or else the new ones.
         self._has_reach_changed = False
         self._new_activations: dict[str, None] = {}
 
     def begin_with(self, mission: Mission) -> None:
-        """Read facts by another mission of the same team from now on; there are none yet."""
+        """Read facts by another mission of this team from now on. There must be no facts yet."""
         assert not len(self.map)
         self.is_revised = mission.revision is not None
         self._begin(mission)
         self.changes += 1
 
     def _take_up(self, mission: Mission) -> None:
-        """A revision is in force: read all facts by it."""
+        """Put a revision in force: read all facts by it."""
         self.removed_robots = (self.removed_robots | self.declared.robot_ids) - mission.robot_ids
         self._begin(mission)
         self.changes += 1
@@ -172,7 +173,7 @@ class TeamFacts:
         self._has_reach_changed = True
 
     def set_revoked(self, authors: frozenset[str]) -> None:
-        """Facts of these authors, whose keys were revoked, say nothing from now on."""
+        """Ignore the facts of exactly these authors, whose keys were revoked, from now on."""
         if authors == self.revoked:
             return
         self.revoked = authors
@@ -200,30 +201,30 @@ class TeamFacts:
     # -- what T_G reads: EvaluationFacts ------------------------------------------------------
 
     def condition(self, name: str) -> bool:
-        """Whether the condition holds."""
+        """True if the condition holds."""
         return self.conditions.value(name)
 
     def condition_of(self, robot: str, name: str) -> bool:
-        """Whether the condition holds for a robot: its own one, if every robot has its own."""
+        """True if the condition holds for a robot: its own one if every robot has its own."""
         return self.conditions.of_robot(robot, name)
 
     def entry(self, robot: str, name: str, job: str = "") -> Value | None:
-        """The value of a blackboard entry as a robot's program names it in a task of this job, None
-        if it is not set.
+        """The value of a blackboard entry, by the name that a robot's program uses in a task of
+        this job; None if it is not set.
         """
         return self.conditions.entry(self.declared.condition_of(robot, name, job))
 
     def turns(self, name: str, value: bool) -> int:
-        """How often the condition, or expression, has turned to `value`."""
+        """How often the condition or expression has changed to `value`."""
         return self.conditions.turns(name, value)
 
     def turned_guards(self) -> list[tuple[str, ExpressionRevision]]:
-        """The guards of several nodes that have turned, as far as is known here: to be noted."""
+        """The guards of several nodes whose value has changed here and must be recorded."""
         self._follow_jobs()
         return self.conditions.unnoted() or self.conditions.turned_with_actions(self)
 
     def task_status(self, subject: str, activation: str) -> Status:
-        """The status of a global task; RUNNING until its activation has a result."""
+        """The status of a global task. RUNNING until its activation has a result."""
         said = self.activations.get(activation)
         if said is None:
             return Status.RUNNING
@@ -231,7 +232,7 @@ class TeamFacts:
         return task_status(task, said, self)
 
     def status_after(self, name: str, robot: str, success: bool, version: Version) -> Status:
-        """The status of an activation once this outcome of a robot is among the facts."""
+        """The status of an activation once this outcome of a robot is added to the facts."""
         parts = tuple(name.split("/"))
         after = ActivationFacts(parse_activation(parts[1]))
         said = self.activations.get(parts[1])
@@ -245,36 +246,36 @@ class TeamFacts:
         return task_status(self.task(parts[1]), after, self)
 
     def attempts_used(self, activation: str) -> int:
-        """The number of attempts that are used up, over all authors."""
+        """The number of attempts used up, over all authors."""
         return self._said(activation).attempts_used
 
     def has_expired(self, activation: str) -> bool:
-        """Whether anybody has seen this Timeout's deadline pass."""
+        """True if any robot has seen this Timeout's deadline pass."""
         return self._said(activation).has_expired
 
     def child_result(self, activation: str, position: int) -> Status | None:
-        """How that child of a node with memory ended; success, if any robot wrote that."""
+        """How this child of a node with memory ended, None if unknown. Success takes precedence."""
         success = self._said(activation).child_results.get(position)
         if success is None:
             return None
         return Status.SUCCESS if success else Status.FAILURE
 
     def jobs_status(self, origin: int) -> Status:
-        """RUNNING, or how that Jobs node was ended by one of its jobs."""
+        """RUNNING, or how one of its jobs ended this Jobs node."""
         return self.jobs.node_status(origin) if self.jobs is not None else Status.RUNNING
 
     # -- features -----------------------------------------------------------------------------
 
     def index(self, kind: type[_Index]) -> _Index:
-        """What a feature reads in this mission, by the class of its index; raises KeyError if it
-        has none.
+        """The index of a feature in this mission, by the class of the index. Raises KeyError if the
+        feature has none.
         """
         found = self._indexes[kind]
         assert isinstance(found, kind)
         return found
 
     def idle(self, reasons: Mapping[str, str]) -> Mapping[str, str]:
-        """Better reasons by features for some of these robots, to which a plan assigns nothing."""
+        """Return better reasons, from features, why some of these robots are idle."""
         better: dict[str, str] = {}
         for index in self._indexes.values():
             better |= index.idle(reasons)
@@ -283,7 +284,7 @@ class TeamFacts:
     # -- robots -------------------------------------------------------------------------------
 
     def valid_claim(self, robot: str) -> Claim | None:
-        """The robot's claim if the incarnation that made it is the robot's newest one."""
+        """The robot's claim if it was made by the robot's newest incarnation, else None."""
         held, known = self.claims.get(robot), self.members.get(robot)
         return held.claim if held and known and held.incarnation == known.incarnation else None
 
@@ -294,8 +295,8 @@ class TeamFacts:
         return [robot for robot, c in claims if c and (c.activation, c.local_task) == wanted]
 
     def by_share(self, robots: Iterable[str]) -> list[str]:
-        """Robots in the order in which they have their turn where there is nothing to choose: those
-        that have worked on fewer of the last jobs first, then by id.
+        """Sort robots for a choice between equals: those that worked on fewer of the last jobs
+        first, then by id.
         """
         if self.jobs is None or not self.jobs.shares:
             return sorted(robots)
@@ -303,12 +304,12 @@ class TeamFacts:
         return sorted(robots, key=lambda robot: (shares.get(robot, 0), robot))
 
     def robots_with(self, local_task: str) -> list[str]:
-        """All known robots with the capability; dead ones, and ones that lost it, included."""
+        """All known robots with the capability, including dead robots and robots that lost it."""
         members = self.members.items()
         return [r for r, known in members if performance(known.member.capabilities, local_task)]
 
     def place_of(self, robot: str) -> str:
-        """Where the robot is, or from which it has set out, dead or not; empty if nobody knows, and
+        """Where the robot is, or where it has set out from, dead or not; empty if nobody knows, and
         in missions without places.
         """
         travel = self.mission.travel
@@ -317,15 +318,15 @@ class TeamFacts:
         return self._places.get(robot) or travel.start.get(robot, "")
 
     def under_way(self, robot: str) -> str:
-        """The place to which the robot is on its way; empty if it is at one."""
+        """The place that the robot is travelling to; empty if it is not travelling."""
         travel, claim = self.mission.travel, self.valid_claim(robot)
         if travel is None or claim is None or claim.phase is not Phase.TRAVELLING:
             return ""
         return place_at(self.declared, claim.local_task)
 
     def travel_table(self, robot: str) -> Sequence[Sequence[int]]:
-        """The robot's travel times in ms, as in `Travel.table`: by its program, else as the mission
-        declares.
+        """The robot's travel times in ms, as in `Travel.table`: those of its program if published,
+        else those that the mission declares.
         """
         travel, kind = self.mission.travel, self.members[robot].member.type
         assert travel is not None
@@ -339,19 +340,19 @@ class TeamFacts:
         return found
 
     def overtaken(self, activation: str) -> int:
-        """How often robots have begun something later before this."""
+        """How often robots have begun a later task before this activation."""
         return sum(each.counts.get(activation, 0) for each in self.overtakings.values())
 
     @property
     def max_stamp(self) -> int:
-        """The greatest Lamport stamp (Lamport 1978) that counts; a robot writes the next one."""
+        """The greatest Lamport stamp (Lamport 1978) that counts. A robot writes the next one."""
         return self._stamps.greatest
 
     def is_too_far_ahead(self, entry: Entry) -> bool:
-        """True for a condition that its author claims to have changed more often than is possible,
-        or for more attempts than there can have been.
+        """True if the author claims more changes of a condition, or more attempts, than are
+        possible.
 
-        Every authentic entry has to be shown to this before it is merged.
+        Every authentic entry must be passed to this before it is merged.
         """
         author, name = entry.author, entry.name
         match entry.record:
@@ -370,19 +371,20 @@ class TeamFacts:
 
     @property
     def grantors(self) -> frozenset[str]:
-        """The robots whose majority grants an exclusive task: all that the mission names."""
+        """The robots whose majority leases an exclusive task: all that the mission names."""
         return self.declared.robot_ids
 
     def order(self) -> TeamOrder:
-        """The operators' standing order: abort if there ever was one, else the newest one; RESUME
-        where none was given.
+        """The operators' standing order: abort if it was ever given, else the newest order; RESUME
+        if there is none.
         """
         return TeamOrder.ABORT if self._is_aborted else self._order
 
     def result(self, alive: Collection[str]) -> Status | None:
-        """How the mission has ended, None if it has not; success goes before failure.
+        """How the mission has ended, None if it has not. Success takes precedence over failure.
 
-        What half of its robots or fewer have agreed on counts while no more of them are alive.
+        A result that half of the robots or fewer agreed on counts only while no more of them are
+        alive.
         """
         if not self._results:
             return None
@@ -394,12 +396,12 @@ class TeamFacts:
         return Status.SUCCESS if any(standing) else Status.FAILURE
 
     def begun_with(self, activation: str) -> bool:
-        """Whether it is a fact with which values of the blackboard this activation has begun."""
+        """True if the blackboard values with which this activation began are a fact."""
         return self._said(activation).begun_with is not None
 
     def values_read(self, activation: str, task: GlobalTask) -> tuple[str | None, ...]:
-        """The values, as arguments, of the entries that a task reads, sorted by name: those with
-        which the activation has begun, else those of now. None: an entry is not set.
+        """The values of the entries that a task reads, as arguments and sorted by name: those with
+        which the activation began, or else the present ones. None for an entry that is not set.
         """
         begun = self._said(activation).begun_with
         if begun is not None:
@@ -414,7 +416,7 @@ class TeamFacts:
     # -- activations of global tasks ----------------------------------------------------------
 
     def _said(self, activation: str) -> ActivationFacts:
-        """What is known of an activation, to be read only."""
+        """What is known of an activation. Read-only."""
         return self.activations.get(activation, _NOTHING)
 
     def task_of(self, activation: str) -> GlobalTask | None:
@@ -426,26 +428,27 @@ class TeamFacts:
         return task_of_activation(found, self.declared)
 
     def task(self, activation: str) -> GlobalTask:
-        """The global task of an activation that a robot works on, or has."""
+        """The global task of an activation that a robot works on, or has worked on."""
         found = self.task_of(activation)
         assert found is not None
         return found
 
     def has_latched_failure(self, activation: str) -> bool:
-        """Whether the failure of this activation has been latched."""
+        """True if the failure of this activation has been latched."""
         return self._said(activation).has_latched_failure
 
     def outcomes(self, activation: str) -> Outcomes:
-        """Local task -> robot -> success, of a task without coalitions.
+        """Local task -> robot -> success, for a task without coalitions.
 
-        The same object until one of them changes.
+        Returns the same object until an outcome changes.
         """
         return self._said(activation).outcomes
 
     def results(self, activation: str, local_task: str) -> Mapping[str, bool]:
-        """Robot -> success, for the outcomes that count now for one local task.
+        """Robot -> success, for the outcomes of one local task that count now.
 
-        Of coalitions, the failures of all and the successes of the first that has not ended.
+        With coalitions, these are the failures in all of them and the successes in the first one
+        that has not ended.
         """
         said = self._said(activation)
         if said.coalitions is None:
@@ -458,7 +461,7 @@ class TeamFacts:
         }
 
     def has_outcome(self, activation: str) -> bool:
-        """Whether some robot has ended in this activation."""
+        """True if some robot has an outcome in this activation."""
         return self._said(activation).has_outcome
 
     def coalitions(self, activation: str) -> Coalitions:
@@ -466,12 +469,12 @@ class TeamFacts:
         return self._said(activation).coalitions or Coalitions()
 
     def granted(self) -> list[tuple[str, Coalitions]]:
-        """The activations for which somebody has granted a lease, sorted."""
+        """The activations for which some robot has granted a lease, sorted by name."""
         said = ((name, each.coalitions) for name, each in self.activations.items())
         return sorted((name, found) for name, found in said if found is not None and found.grants)
 
     def bids(self, activation: str) -> KnownBids:
-        """What has been bid. The same object until something of it changes."""
+        """The bids of an activation. Returns the same object until one of them changes."""
         return self._said(activation).bids
 
     # -- what may be dropped ------------------------------------------------------------------
@@ -479,8 +482,8 @@ class TeamFacts:
     def prune(self) -> list[tuple[str, str]]:
         """Drop the facts of activations that no evaluation can reach any more, and of ended jobs.
 
-        Every replica drops the same. Returns authors and names, sorted. To drop what is out of
-        reach changes the reach of nothing.
+        Every replica drops the same facts. Returns (author, name) pairs, sorted. Dropping
+        unreachable facts does not make any others unreachable.
         """
         keys = self.obsolete(self.activations if self._has_reach_changed else self._new_activations)
         for author, name in keys:
@@ -490,8 +493,8 @@ class TeamFacts:
         return keys
 
     def obsolete(self, activations: Collection[str]) -> list[tuple[str, str]]:
-        """(author, name) of the facts that nothing reads any more, of these activations and of
-        jobs, sorted.
+        """(author, name) of the facts of these activations, of jobs and of revisions that nothing
+        reads any more, sorted.
         """
         found = [self.activations[name] for name in activations if name in self.activations]
         obsolete = [each for each in found if self.is_obsolete(each.activation)]
@@ -503,21 +506,19 @@ class TeamFacts:
         return sorted([*keys, *(self.jobs.obsolete if self.jobs is not None else ())])
 
     def is_obsolete(self, activation: Activation) -> bool:
-        """Whether no evaluation, now or later, can reach this activation any more."""
+        """True if no evaluation can reach this activation any more, now or later."""
         job = activation.job
         if job and self.jobs is not None and self.jobs.has_ended(job):
             return self.jobs.is_settled(job)
         return self.mission.evaluator.is_obsolete(activation, self)
 
     def unbelieved(self) -> Iterator[Entry]:
-        """The facts that say nothing while this mission is in force, since it lacks what they are
-        about.
-        """
+        """The facts that are ignored while the mission in force lacks what they are about."""
         return iter(self._unbelieved.values())
 
     def is_past(self, entry: Entry) -> bool:
-        """Whether no revision can have a place for this fact, which is not believed: it is of an
-        ended job, or of a part of an earlier tree that is not known any more.
+        """True if no revision can have a place for this fact, which is not believed: it belongs to
+        an ended job, or to a part of an earlier tree that is no longer known.
         """
         revision, kind, name = self.declared.revision, entry.parts[0], "/".join(entry.parts[1:2])
         if kind in ACTIVATION_KINDS:
@@ -532,13 +533,13 @@ class TeamFacts:
         return number >= 0 and revision is not None and not revision.keeps_number(number)
 
     def is_recorded(self, robot: str) -> bool:
-        """Whether a robot has not said that it does not record what it does."""
+        """True unless the robot has reported that it does not record what it does."""
         return records.RECORDING not in self.problems.get(robot, {})
 
     # -- keeping the indices ------------------------------------------------------------------
 
     def _believe(self, old: Entry | None, new: Entry) -> None:
-        """Take in what a fact says where the mission in force has a place for it."""
+        """Index a fact if the mission in force has a place for it, else keep it as unbelieved."""
         key = (new.author, new.name)
         was_believed = old is not None and self._unbelieved.pop(key, None) is None
         record: Record | None = new.record
@@ -556,13 +557,13 @@ class TeamFacts:
             self._add(new if record is new.record else replace(new, record=record))
 
     def _see_stamp(self, entry: Entry) -> None:
-        """That of a command is the one which its client has given."""
+        """Note the stamp of an entry; for a command, the one given by the operator's client."""
         is_command = isinstance(entry.record, OperatorCommand)
         stamp = entry.version.incarnation.counter if is_command else stamp_of(entry.record)
         self._stamps.see(entry.author, stamp)
 
     def _forget(self, entry: Entry) -> None:
-        """The author has said something else in the place of this, which is not believed."""
+        """Remove an entry whose author has replaced it by one that is not believed."""
         author, kind, name = entry.author, entry.parts[0], "/".join(entry.parts[1:2])
         if kind == records.SCHEDULE:
             self.proposals.pop(author, None)
@@ -609,7 +610,7 @@ class TeamFacts:
             self._see_stamp(entry)
 
     def _add_command(self, field: str, entry: Entry, command: OperatorCommand) -> None:
-        """Of the team, or of a feature."""
+        """Add a command to the team, or a command of a feature."""
         match field:
             case records.PAUSED:
                 self._order = TeamOrder(command.value)
@@ -656,7 +657,7 @@ class TeamFacts:
             self._new_activations |= dict.fromkeys(ended)
 
     def _note_claim(self, robot: str, claim: Claim | None) -> None:
-        """A robot works on this from now on: its job is begun."""
+        """Update how many robots work on the jobs of a robot's old and new claim."""
         if self.jobs is None:
             return
         held = self.claims.get(robot)
@@ -705,8 +706,8 @@ class TeamFacts:
             self.jobs.note_result(job, entry, is_known)
 
     def _remove(self, entry: Entry) -> None:
-        """Dropped are entries of activations, those of one together, of jobs, about earlier
-        revisions, and some that are not believed, which are in no index.
+        """Remove a dropped entry: of an activation (all of its entries go together), of a job, of
+        an earlier revision, or one that is not believed and so is in no index.
         """
         if self._unbelieved.pop((entry.author, entry.name), None) is not None:
             return

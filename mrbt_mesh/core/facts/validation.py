@@ -1,11 +1,11 @@
-"""What is accepted, and what is believed: whether an entry has a place in this mission and run.
+"""What is accepted and what is believed: whether this mission and run have a place for an entry.
 
-`records` has checked the form of name and value before. Whatever is refused here is not joined, so
-that no robot can write about conditions, nodes or tasks that the mission does not have.
+`records` has already checked the form of name and value. An entry refused here is not joined, so no
+robot can write about conditions, nodes or tasks that the mission does not have.
 
-A team whose mission was revised keeps what has no place in the mission in force: it may be about an
-earlier revision or a later one. It is not *believed*, so it does nothing until a revision has a
-place for it.
+A team whose mission was revised also keeps entries that the mission in force has no place for, as
+they may be about an earlier or later revision. Such an entry is not *believed*: it has no effect
+until a revision has a place for it.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from mrbt_mesh.core.mission.mission import GlobalTask, Mission, MissionEnd
 from mrbt_mesh.core.mission.names import is_job_id, is_robot_id
 from mrbt_mesh.errors import FileError
 
-# Of the number of an archive.
+# The number of an archive has fewer digits than this.
 MAX_DIGITS = 16
-# Kinds of entry that belong to an activation -> the kinds of node whose activations have them.
+# Kinds of entry that belong to an activation -> the kinds of node that have such activations.
 ACTIVATION_KINDS = {
     records.OUTCOME: frozenset({Kind.ACTION}),
     records.LATCHED_FAILURE: frozenset({Kind.ACTION}),
@@ -64,15 +64,16 @@ ACTIVATION_KINDS = {
 
 
 def refusal_reason(entry: Entry, mission: Mission, run: str) -> str | None:
-    """Why a robot that runs this mission does not take this entry, or None if it does."""
+    """Why a robot that runs this mission refuses this entry; None if it accepts it."""
     if mission.revision is None or entry.parts[0] in records.MISSION_KINDS:
         return no_place_reason(entry, mission, run)
     return _refuse_author(entry) or _refuse_in_any_mission(entry, entry.parts, run)
 
 
 def believed(entry: Entry, mission: Mission, run: str) -> Record | None:
-    """What an entry says where this revision is in force: its record, without what the mission
-    lacks; None: nothing. A job and its end are known by their id, whatever types there are.
+    """The record of an entry while this revision is in force, without what the mission lacks; None
+    if nothing remains. A job and its end are known by their id, even if the mission lacks their
+    type.
     """
     record = entry.record
     if isinstance(record, Claim | NoClaim):
@@ -86,7 +87,7 @@ def believed(entry: Entry, mission: Mission, run: str) -> Record | None:
 
 
 def _believed_claim(record: Claim | NoClaim, mission: Mission, run: str) -> Claim | NoClaim:
-    """A robot works on nothing that the mission lacks, and is at no such place."""
+    """Remove from a claim an activation or a place that the mission lacks."""
     place = record.place if _refuse_place(record.place, mission) is None else ""
     if isinstance(record, NoClaim) or _refuse_claim(record, mission, run) is not None:
         return NoClaim(place)
@@ -102,7 +103,7 @@ def _believed_times(record: TravelTimes, places: Container[str]) -> TravelTimes:
 
 
 def _refuse_in_any_mission(entry: Entry, parts: tuple[str, ...], run: str) -> str | None:
-    """Why no mission of this run has a place for this entry."""
+    """Why no mission of this run can have a place for this entry."""
     if parts[0] in ACTIVATION_KINDS:
         reason = _refuse_text(parts[1], run)
         if reason is None and parts[0] in records.COALITION_KINDS:
@@ -116,7 +117,7 @@ def _refuse_in_any_mission(entry: Entry, parts: tuple[str, ...], run: str) -> st
 
 
 def no_place_reason(entry: Entry, mission: Mission, run: str) -> str | None:
-    """Why this entry has no place in this run of the mission, or None if it has one."""
+    """Why this run of the mission has no place for this entry, or None if it has one."""
     return _refuse_author(entry) or _refuse_by_kind(entry, mission, run)
 
 
@@ -138,7 +139,7 @@ def _refuse_by_kind(entry: Entry, mission: Mission, run: str) -> str | None:
 
 
 def _refuse_of_robot(entry: Entry, mission: Mission, run: str) -> str | None:
-    """What a robot says of itself."""
+    """Check a robot's entry about itself."""
     match entry.record:
         case Proposal() | Overtaken() | TeamTime() as record:
             return _refuse_of_schedules(record, mission, run)
@@ -158,7 +159,7 @@ def _refuse_of_robot(entry: Entry, mission: Mission, run: str) -> str | None:
 
 
 def _refuse_author(entry: Entry) -> str:
-    """Only operators command, and nothing else is theirs; empty: that is so."""
+    """Check that operators write commands and robots everything else. Returns empty if so."""
     kind, *subject = entry.parts
     is_command = isinstance(entry.record, OperatorCommand)
     if is_command is not (entry.author == records.OPERATORS):
@@ -171,7 +172,7 @@ def _refuse_author(entry: Entry) -> str:
 
 
 def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -> str | None:
-    """A revision is one of this team's mission, and can be read."""
+    """Check that a revision is one of this team's mission and can be parsed."""
     if len(parts) > 1 and not (parts[1].isdecimal() and len(parts[1]) <= MISSION_DIGITS):
         return f"{parts[1]!r:.80} is not a number of a revision"
     record = entry.record.value if isinstance(entry.record, OperatorCommand) else None
@@ -187,7 +188,7 @@ def _refuse_of_mission(entry: Entry, parts: tuple[str, ...], mission: Mission) -
 
 
 def _refuse_claim(claim: Claim, mission: Mission, run: str) -> str | None:
-    """A robot works on a local task that an action of the tree needs."""
+    """Check that an action of the tree needs the claimed local task."""
     reason = _refuse_name(records.OUTCOME, claim.activation, mission, run)
     if reason is not None:
         return reason
@@ -210,7 +211,7 @@ def _refuse_place(place: str, mission: Mission) -> str | None:
 
 
 def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
-    """A boolean alternates from its default, so value and revision must agree."""
+    """Check the value. A boolean alternates from its default, so value and revision must agree."""
     if not mission.can_be_set(name):
         return f"condition {name!r} is not declared, or not of this robot"
     record = entry.record
@@ -225,17 +226,17 @@ def _refuse_condition(entry: Entry, name: str, mission: Mission) -> str | None:
 
 
 def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
-    """It follows from the revisions that were read, and takes at least as many."""
+    """Check that an expression's revision follows from those read, and is at most their sum."""
     expression = mission.per_robot.guard_expressions.get(name)
     guard = expression or mission.evaluator.with_actions.get(name)
     job, comparison = job_in_guard(name), comparison_of(name)
     if guard is None and comparison and mission.jobs and mission.knows_condition(name):
-        # Of a job, with its id or one of its arguments.
+        # An expression of a job, with its id or one of its arguments.
         own = mission.per_robot
         reader = entry_reader(name, comparison.entry)
         expression = guard = any_of(name, own.robots) if name in own else reader
     elif job and guard is None:
-        # Of a job, which may not be known here yet: the guard of its type.
+        # A guard of a job, which may not be known here yet: use the guard of its type.
         name = name.replace(f"@{job}", "", 1)
         expression = mission.per_robot.guard_expressions.get(name)
         guard = expression or mission.evaluator.with_actions.get(name)
@@ -261,7 +262,7 @@ def _refuse_expression(entry: Entry, name: str, mission: Mission) -> str | None:
 def _refuse_of_schedules(
     record: Proposal | Overtaken | TeamTime, mission: Mission, run: str
 ) -> str | None:
-    """Every name must be that of an action; whether it lies ahead is found out by each plan."""
+    """Check that every name is that of an action. Each plan finds out if it still lies ahead."""
     if mission.travel is None:
         return "this mission has no schedules"
     names: Iterable[str] = ()
@@ -297,12 +298,12 @@ def _refuse_of_activation(
 
 
 def has_activation(mission: Mission, activation: str, run: str) -> bool:
-    """Whether an action of the mission could have an activation of this name."""
+    """True if an action of the mission could have an activation of this name."""
     return _refuse_name(records.OUTCOME, activation, mission, run) is None
 
 
 def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None:
-    """Why this is no activation of this run to which an entry of this kind could belong."""
+    """Why this names no activation of this run that an entry of this kind could belong to."""
     reason = _refuse_text(text, run)
     if reason is None and not _could_exist(kind, parse_activation(text), mission):
         return f"{text!r:.80} names no node of this mission's tree"
@@ -310,7 +311,7 @@ def _refuse_name(kind: str, text: str, mission: Mission, run: str) -> str | None
 
 
 def _refuse_text(text: str, run: str) -> str | None:
-    """Why this is no name of an activation of this run, whatever its mission."""
+    """Why this does not name an activation of this run, whatever its mission."""
     try:
         activation = parse_activation(text)
     except ValueError:
@@ -325,7 +326,7 @@ def _refuse_text(text: str, run: str) -> str | None:
 
 
 def _could_exist(kind: str, activation: Activation, mission: Mission) -> bool:
-    """Whether some evaluation could use this name for an entry of this kind."""
+    """True if some evaluation could use this name for an entry of this kind."""
     nodes, index = mission.tree.nodes, mission.evaluator.index_of.get((activation.node, ""))
     if index is None:
         return False
@@ -351,7 +352,7 @@ def task_of_activation(activation: Activation, mission: Mission) -> GlobalTask |
     """The global task of an activation, None if the mission has no such step. A task of the same
     name in another step may have other policies.
 
-    `mission`: as its file declares it. Whether there is such a job does not matter.
+    `mission`: as its file declares it. Whether the job exists does not matter.
     """
     if activation.job:
         return task_of_job(mission, activation.node, activation.subject)
@@ -374,7 +375,7 @@ def _refuse_of_job(entry: Entry, name: str, mission: Mission) -> str | None:
 
 
 def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> str | None:
-    """Why an entry has no place in an activation of this global task."""
+    """Why an activation of this global task has no place for an entry."""
     kind, *names = parts
     if isinstance(entry.record, Arguments):
         values = entry.record.values
@@ -405,7 +406,7 @@ def _refuse_of_task(entry: Entry, parts: tuple[str, ...], task: GlobalTask) -> s
 def _refuse_of_coalition(
     entry: Entry, kind: str, coalition: CoalitionId, local_tasks: Collection[str]
 ) -> str | None:
-    """Its leader writes down who is in it, and that it never began."""
+    """Check that the leader writes who is in its coalition and that it never began."""
     is_leaders = kind in (records.COALITION, records.CLEARED)
     if is_leaders and entry.author != coalition.leader:
         return f"{str(coalition)!r:.80}: {kind} is for {coalition.leader} to write"

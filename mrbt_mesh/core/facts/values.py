@@ -1,4 +1,4 @@
-"""Reading values from the network: a reader takes exactly its kind, else raises ValueError."""
+"""Readers of values from the network: each accepts only its own kind, else raises ValueError."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ MAX_DATA_DEPTH = 16
 
 
 def shown(value: Any) -> str:
-    """A short text of a value that may be huge, or nested too deeply for `repr`."""
+    """A short text for a value that may be huge, or nested too deeply for `repr`."""
     return reprlib.repr(value)[:60]
 
 
 def read_text(value: Any, limit: int = MAX_TEXT) -> str:
-    """One line that is safe to show."""
+    """Read a text, and make it one line that is safe to show."""
     return printable(read_document(value, limit))
 
 
 def printable(text: str) -> str:
-    """The text with `?` for each sign that a terminal might obey, or not show."""
+    """Replace each character that a terminal might obey or not show by `?`."""
     if text.isprintable():
         return text
     return "".join(sign if sign.isprintable() else "?" for sign in text)
 
 
 def read_document(value: Any, limit: int) -> str:
-    """A text as it is, with all its lines."""
+    """Read a text as it is, with all its lines."""
     if not isinstance(value, str) or len(value) > limit:
         raise ValueError(f"text of at most {limit} characters expected, found {shown(value)}")
     return value
@@ -54,7 +54,7 @@ def read_fields(value: Any, count: int) -> list[Any]:
 
 
 def texts_by_reason(reasons: Mapping[str, str]) -> dict[str, list[str]]:
-    """Text -> its reason, as reason -> its texts; sorted."""
+    """Convert text -> reason to reason -> its texts, sorted."""
     found: dict[str, list[str]] = {}
     for text, reason in sorted(reasons.items(), key=lambda pair: (pair[1], pair[0])):
         found.setdefault(reason, []).append(text)
@@ -77,7 +77,7 @@ def read_reasons(value: Any, most: int, longest: int) -> dict[str, str]:
 
 
 def read_data(data: Any) -> Any:
-    """Plain data of any kind that is not nested too deeply."""
+    """Accept plain data of any kind that is not nested too deeply."""
     level = [data]
     for _ in range(MAX_DATA_DEPTH + 1):
         level = [

@@ -1,16 +1,18 @@
-"""Which robots are alive, and how all come to hold the same facts.
+"""Which robots are alive, and how all robots come to hold the same facts.
 
-Where to find it:
+Modules:
 
 - the robots that get a heartbeat, and those whose silence a robot judges: `dissemination`; in a
   large team: `ring`
-- how long everything takes, when a heartbeat is sent: `timing`
-- what is known of the others: `membership`; of one of them: `peer`
+- all durations, and when a heartbeat is sent: `timing`
+- what is known of all other robots: `membership`; of one robot: `peer`
 - when a robot is suspected, probed, declared dead: `failure_detector`
-- when a new incarnation may take part: `joining`; two robots of one id: `duplicate_ids`
-- where a lease is granted, renewed, given up: `leases`
-- what this robot writes and takes in: `replica`; whom it asks for what it missed: `anti_entropy`
-- the messages, and which are refused: `wire`; which member sent or wrote it: `keys`, `envelope`
+- when a new incarnation may take part: `joining`; two robots with the same id: `duplicate_ids`
+- granting, renewing and dropping leases: `leases`; clocks that stood still: `peer_clocks`
+- what this robot writes and merges: `replica`; which peers it asks for facts: `anti_entropy`;
+  facts that wait for proof: `unproved`
+- the messages, and which are refused: `wire`; which member sent or wrote one: `keys`, `envelope`,
+  `signed_reports`
 
-Imports `facts` and what is below, never `planning`.
+Imports `facts` and the layers below it, never `planning`.
 """

@@ -1,12 +1,13 @@
 """Anti-entropy: which peers to ask for their facts, and when.
 
-Every heartbeat has a digest of its sender's facts. If it differs from one's own for longer than a
-message may take, facts were lost on the way, and the peer is asked for them (`replica` writes and
-answers the pulls). Few are asked at a time: one answer holds all that is missing. A peer that still
-has the facts that this replica had a while ago is asked later, since it will ask itself, and not
-while it catches up. Nor is a peer asked if all that it had by its last heartbeat has arrived here
-since. Where answers take long, because all are busy, so do facts: a difference may last for longer
-before it counts as a loss, and while no answers come, ever fewer are asked.
+Every heartbeat has a digest of its sender's facts. If it differs from this robot's digest for
+longer than a message may take, facts were lost on the way, and the peer is asked for them
+(`replica` writes and answers the pulls). Few peers are asked at a time, as one answer holds all
+that is missing. A peer whose digest is one that this replica had earlier is asked later, since it
+will ask by itself, and not at all while it catches up. Nor is a peer asked if this replica has had
+the peer's digest since its last heartbeat. Where answers take long because all robots are busy,
+facts take long too: then a difference may last longer before it counts as a loss, and while no
+answers come, ever fewer peers are asked.
 
 Source: Demers et al., Epidemic algorithms for replicated database maintenance, 1987.
 """
@@ -19,22 +20,21 @@ from dataclasses import dataclass
 
 from mrbt_mesh.core.membership.timing import NEVER_US, Timing
 
-# How many peers are asked at a time; messages may get lost, so as many more every
-# `Timing.repair_us`.
+# The number of peers asked per `Timing.repair_us`; another round follows, as messages may get lost.
 PULLS_AT_A_TIME = 3
-# After that many questions without an answer the wait is doubled; how often, at most.
+# After this many unanswered pulls the wait is doubled; the maximum number of doublings.
 IN_VAIN, MAX_DOUBLED = 2 * PULLS_AT_A_TIME, 4
-# A message may take this many times as long as answers have taken.
+# A message may take this many times as long as recent answers took.
 PATIENCE = 2
 PAST_DIGESTS = 64
 
 
 @dataclass(slots=True)
 class _Difference:
-    """A peer whose facts differ: when its last heartbeat came, with which digest, since when they
-    differ, and when it was asked last.
+    """A peer whose facts differ: when its last heartbeat came and with which digest, since when the
+    facts differ, and when the peer was asked last.
 
-    `is_behind`: its digest is one that this replica had before, so it is the one to ask.
+    `is_behind`: its digest is one that this replica had before, so the peer is the one to ask.
     """
 
     heard_us: int
@@ -47,8 +47,8 @@ class _Difference:
 class AntiEntropy:
     """The peers of one replica whose facts differ from its own.
 
-    `next_ask_us` is when somebody may have to be asked (see `peers_to_ask`), `changed_us` when the
-    own facts have changed last.
+    `next_ask_us`: when a peer may have to be asked (see `peers_to_ask`). `changed_us`: when this
+    replica's own facts last changed.
     """
 
     def __init__(self, timing: Timing) -> None:
@@ -56,7 +56,7 @@ class AntiEntropy:
         self._timing = timing
         self._differences: dict[str, _Difference] = {}
         self._past_digests: deque[bytes] = deque(maxlen=PAST_DIGESTS)
-        # Nobody is to be asked before, if anybody is.
+        # No peer has to be asked before this time.
         self._not_before_us = 0
         self.changed_us = 0
         self._asked_in_vain = 0
@@ -76,7 +76,7 @@ class AntiEntropy:
         return min(MAX_DOUBLED, self._asked_in_vain // IN_VAIN)
 
     def allow_for_own_lag(self, lag_us: int) -> None:
-        """This robot was late by `lag_us`: what it lacks, and answers, may wait unread."""
+        """Allow for this robot having been late by `lag_us`: facts and answers may wait unread."""
         self.changed_us += lag_us
         for difference in self._differences.values():
             difference.heard_us += lag_us
@@ -86,7 +86,7 @@ class AntiEntropy:
                 difference.asked_us += lag_us
 
     def compare(self, peer: str, digest: bytes, mine: bytes, now_us: int) -> None:
-        """A peer's heartbeat has the digest of its facts; `mine` is that of the own ones."""
+        """Compare the digest in a peer's heartbeat with `mine`, that of this replica's facts."""
         if not self._past_digests or self._past_digests[-1] != mine:
             self._past_digests.append(mine)
         if digest == mine:
@@ -107,10 +107,10 @@ class AntiEntropy:
             self._ask_from(now_us + self._repair_us)
 
     def peers_to_ask(self, now_us: int, mine: Collection[bytes] = ()) -> list[str]:
-        """Peers to ask now: their facts have differed for a while, or their answer is overdue.
+        """The peers to ask now: their facts have differed for a while, or their answer is overdue.
 
-        `mine`: digests that a heartbeat of a peer with the same facts would have now. What a peer
-        had by its last heartbeat may have arrived since then.
+        `mine`: the digests that the heartbeat of a peer with equal facts would have now. What a
+        peer had at its last heartbeat may have arrived since.
         """
         if now_us < self.next_ask_us:
             return []
@@ -134,7 +134,7 @@ class AntiEntropy:
         return self.choose_to_ask(due, now_us)
 
     def choose_to_ask(self, peers: Iterable[str], now_us: int) -> list[str]:
-        """Those of the peers to ask now: few at a time, the longest unasked first."""
+        """Choose the peers to ask now: few at a time, those not asked for longest first."""
         just_us = now_us - self._repair_us
         free = PULLS_AT_A_TIME - sum(
             difference.asked_us is not None and difference.asked_us > just_us
@@ -149,29 +149,30 @@ class AntiEntropy:
         return [peer for _, _, peer in sorted(waiting)[: max(0, free)]]
 
     def is_asking(self, peer: str, now_us: int) -> bool:
-        """Whether an answer of this peer is awaited and not overdue."""
+        """True if an answer of this peer is awaited and not overdue."""
         difference = self._differences.get(peer)
         if difference is None or difference.asked_us is None:
             return False
         return now_us < difference.asked_us + self._ask_timeout_us
 
     def mark_asked(self, peer: str, now_us: int) -> None:
-        """A pull goes out to this peer."""
+        """Note that a pull is sent to this peer."""
         self._differences.setdefault(peer, _Difference(now_us)).asked_us = now_us
         self.next_ask_us = self._not_before_us
         self._asked_in_vain += 1
 
     def mark_answered(self, peer: str, now_us: int) -> None:
-        """The last page of this peer's answer has arrived.
+        """Note that the last page of this peer's answer has arrived.
 
-        Differences of others before their last heartbeats were due are outdated: this may have been
-        the reason. If not, some robot hears of them again.
+        Forgets differences of other peers whose last heartbeat is overdue, as the answer may have
+        resolved them. If it did not, some robot finds them again.
         """
         asked = self._differences.get(peer)
         if asked is not None and asked.asked_us is not None:
             self._answer_us = (3 * self._answer_us + now_us - asked.asked_us) // 4
         self.forget(peer)
-        # Not forgotten: one answer among many questions in vain does not show that peers have time.
+        # Halved, not reset: one answer among many unanswered pulls does not show that peers have
+        # time.
         self._asked_in_vain //= 2
         before_us = now_us - self._timing.overdue_us
         for other, difference in list(self._differences.items()):
@@ -179,8 +180,8 @@ class AntiEntropy:
                 self.forget(other)
 
     def mark_unanswered(self, peer: str, now_us: int) -> None:
-        """There is no answer. A peer that could not even be asked may be only just connecting: try
-        again soon. One that has had the time is too slow to answer.
+        """Note that there is no answer. If that was quick, the peer could not be asked and may be
+        just connecting: try again soon. Otherwise it is too slow, and the usual timeout applies.
         """
         difference = self._differences.get(peer)
         if difference is None or difference.asked_us is None:
@@ -191,7 +192,7 @@ class AntiEntropy:
             self._ask_from(now_us + self._timing.repair_us)
 
     def forget(self, peer: str) -> None:
-        """Nothing is wanted of this peer any more: its facts are equal, or it is dead."""
+        """Forget a peer's difference: its facts are equal or outdated, or it is dead."""
         self._differences.pop(peer, None)
         if not self._differences:
             self.next_ask_us = NEVER_US
@@ -200,21 +201,24 @@ class AntiEntropy:
         self._not_before_us = self.next_ask_us = min(self._not_before_us, at_us)
 
     def _has_had(self, difference: _Difference) -> bool:
-        """Whether this replica, since the peer's last heartbeat, has had all that it had then."""
+        """True if this replica already had the facts that the peer advertised in its last
+        heartbeat.
+        """
         return not difference.is_behind and difference.digest in self._past_digests
 
     def _is_outdated(self, difference: _Difference, now_us: int) -> bool:
-        """Whether facts have changed since the peer's last heartbeat, and it sends none regularly.
+        """True if facts have changed since the peer's last heartbeat, which is overdue.
 
-        If they still differ, the neighbours of the one or the other hear of it.
+        If the facts still differ, neighbours of this robot or of the peer find out.
         """
         is_overdue = now_us >= difference.heard_us + self._timing.overdue_us
         return self.changed_us > difference.heard_us and is_overdue
 
     def _deadline_us(self, difference: _Difference) -> int | None:
-        """When to ask. What has just changed here is probably on its way there, and the other way
-        round; and whether facts that have changed since the peer's last heartbeat still differ, its
-        next one shows. But a team whose facts change all the time is repaired all the same.
+        """Return when to ask, or None. A recent change here is probably on its way to the peer, and
+        the other way round. If facts changed after the peer's last heartbeat, its next one shows
+        whether they still differ. The wait is bounded, so a team whose facts always change is
+        repaired too.
         """
         if difference.since_us is None:
             return None

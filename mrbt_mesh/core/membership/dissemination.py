@@ -1,12 +1,12 @@
-"""Which robots hear one another. The number of robots in the mission decides it once:
+"""Which robots hear one another. Chosen once, by the number of robots in the mission:
 
 - every robot hears every other one (`Dissemination`), or
-- each hears its neighbours in a ring, and what concerns everybody goes to everybody
+- each hears its neighbours in a ring, and what concerns everybody is sent to everybody
   (`ring.RingDissemination`).
 
-Membership and agents use only `Dissemination`, and do not ask how large a team is. A small team
-uses nothing of `ring`: no groups, representatives, checks or digests of members, no spacing of
-plans.
+Membership and agents use only the interface of `Dissemination` and need not know the size of the
+team. A small team uses nothing of `ring`: no groups, representatives, checks or digests of members,
+no spacing of plans.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport, Suspicion
 
-# The healthy robots that judge a name: that of a robot, or of a fact that some robots write for
+# The healthy robots that judge a name: the name of a robot, or of a fact that some robots write for
 # all.
 Judges: TypeAlias = Callable[[str], Collection[str]]
-# The robots that cannot go on before they know that others have a plan too.
+# The robots that cannot continue before they know that others have a plan too.
 Waiting: TypeAlias = Callable[[Judges], set[str]]
 
 
 class Urgent(NamedTuple):
     """What others must hear at once when it changes.
 
-    `is_agreed`: this robot represents its group, all of which report its plan. `broadcast`: the
-    generation of what everybody has to hear.
+    `is_agreed`: this robot represents its group, and the whole group reports this robot's plan.
+    `broadcast`: the generation of what everybody has to hear.
     """
 
     digest: bytes
@@ -56,12 +56,12 @@ EVERYBODY = Route(None, {})
 class Dissemination:
     """Every robot hears every other one, and judges its silence.
 
-    `peers` is a mapping that its owner changes; `now_us` is the time of the owner's last input.
+    `peers`: a mapping that its owner changes. `now_us`: the time of the owner's last input.
     `broadcast_generation` grows when everybody has to hear from this robot at once. `newcomers`:
-    healthy robots that have yet to join, if others should wait for them: each changes the plan.
-    Plans come no closer than `plan_spacing_us`. `patience_us`: how much longer than its limit a
-    robot may be silent, since this one has trouble itself. `learns_joins_from_facts`: and not from
-    heartbeats, which not all robots hear.
+    healthy robots that have not joined yet, if others should wait for them because each changes the
+    plan. `plan_spacing_us`: the least time between plans. `patience_us`: how much longer than its
+    limit a robot may be silent, because this robot is in trouble itself. `learns_joins_from_facts`:
+    joins are learnt from facts too, because not every robot hears every heartbeat.
     """
 
     learns_joins_from_facts = False
@@ -77,7 +77,7 @@ class Dissemination:
         self._judged: dict[str, Peer] = {}
 
     def set_team(self, team: Collection[str]) -> None:
-        """The robots of a revision of the mission."""
+        """Set the robots of a mission revision."""
 
     # -- the robots that this one judges ------------------------------------------------------
 
@@ -87,20 +87,20 @@ class Dissemination:
         return self._judged
 
     def judges(self, robot: str) -> bool:
-        """Whether this robot judges another one, or would if that were alive."""
+        """True if this robot judges another one, or would judge it if it were alive."""
         return robot != self.me
 
     def witnesses(self, robot: str) -> list[str]:
-        """The healthy robots that this one hears and that judge another one, as it does."""
+        """The healthy robots that this one hears and that judge `robot` too."""
         judged = self._judged.items()
         return [name for name, peer in judged if peer.state.is_healthy and name != robot]
 
     def near(self) -> Mapping[str, Peer]:
-        """The peers whose facts a robot that joins needs to have."""
+        """The peers whose facts a joining robot needs."""
         return self._peers
 
     def note(self, robot: str, peer: Peer) -> None:
-        """A robot is new, has joined, or is in another state than before."""
+        """Note that a robot is new, has joined, or has changed its state."""
         peer.is_judged = peer.state.is_member
         if peer.is_judged:
             self._judged[robot] = peer
@@ -110,57 +110,59 @@ class Dissemination:
     # -- what comes in ------------------------------------------------------------------------
 
     def heard(self, robot: str, heartbeat: Heartbeat, before: State | None) -> None:
-        """A robot's own heartbeat has brought news; `before`: its state, None: it is new."""
+        """Note that a robot's own heartbeat brought news. `before`: its state before, None if it is
+        new.
+        """
 
     def heard_outdated(self, robot: str, heartbeat: Heartbeat) -> None:
-        """A robot's own heartbeat was older than what is known of it."""
+        """Note that a robot's own heartbeat was older than what is known of the robot."""
 
     def was_late(self) -> None:
-        """This robot itself was slow."""
+        """Note that this robot itself was slow."""
 
     def check(self, robot: str) -> None:
-        """Others hold a robot for alive, or dead, of which this one knows otherwise."""
+        """Check a robot about which others disagree with this one on whether it is alive."""
 
     def is_given_up(self, robot: str, peer: Peer, accusers: int) -> bool:
-        """Whether a robot is dead because `accusers` others have declared it dead."""
+        """True if a robot is dead because `accusers` others have declared it dead."""
         return False
 
     def declared_dead(self, robot: str, is_known: bool) -> None:
-        """This robot has declared one dead that it judges; `is_known`: another one did before."""
+        """Note that this robot declared another one dead. `is_known`: others had done so before."""
 
     def expire(self) -> None:
-        """End what was meant to last until now."""
+        """End whatever lasts until now or earlier."""
 
     def ends_us(self) -> list[int]:
-        """When something has to `expire`."""
+        """The times at which something has to `expire`."""
         return []
 
     # -- what goes out ------------------------------------------------------------------------
 
     def to_name(self, suspected: Mapping[str, Peer]) -> list[tuple[str, Peer]]:
-        """The suspects that a heartbeat names, sorted."""
+        """The suspected or dead robots that a heartbeat names, sorted."""
         return sorted(suspected.items())
 
     def members_digest(self, mine: Incarnation) -> bytes:
-        """A digest of the members, which robots compare if not all hear all; `mine`: one's own."""
+        """A digest of the members, compared if not all hear all. `mine`: own incarnation."""
         return bytes(DIGEST_BYTES)
 
     def agrees(self, digest: bytes, reports: int) -> bool:
-        """Whether this robot represents a group, all of which report this plan.
+        """True if this robot represents a group that reports this plan as a whole.
 
-        `reports` grows with each change of what is reported.
+        `reports` grows with each change of a reported plan.
         """
         return False
 
     def is_plan_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
-        """Whether the next heartbeat only goes to robots that have to hear of a plan."""
+        """True if the next heartbeat only goes to robots that have to hear of a plan."""
         return False
 
     def route(
         self, urgent: Urgent, number: int, plan_only: bool, is_new: bool, waiting: Waiting | None
     ) -> Route:
-        """Where heartbeat `number` goes. `is_new`: this robot is about to join in a new life.
+        """Choose where heartbeat `number` goes. `is_new`: this robot is about to join.
 
-        `waiting`: the robots that cannot go on before they know which robots have this plan.
+        `waiting`: the robots that cannot continue before they know which robots have this plan.
         """
         return EVERYBODY

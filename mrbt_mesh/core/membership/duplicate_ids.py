@@ -1,6 +1,6 @@
-"""One robot per id: what a process does when another one lives under its own id.
+"""One robot per id: what a process does when another one runs under its own id.
 
-A newcomer refuses to start beside a live robot of its id (or replaces it, on request). A process
+A newcomer refuses to start beside a live robot with its id (or replaces it, on request). A process
 that hears of a higher incarnation of its id that it did not take stops; it never outbids it.
 """
 
@@ -18,9 +18,9 @@ from mrbt_mesh.core.membership.wire import Heartbeat, Suspicion
 class DuplicateIdCheck:
     """Watches one process's own id. Its checks return why to stop, or None.
 
-    `other_incarnation` is the highest one under this id that is not this process's own: it sends
-    heartbeats, or others hold it for dead. `changes` grows with each new one. What others say of it
-    counts with a report that was signed under this id.
+    `other_incarnation`: the highest incarnation of this id that is not this process's own; it sends
+    heartbeats, or others suspect it. `changes` grows with each new one. What others report of it
+    counts only if the report was signed under this id.
     """
 
     def __init__(
@@ -32,23 +32,24 @@ class DuplicateIdCheck:
         self._nonce = nonce
         self._takeover = takeover
         self._reports = reports
-        # How long after an earlier life has ended its heartbeats may still be relayed.
+        # How long heartbeats of an ended incarnation may still be relayed.
         self._settling_us = 3 * timing.heartbeat_us
-        # When another life was relayed first, the highest number of its heartbeats, and by whom.
+        # When another incarnation was first relayed, its highest heartbeat number, and by which
+        # robots.
         self._relayed_since_us: int | None = None
         self._relayed_number = 0
         self._relayed_by: set[str] = set()
 
     def restart(self) -> None:
-        """Joining begins anew: forget who holds another life for alive."""
+        """Forget which robots relay another incarnation, because joining starts anew."""
         self._relayed_since_us, self._relayed_number = None, 0
         self._relayed_by.clear()
 
     @property
     def is_other_life_relayed(self) -> bool:
-        """Whether others still hold another life of this id for alive.
+        """True if others still relay another incarnation of this id as alive.
 
-        One that is being replaced on purpose is not waited for.
+        An incarnation that is being replaced on purpose is not waited for.
         """
         return bool(self._relayed_by) and not self._takeover
 
@@ -59,7 +60,7 @@ class DuplicateIdCheck:
         is_starting: bool,
         members: Mapping[str, KnownMember],
     ) -> str | None:
-        """A heartbeat arrived under this robot's own id."""
+        """Check a heartbeat that arrived under this robot's own id."""
         incarnation, has_joined = heartbeat.report.incarnation, heartbeat.report.has_joined
         if incarnation.nonce == self._nonce or heartbeat.is_leaving:
             return None
@@ -80,10 +81,11 @@ class DuplicateIdCheck:
         members: Mapping[str, KnownMember],
         now_us: int,
     ) -> str | None:
-        """A heartbeat of another robot arrived, which may relay one of this id.
+        """Check a heartbeat of another robot, which may relay a report under this id.
 
-        While this process starts, heartbeats of an earlier life may still be on their way. If their
-        number grows after all of them must have arrived, somebody lives under this id.
+        While this process starts, heartbeats of an earlier incarnation may still be on their way.
+        If their number grows after all of them must have arrived, another process runs under this
+        id.
         """
         for suspicion in heartbeat.suspicions:
             is_mine = suspicion.robot == self._me

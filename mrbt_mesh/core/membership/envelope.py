@@ -1,16 +1,16 @@
-"""The envelope around every message of a team with keys: its sender, and the proof of that.
+"""The envelope around every message in a team with keys: its sender, and the proof of that.
 
-A message to few members carries a tag for each, made with a key that only the two of them share;
-one to many carries a signature. Tags cost a hundredth of a signature, which is what makes it
-possible to prove every heartbeat (Castro and Liskov, Practical Byzantine fault tolerance, 1999,
-do the same). Replays are refused by run, by the sender's life (one process from its start to its
-end), and by the number that it gives each message.
+A message to few members carries a tag for each, computed with a key that only the sender and that
+member share; a message to many carries a signature. Tags cost a hundredth of a signature, which
+makes it possible to authenticate every heartbeat (Castro and Liskov, Practical Byzantine fault
+tolerance, 1999, do the same). Replays are refused by run, by the sender's life (one process from
+its start to its end), and by the number that the sender gives each message.
 
 All programs of one operator share its key, so one sender may have many lives at a time. A receiver
-remembers a bounded number of them, and forgets the one that was silent for longest. Of a forgotten
-life, and of any that is not known to be later, it refuses everything: it cannot tell what it has
-heard. It answers queries of such a life with the latest life that it has forgotten, and the sender
-goes on in a later one.
+remembers a bounded number of them and forgets the one that was silent for longest. It refuses
+everything of a forgotten life, and of any life not known to be later, since it cannot tell what it
+has already heard of it. It answers queries of such a life with the latest forgotten life, and the
+sender continues in a later one.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ from mrbt_mesh.core.membership.wire import (
 )
 from mrbt_mesh.core.mission.failure_reasons import one_line
 
-# To more receivers a signature is cheaper than tags: it takes each of them a hundred times as long
-# to check, but adds no more bytes. Operators and observers are receivers too.
+# For more receivers a signature is cheaper than tags: checking it takes each receiver a hundred
+# times as long, but its size is fixed. Operators and observers are receivers too.
 MAX_TAGS = 128
-# How far messages of one life may overtake one another.
+# How many numbers a message may arrive late within one life.
 WINDOW = 256
-# Lives of each sender that are remembered.
+# The number of lives remembered per sender.
 MAX_LIVES = 256
-# Lives are microseconds of some clock; none comes near this.
+# Lives are microseconds of some clock, which never come near this.
 MAX_LIFE = 1 << 62
-# A sender that was forgotten begins this much later at most, so that no two get the same life.
+# The most by which a forgotten sender's new life is later, chosen so that no two are equal.
 _SPREAD = 1 << 20
 _MAX_NAME = 64
-# More than `MAX_TAGS` tags with names as long as they may be.
+# More than the size of `MAX_TAGS` tags with names of the maximum length.
 _MAX_PROOF_BYTES = 16 << 10
-# How every envelope begins: a list of nine, and the first of them.
+# The first bytes of every envelope: a list of nine items, and the first item.
 _START = b"\x99" + msgpack.packb(SEALED)
-# How the answer to a query begins that was authentic and is refused.
+# The first bytes of the answer to an authentic query that is refused.
 _REFUSAL = b"\x93" + msgpack.packb("refused")
 
 _MAY_SAY = {
@@ -71,17 +71,17 @@ _ANSWERS = frozenset((MessageKind.STATE, MessageKind.ANSWER))
 
 
 class ForgedError(WireError):
-    """A message that is not proved to come from a member with the right to send it."""
+    """A replay, or a message not proved to come from a member with the right to send it."""
 
 
 class LateError(WireError):
-    """An authentic message that so many later ones overtook that it may be a repetition."""
+    """An authentic message overtaken by so many later ones that it may be a replay."""
 
 
 class StaleError(WireError):
-    """An authentic message of a life that was forgotten, or for an earlier life of its receiver.
+    """An authentic message of a forgotten life, or for an earlier life of its receiver.
 
-    `sender` may be answered with `content`, what `RefusedError` says there.
+    `sender` may be answered with `content`, which raises `RefusedError` there.
     """
 
     def __init__(self, sender: str, reason: str, forgotten: int = 0) -> None:
@@ -91,15 +91,15 @@ class StaleError(WireError):
 
 
 class RefusedError(WireError):
-    """The answer to a query: its receiver does not take it. The same query may be sent again."""
+    """The answer to a query that its receiver refused. The same query may be sent again."""
 
 
 class Envelope(NamedTuple):
-    """A message with its proof, as yet unchecked.
+    """A message with its proof, not yet checked.
 
     `life`: when the sender's process began, in us on a clock of its own; `number` counts its
-    messages. `to`: the one receiver, empty for several; `to_life`: its life, of a command. `proof`:
-    a tag by receiver, or a signature.
+    messages. `to`: the one receiver, empty for several; `to_life`: the receiver's life, for a
+    command. `proof`: tags by receiver, or a signature.
     """
 
     run: str
@@ -113,7 +113,7 @@ class Envelope(NamedTuple):
 
     @property
     def content(self) -> bytes:
-        """A digest of all that the proof is for."""
+        """A digest of everything that the proof covers."""
         head = msgpack.packb([SEALED, *self[:-2]])
         digest = hashlib.blake2b(head, digest_size=32)
         digest.update(self.data)
@@ -121,7 +121,7 @@ class Envelope(NamedTuple):
 
 
 def has_tag(keys: Keys, envelope: Envelope) -> bool:
-    """Whether the sender has put a tag for this member on it."""
+    """True if the envelope carries the sender's valid tag for this member."""
     tag = envelope.proof.get(keys.name) if isinstance(envelope.proof, dict) else None
     if not isinstance(tag, bytes):
         return False
@@ -130,12 +130,12 @@ def has_tag(keys: Keys, envelope: Envelope) -> bool:
 
 
 def parse_envelope(data: bytes) -> Envelope:
-    """Take an envelope apart; raises ForgedError for anything else, nothing else."""
+    """Parse an envelope. Raises only ForgedError, whatever the data is."""
     if len(data) > MAX_MESSAGE_BYTES:
         raise ForgedError(f"more than {MAX_MESSAGE_BYTES} bytes")
     if not data.startswith(_START):
         raise ForgedError("not signed")
-    # Nothing that could become much larger than it is here: no lists, and only a short map.
+    # Forbid anything that could become much larger in memory: no lists, and only a short map.
     unpacker = msgpack.Unpacker(
         max_buffer_size=MAX_MESSAGE_BYTES,
         max_str_len=_MAX_NAME,
@@ -162,13 +162,13 @@ def parse_envelope(data: bytes) -> Envelope:
 
 @dataclass(slots=True)
 class _Life:
-    """What has been received of one life: the highest number, and which of those before it."""
+    """What was received of one life: the highest number, and a bitmap of those just before it."""
 
     highest: int = 0
     seen: int = 0
 
     def take(self, number: int) -> None:
-        """Raises LateError for a number that is too old to tell, ForgedError for one of before."""
+        """Record a number. Raises LateError if it is too old to tell, ForgedError if repeated."""
         ahead = number - self.highest
         if ahead > 0:
             self.seen = ((self.seen << ahead) | 1) & ((1 << WINDOW) - 1) if ahead < WINDOW else 1
@@ -183,9 +183,9 @@ class _Life:
 
 @dataclass(slots=True)
 class _Sender:
-    """The lives of one sender, the one that was silent for longest first.
+    """The lives of one sender, in order: the one that was silent for longest first.
 
-    `forgotten`: the latest of those that are remembered no more. What is later and not in `lives`
+    `forgotten`: the latest life that is no longer remembered. A later one that is not in `lives`
     was never heard.
     """
 
@@ -200,12 +200,12 @@ class HeardMessages:
         self._senders: dict[str, _Sender] = {}
 
     def latest_life(self, sender: str) -> int:
-        """The life from which there was news last; 0: none."""
+        """The life of which news came last; 0 if there is none."""
         known = self._senders.get(sender)
         return next(reversed(known.lives)) if known is not None else 0
 
     def take(self, envelope: Envelope) -> None:
-        """Note that this was heard; its proof must be good.
+        """Record an authentic message.
 
         Raises ForgedError if it was heard before, LateError or StaleError if it may have been.
         """
@@ -229,14 +229,14 @@ class HeardMessages:
 class Guard:
     """Seals what one member sends and opens what it receives.
 
-    `life`: when its process began, greater than that of its earlier processes.
+    `life`: when its process began, later than every earlier process of it.
     """
 
     def __init__(self, keys: Keys, run: str, life: int) -> None:
         self.keys = keys
         self._run = run
         self._life = life
-        # The lives with which it goes on where it was forgotten, by receiver.
+        # Receiver -> the life used with receivers that have forgotten the original one.
         self._later_lives: dict[str, int] = {}
         self._number = 0
         self._memory = HeardMessages()
@@ -244,7 +244,7 @@ class Guard:
     # -- sending ------------------------------------------------------------------------------
 
     def seal(self, data: bytes, to: Iterable[str] | None = None) -> bytes:
-        """A message to some members; None: to all of them."""
+        """Seal a message to some members; None: to all of them."""
         names = self.keys.members() if to is None else sorted(to)
         one = names[0] if to is not None and len(names) == 1 else ""
         head = self._head(one, 0, data)
@@ -257,9 +257,9 @@ class Guard:
         return bytes(msgpack.packb([SEALED, *head[:-1], proof]))
 
     def seal_command(self, data: bytes, to: str, to_life: int | None = None) -> bytes:
-        """A command to one robot, in this life; None: the one from which there was news last.
+        """Seal a command to one robot in this life; None: the life that was heard last.
 
-        The process that follows does not obey it again.
+        The robot's next process will not obey it again.
         """
         head = self._head(to, self._memory.latest_life(to) if to_life is None else to_life, data)
         tag = self.keys.tag(to, head.content)
@@ -280,12 +280,13 @@ class Guard:
         source: str | None = None,
         checked: Envelope | None = None,
     ) -> tuple[str, bytes]:
-        """(sender, message) of an envelope; `source`: the member that must have sent it; `checked`:
-        the same envelope, if this member's tag on it has been checked already.
+        """Open an envelope and return (sender, message). `source`: the member that must have sent
+        it. `checked`: the same envelope, if this member's tag on it has already been checked.
 
-        Raises ForgedError for whatever is not authentic, for a replay, and for what the sender may
-        not say; of what is authentic IncompatibleError for a message of another run, LateError and
-        StaleError for one that may be a replay, RefusedError for an answer that is a refusal.
+        Raises ForgedError for anything that is not authentic, for a replay, and for a kind that the
+        sender may not send. For authentic messages: IncompatibleError if it belongs to another run,
+        LateError or StaleError if it may be a replay, RefusedError if it is an answer that refuses
+        a query.
         """
         envelope = parse_envelope(data) if checked is None else checked
         sender, role = envelope.sender, self.keys.role_of(envelope.sender)
@@ -312,7 +313,7 @@ class Guard:
         return frozenset((self._life, *self._later_lives.values()))
 
     def _refused(self, receiver: str, data: bytes) -> NoReturn:
-        """The receiver of a query takes none of this life, or that was for an earlier one of it."""
+        """Handle a refusal: the receiver forgot this life, or has begun another one itself."""
         try:
             _, reason, forgotten = msgpack.unpackb(data, max_array_len=3)
         except (ValueError, TypeError, msgpack.UnpackException, RecursionError):
@@ -326,7 +327,7 @@ class Guard:
     def _check_proof(self, envelope: Envelope, kind: MessageKind) -> None:
         content, proof, is_good = envelope.content, envelope.proof, False
         if isinstance(proof, bytes):
-            # Commands are for one robot, and carry its tag.
+            # Commands are for one robot and carry its tag.
             if len(proof) == SIGNATURE_BYTES and kind is not MessageKind.COMMAND:
                 is_good = self.keys.is_signed(envelope.sender, content, proof)
         else:

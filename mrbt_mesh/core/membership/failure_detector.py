@@ -1,18 +1,18 @@
 """When a silent robot is suspected, probed and declared dead.
 
-1. *Suspect*: nothing was heard of it for half of its silence limit, or its liveliness token is
-   lost. While it is silent it is also *probed*: all that hear it, and it itself, send heartbeats
-   faster, so that news may come by another way (SWIM's indirect probe).
+1. *Suspect*: nothing was heard of the robot for half of its silence limit, or its liveliness token
+   is lost. While it is silent it is also *probed*: the robot itself and all robots that hear it
+   send heartbeats faster, so that news may arrive by another way (SWIM's indirect probe).
 2. *Dead*: nothing was heard of it for its whole silence limit, or all other healthy robots that
    judge it lost its token too. If another robot has declared it dead, half of the limit is enough;
-   in a large team nothing more is waited for if its token is lost here as well.
+   in a large team it is then dead at once if its token is lost here as well.
 
-The silence limit follows from how regularly news of this robot came so far (`ArrivalHistory`,
-`Timing.silence_limit_us`). When most robots fall silent together, the fault is probably here, and
-all of them are given one detection time more.
+The silence limit is derived from how regularly news of this robot came so far (`ArrivalHistory`,
+`Timing.silence_limit_us`). When most robots fall silent together, the fault is probably on this
+side, and all of them are given one more detection time.
 
-An observer declares a silent robot dead when a robot of the team does, or when no robot is left
-there that could: that an observer has not heard a robot is no fault of the team's.
+An observer declares a silent robot dead when a robot of the team does, or when it sees no healthy
+robot that could: a robot that only the observer does not hear is not dead for the team.
 
 Sources: SWIM (Das, Gupta, Motivala 2002); Lifeguard (Dadgar, Phillips, Currey 2018).
 """
@@ -25,14 +25,12 @@ from mrbt_mesh.core.membership.dissemination import Dissemination
 from mrbt_mesh.core.membership.peer import Peer, State
 from mrbt_mesh.core.membership.timing import Timing
 
-# A robot is probed once it has been silent for this part of its limit: one half.
+# A robot is probed once it has been silent for this fraction of its limit: one half.
 PROBE_SHARE = 2
 
 
 class FailureDetector:
-    """Judges `peers`, a mapping that its owner changes. Of them it changes only the thresholds and
-    `is_probed`.
-    """
+    """Judges `peers`, which its owner changes. Writes only their thresholds and `is_probed`."""
 
     def __init__(
         self, timing: Timing, peers: Mapping[str, Peer], around: Dissemination, is_observer: bool
@@ -43,7 +41,7 @@ class FailureDetector:
         self._is_observer = is_observer
 
     def learn_arrival(self, peer: Peer, now_us: int) -> None:
-        """News of a robot has arrived: learn from the time since the news before."""
+        """Learn from the time between news of a robot, just arrived, and the news before."""
         arrivals = peer.arrivals
         arrivals.add_interval(now_us - peer.last_heard_us, self._timing)
         limit_us = self._timing.silence_limit_us(arrivals.overdue_permille)
@@ -51,7 +49,7 @@ class FailureDetector:
             peer.silence_limit_us, peer.probe_after_us = limit_us, limit_us // PROBE_SHARE
 
     def find_suspects(self, token_lost: Collection[str], now_us: int) -> list[str]:
-        """The members that are silent, which are probed, or whose token is lost; sorted."""
+        """Return the members that are silent, now probed, or whose token is lost; sorted."""
         peers, suspects = self._peers, []
         for robot, peer in self._around.judged.items():
             peer.is_probed = is_silent(peer, now_us)
@@ -61,9 +59,7 @@ class FailureDetector:
         return sorted(suspects)
 
     def find_dead(self, candidates: Collection[str], now_us: int) -> list[str]:
-        """The members among these suspects, and robots that others declare dead, that are dead;
-        sorted.
-        """
+        """Return the dead among these candidates: suspects and accused robots. Sorted."""
         judged = self._around.judged
         silent = sum(peer.is_probed for peer in judged.values())
         is_most = silent > 1 and 2 * silent > len(judged)
@@ -86,24 +82,24 @@ class FailureDetector:
         return self._around.is_given_up(robot, peer, accusers)
 
     def accusers(self, peer: Peer) -> int:
-        """How many healthy robots have declared it dead."""
+        """The number of healthy robots that have declared this one dead."""
         others = map(self._peers.get, peer.declared_dead_by)
         return sum(other is not None and other.state.is_healthy for other in others)
 
     def _may_judge_silence(self, accusers: int) -> bool:
-        """Whether a robot is dead because nothing was heard of it here."""
+        """True if silence as this robot hears it is enough to declare a robot dead."""
         if not self._is_observer or accusers:
             return True
         peers = self._peers.values()
         return not any(other.state.is_healthy and other.report.has_joined for other in peers)
 
     def _has_everybody_lost_token(self, robot: str, peer: Peer) -> bool:
-        """Whether all others that judge this robot, as far as they are heard, lost its token."""
+        """True if there are joined witnesses of this robot, and all of them lost its token."""
         witnesses = [r for r in self._around.witnesses(robot) if self._peers[r].report.has_joined]
         return bool(witnesses) and peer.token_lost_by.issuperset(witnesses)
 
     def next_due_us(self, now_us: int) -> int:
-        """When a judgement may differ from the present one, if nothing is heard until then."""
+        """When a judgement may change, if nothing is heard until then."""
         detection_us, extra_us = self._timing.detection_us, self._around.patience_us
         earliest_us = now_us + detection_us
         for peer in self._around.judged.values():
@@ -112,12 +108,12 @@ class FailureDetector:
             for wait_us in waits_us:
                 at_us = peer.last_heard_us + wait_us
                 if at_us <= now_us:
-                    at_us += detection_us  # the time that it is given when most are silent
+                    at_us += detection_us  # the extra time that it gets when most are silent
                 if now_us < at_us < earliest_us:
                     earliest_us = at_us
         return earliest_us
 
 
 def is_silent(peer: Peer, now_us: int) -> bool:
-    """Whether nothing was heard of it for so long that it is probed."""
+    """True if nothing was heard of the robot for so long that it is probed."""
     return now_us - peer.last_heard_us >= peer.probe_after_us

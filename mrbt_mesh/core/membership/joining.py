@@ -1,13 +1,14 @@
 """How a new incarnation joins: it listens and catches up before it claims anything.
 
-Otherwise the first process up would agree with itself and start, and one that was replaced while
-it slept would go on with stale facts. The facts of a peer are known once it has answered a pull, or
-once it reports the digest that this robot has too: what it wrote may have come from others. That
-counts only after some peer has answered, since equal digests may be equally old. A peer that never
-answers, because it does not hear the newcomer, is waited for no longer than the longest silence.
+Otherwise the first process up would agree with itself and start, and a process that was replaced
+while it slept would continue with stale facts. A peer's facts are known once it has answered a
+pull, or once it reports the same digest as this robot, as its facts may have arrived through
+others. Equal digests count only after some peer has answered, since both may be equally old. A peer
+that never answers, because it does not hear the newcomer, is awaited no longer than the longest
+silence.
 
-A robot that hears nobody at all cannot tell a team that is not there from one that it does not
-reach. So it waits longer before it does what others may be doing too.
+A robot that hears nobody cannot distinguish an absent team from one that it cannot reach. So it
+waits longer before it does what others may be doing too.
 """
 
 from __future__ import annotations
@@ -17,20 +18,20 @@ from collections.abc import Callable, Collection, Mapping
 from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.core.membership.timing import Timing
 
-# Robots of a large team that join at a time: each is news for all.
+# The most robots of a large team that join at a time, as each is news for all.
 JOINS_AT_A_TIME = 8
 
 
 class Joining:
-    """Done once facts were exchanged with every peer that is heard, and either all expected
-    robots are there or one detection time has passed.
+    """Done once facts were exchanged with every peer that is heard, and either all expected robots
+    are present or one detection time has passed.
 
-    `is_first`: the process has just started (not: it fenced itself). `keeps_life`: it was silent
-    for long and has nothing that others could have taken over, so it only catches up. `refusal` is
-    why the last incompatible message was refused. `gather_us`: while nobody has joined yet, the
-    expected robots are waited for so long, if that is longer: how long processes take to start has
-    nothing to do with how soon a silent one is dead. `alone_after_us`: the same while no robot has
-    been heard at all.
+    `is_first`: the process has just started (as opposed to having fenced itself). `keeps_life`: it
+    was silent for long but has nothing that others could have taken over, so it only catches up.
+    `refusal`: why the last incompatible message was refused. `gather_us`: how long expected robots
+    are awaited while nobody has joined yet, if that is longer than the detection time: the time
+    that processes take to start has nothing to do with how soon a silent one is dead.
+    `alone_after_us`: the same while no robot has been heard at all.
     """
 
     def __init__(
@@ -54,31 +55,31 @@ class Joining:
         self._timing = timing
         self._heard: set[str] = set()
         self._answered: set[str] = set()
-        # Until when it lets others go first, and how many had joined when that was last put off.
+        # Until when it lets others go first; how many had joined when that was last extended.
         self.yields_until_us: int | None = None
         self._most_joined = -1
 
     @property
     def expects_others(self) -> bool:
-        """Whether it is alone only if something is wrong, or others have not come yet."""
+        """True if other robots are expected, so that being alone is a problem or temporary."""
         return bool(self._expected)
 
     def mark_heard(self, robot: str) -> None:
-        """A heartbeat of `robot` itself arrived."""
+        """Note that a heartbeat of `robot` itself arrived."""
         self._heard.add(robot)
 
     def mark_answered(self, robot: str) -> None:
-        """`robot` has answered with its facts."""
+        """Note that `robot` has answered with its facts."""
         self._answered.add(robot)
 
     def has_all_of(self, robots: Collection[str], peers: Mapping[str, Peer], digest: bytes) -> bool:
-        """Whether this robot has all that these have, with `digest` over its own facts."""
+        """True if this robot has all facts of these robots. `digest`: of its own facts."""
         return (bool(self._answered) or not robots) and all(
             robot in self._answered or _has_digest(peers.get(robot), digest) for robot in robots
         )
 
     def still_to_ask(self, peers: Mapping[str, Peer], digest: bytes, now_us: int) -> list[str]:
-        """The robots whose facts are still needed, with `digest` over one's own."""
+        """The robots whose facts are still needed. `digest`: of this robot's own facts."""
         has_caught_up = bool(self._answered)
         if has_caught_up and now_us >= self._ask_until_us:
             return []
@@ -92,11 +93,12 @@ class Joining:
         ]
 
     def yields(self, ahead: int, joined: int, now_us: int) -> bool:
-        """Whether it lets others go first: `ahead` of lower id are about to join too, `joined`
-        have done so.
+        """True if this robot lets others go first. `ahead`: the number of robots with a lower id
+        that are about to join too; `joined`: the number that have joined.
 
-        All robots of a team that starts are ready at the same time. If all joined at once, none of
-        them would have time for its heartbeats. It waits as long as more and more do join.
+        All robots of a starting team are ready at the same time. If all joined at once, none would
+        have time for its heartbeats. A robot waits as long as the number of joined robots keeps
+        growing.
         """
         if ahead < JOINS_AT_A_TIME:
             return False
@@ -108,8 +110,8 @@ class Joining:
     def are_all_there(
         self, peers: Mapping[str, Peer], are_neighbours: Callable[[str], bool]
     ) -> bool:
-        """Whether the expected robots are there: neighbours were heard, others are known, perhaps
-        by what their own neighbours relay.
+        """True once every expected neighbour was heard and every other expected robot is known,
+        directly or by relay.
         """
         return all(
             robot in self._heard
@@ -120,11 +122,11 @@ class Joining:
     def is_done(
         self, are_all_there: bool, is_other_life_relayed: bool, is_team_there: bool, now_us: int
     ) -> bool:
-        """Whether the robot may take its place in the team, if nobody's facts are needed.
+        """True if the robot may join, provided that nobody's facts are still needed.
 
-        `are_all_there`: the robots that it expects. `is_other_life_relayed`: others still hold an
-        earlier life of this robot for alive; they are given the time to notice. `is_team_there`:
-        somebody has joined already.
+        `are_all_there`: all expected robots are present. `is_other_life_relayed`: others still
+        consider an earlier incarnation of this robot alive; they get time to notice.
+        `is_team_there`: some robot has joined already.
         """
         if are_all_there and not is_other_life_relayed:
             return True
@@ -134,5 +136,5 @@ class Joining:
 
 
 def _has_digest(peer: Peer | None, digest: bytes) -> bool:
-    """Whether a peer's last heartbeat has this digest of its facts."""
+    """True if a peer's last heartbeat has this digest of its facts."""
     return peer is not None and peer.heartbeat is not None and peer.heartbeat.fact_digest == digest

@@ -1,6 +1,6 @@
-"""The members of a team by name, what each may send, and how it is proved that one sent it.
+"""The members of a team by name, what each may send, and how a sender is authenticated.
 
-The core only asks; keys themselves, and the mathematics, are in the runtime.
+The core only uses the interface; the keys and the cryptography are in the runtime.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SIGNATURE_BYTES = 64
 class Role(enum.StrEnum):
     """What a member may do: robots take part, operators read and command, observers read.
 
-    Routers pass on messages of others, and send none themselves.
+    Routers forward messages of others and send none themselves.
     """
 
     ROBOT = "robot"
@@ -31,46 +31,46 @@ class Role(enum.StrEnum):
 
 
 class Keys(Protocol):
-    """One member's private key, and the public ones of its team as it knows them now."""
+    """One member's private key, and the public keys of its team as known now."""
 
     @property
     def name(self) -> str:
-        """Whose private key this is."""
+        """The member that the private key belongs to."""
 
     def members(self) -> Sequence[str]:
-        """All members in good standing that messages are for, sorted: routers are not."""
+        """All members in good standing that may receive messages, sorted. Routers do not."""
 
     def role_of(self, name: str) -> Role | None:
-        """None for strangers, for routers and for members whose key has been revoked."""
+        """Return None for strangers, routers and members whose key has been revoked."""
 
     def sign(self, data: bytes) -> bytes:
-        """`SIGNATURE_BYTES` that anybody with the manifest can check."""
+        """Return a signature of `SIGNATURE_BYTES` that anybody with the manifest can check."""
 
     def is_signed(self, name: str, data: bytes, signature: bytes) -> bool:
-        """Whether a member in good standing signed this, with its present key."""
+        """True if a member in good standing signed the data with its present key."""
 
     def was_signed(self, name: str, data: bytes, signature: bytes, role: Role = Role.ROBOT) -> bool:
-        """Whether a member with this role signed this, also if it has been revoked since, or its
-        key replaced.
+        """True if a member with this role signed the data, even if its key has been revoked or
+        replaced since.
         """
 
     def tag(self, name: str, data: bytes) -> bytes | None:
-        """`TAG_BYTES` that only this member and the one named can make; None for a stranger."""
+        """Return `TAG_BYTES` that only this member and `name` can compute; None for a stranger."""
 
 
 HASH_BYTES = 16
-# Proofs that were found good lately: entries of one batch come together, and some come again.
+# Valid proofs are cached: entries of one batch arrive together, and some arrive again.
 RECENT = 1_024
 NOT_AUTHENTIC = "not signed by its author, or not by the operator who commands it"
 
 
-# Whether a member, by its name and role, signed data: as `Keys.was_signed`.
+# True if a member, by name and role, signed data: as `Keys.was_signed`.
 WasSigned: TypeAlias = Callable[[str, bytes, bytes, Role], bool]
 
 
 def command_content(run: str, name: str, version: Version, values: Sequence[Any]) -> bytes:
-    """What an operator signs: a command's field and subject, when it was given, and its values:
-    what is commanded, and by whom.
+    """Return what an operator signs: a command's field and subject, when it was given, and its
+    values, which are what is commanded and by whom.
     """
     (stamp, command_id), _ = version
     return bytes(msgpack.packb(["mrbt command", run, name, stamp, command_id, list(values)]))
@@ -79,14 +79,15 @@ def command_content(run: str, name: str, version: Version, values: Sequence[Any]
 def make_command(
     name: str, value: Any, operator: str, version: Version, run: str, keys: Keys | None
 ) -> Entry:
-    """A command, signed by its operator in a team with keys. Raises ValueError if it is malformed.
+    """Make a command, signed by its operator in a team with keys. Raises ValueError if it is
+    malformed.
 
-    `value`: as plain data. `version`: the stamp and the id that the operator's client gives.
+    `value`: plain data. `version`: the stamp and the id given by the operator's client.
     """
     entry = parse_entry(OPERATORS, name, version, [value, operator, "", ""])
     if keys is None:
         return entry
-    # What is signed is what was read: robots read no more of it, and its numbers can be packed.
+    # Sign what was parsed: robots read no more than that, and its numbers can be packed.
     assert isinstance(entry.record, OperatorCommand)
     values = entry.record.to_value()[:2]
     content = command_content(run, entry.name, version, values)
@@ -95,11 +96,11 @@ def make_command(
 
 
 class Authorship:
-    """Batches of facts signed by their author, so that robots that pass them on cannot change them.
+    """Batches of facts are signed by their author, so robots that relay them cannot change them.
 
-    The signature is over the hashes of all entries of a batch. Newer entries replace single ones of
-    an older batch; the others keep its proof, and it is passed on with them. Commands are signed
-    by their operator alone, each by itself, so that no robot can make one.
+    The signature covers the hashes of all entries of a batch. Newer entries replace single entries
+    of an older batch; the rest keep its proof, which is passed on with them. Commands are signed
+    only by their operator, each by itself, so no robot can make one.
     """
 
     def __init__(self, was_signed: WasSigned, run: str) -> None:
@@ -108,7 +109,7 @@ class Authorship:
         self._good: set[tuple[str, Version, bytes, bytes]] = set()
 
     def is_authentic(self, entry: Entry) -> bool:
-        """Whether the author of an entry has signed it; a command, an operator."""
+        """True if an entry is signed by its author, or a command by an operator."""
         proof = entry.proof
         if entry.author == OPERATORS:
             return self.is_by_operator(entry)
@@ -126,7 +127,7 @@ class Authorship:
         return True
 
     def is_by_operator(self, entry: Entry) -> bool:
-        """Whether an operator has signed a command."""
+        """True if an operator has signed this command."""
         command = entry.record
         if not isinstance(command, OperatorCommand):
             return False
@@ -141,7 +142,7 @@ class Authorship:
     def sign(
         self, proof: BatchProof, entries: Sequence[Entry], sign: Callable[[bytes], bytes]
     ) -> None:
-        """Complete the proof that the entries of a new batch have in common, at least one."""
+        """Complete the proof shared by the entries of a new batch. `entries` must not be empty."""
         proof.hashes = b"".join([_hash(entry) for entry in entries])
         proof.signature = sign(self._content(entries[0], proof.hashes))
 

@@ -1,19 +1,19 @@
-"""Leases: the promise of a majority that an exclusive task has one coalition at a time.
+"""Leases: a majority's promise that an exclusive task has one coalition at a time.
 
 A coalition needs a lease of the task from a majority of the robots that the mission names, the
-*grantors*. Its members are the *holders*. All of it rides on heartbeats: a holder's heartbeat is
-the request, first for the lease and then for its renewal; a grantor's heartbeat answers with the
-number of the heartbeat that it answers.
+*grantors*. Its members are the *holders*. Leases use heartbeats only: a holder's heartbeat is the
+request, first for the lease and then for its renewal; a grantor's heartbeat answers with the number
+of the holder's heartbeat.
 
 - Any two majorities share a grantor, and a grantor leases an activation to one coalition at a time,
   so two coalitions never hold it together.
-- A lease runs out `lease_us` after the last request for it arrived, on the grantor's clock. The
-  holder counts a shorter time (`hold_us`), and from when it *sent* that request, so it stops first.
-- If the holder's clock has stood still, the grantor's has not: the holder takes what a grantor has
-  confirmed for as old as it is by the grantor's clock, once it hears that (`peer_clocks`).
-- The first grant is a fact (`grant`), on disk before the answer goes out; a robot whose journal
+- A lease expires `lease_us` after the last request for it arrived, on the grantor's clock. The
+  holder counts a shorter time (`hold_us`), starting when it *sent* that request, so it stops first.
+- If the holder's clock stood still, the grantor's did not: once the holder hears the grantor's
+  clock, it ages that grantor's confirmations by the difference (`peer_clocks`).
+- The first grant is a fact (`grant`), on disk before the answer is sent; a robot whose journal
   cannot be written grants nothing new. Renewals are not written.
-- A grantor whose lease ran out before all outcomes were known writes that the work may be half done
+- A grantor whose lease expired before all outcomes were known writes that the work may be half done
   (`doubt`).
 
 Source: Gray and Cheriton, Leases: an efficient fault-tolerant mechanism for distributed file cache
@@ -39,12 +39,12 @@ from mrbt_mesh.core.mission.mission import InDoubtPolicy
 
 # An activation, and the id of the coalition that needs a lease of it, as text.
 Request: TypeAlias = tuple[str, str]
-# Whether the robot's own view speaks for giving an activation to a coalition.
+# True if the robot's own view allows giving an activation to a coalition.
 MayGrant: TypeAlias = Callable[[str, CoalitionId], bool]
 
 
 class LeaseHolder:
-    """The leases that this robot needs for its own claim: at most of one activation.
+    """The leases that this robot needs for its own claim, of at most one activation.
 
     `requested`: what its heartbeats ask for.
     """
@@ -54,13 +54,13 @@ class LeaseHolder:
         self._facts = facts
         self._timing = timing
         self._clocks = clocks
-        # Number of a heartbeat -> when it was sent, for those that may still be answered.
+        # Number of a heartbeat -> when it was sent, for heartbeats that may still be answered.
         self._sent_us: dict[int, int] = {}
-        # Grantor -> when the newest request that it has answered was sent.
+        # Grantor -> when the newest request that it answered was sent.
         self._confirmed_us: dict[str, int] = {}
 
     def request(self, activation: str, coalition: CoalitionId | None) -> None:
-        """Ask for the leases of one coalition, and keep them; None: of none."""
+        """Request and keep the leases of one coalition; None: request none."""
         wanted = (activation, str(coalition)) if coalition is not None else None
         if wanted != self.requested:
             self.requested = wanted
@@ -72,15 +72,16 @@ class LeaseHolder:
         self._confirmed_us = dict.fromkeys(self._facts.grantors, now_us)
 
     def held_until_us(self) -> int:
-        """Until when a majority's leases last, by this robot's own count; 0: there is none."""
+        """When a majority's leases expire, by this robot's own count; 0: there is no majority."""
         aged_us = self._clocks.aged_us
         confirmed_us = [aged_us(*confirmed) for confirmed in self._confirmed_us.items()]
         newest_us = self._newest_of_majority(confirmed_us)
         return 0 if newest_us is None else newest_us + self._timing.hold_us
 
     def heard_until_us(self, me: str) -> int:
-        """Until when a majority was heard of late. After a jump of its clock a grantor counts once
-        it has confirmed what was sent after that: what waits may show only a part of the jump.
+        """Until when news of a majority counts as recent. After its clock jumped, a grantor counts
+        only once it has confirmed a request sent after the jump, as waiting messages may show only
+        part of it.
         """
         known_us = []
         for grantor, sent_us in sorted(self._confirmed_us.items()):
@@ -93,16 +94,16 @@ class LeaseHolder:
         return 0 if newest_us is None else newest_us + self._timing.news_us
 
     def _newest_of_majority(self, times_us: list[int]) -> int | None:
-        """The time that those of a majority have reached."""
+        """Return the latest time that a majority has reached, None if there is no majority."""
         needed = majority(self._facts.grantors)
         return sorted(times_us, reverse=True)[needed - 1] if len(times_us) >= needed else None
 
     def is_held(self, activation: str, coalition: CoalitionId, now_us: int) -> bool:
-        """Whether this robot may work on the activation now."""
+        """True if this robot may work on the activation now."""
         return self.requested == (activation, str(coalition)) and now_us < self.held_until_us()
 
     def note_sent(self, number: int, now_us: int) -> None:
-        """A heartbeat goes out; it asks for what is `requested`."""
+        """Note that a heartbeat is sent, which asks for `requested`."""
         if self.requested is None:
             self._sent_us.clear()
             return
@@ -112,7 +113,7 @@ class LeaseHolder:
             del self._sent_us[old]
 
     def confirm(self, grantor: str, grant: LeaseGrant) -> None:
-        """A grantor has answered one of this robot's heartbeats."""
+        """Process a grantor's answer to one of this robot's heartbeats."""
         sent_us = self._sent_us.get(grant.number)
         if self.requested is None or grant.coalition != self.requested[1] or sent_us is None:
             return
@@ -123,9 +124,9 @@ class LeaseHolder:
 class _Lease:
     """The lease of one activation, as a grantor knows it.
 
-    `answers`: member -> number of its newest heartbeat that renewed it. `is_own`: this robot has
-    granted it; otherwise it knows it from others, and writes when it would have run out. `number`:
-    by which to know whether the grant is on disk; None until it is written.
+    `answers`: member -> number of its newest heartbeat that renewed the lease. `is_own`: this robot
+    granted it; otherwise others did, and this robot only watches when it would have expired.
+    `number`: the journal's number of the grant, to know if it is on disk; None until it is written.
     """
 
     coalition: CoalitionId
@@ -136,7 +137,7 @@ class _Lease:
 
 
 class LeaseGrantor:
-    """The leases that this robot has granted to coalitions, its own among them."""
+    """The leases that this robot has granted to coalitions, including its own."""
 
     def __init__(
         self, me: str, facts: TeamFacts, timing: Timing, now_us: int, durability: Durability
@@ -147,25 +148,25 @@ class LeaseGrantor:
         self._durability = durability
         # By activation.
         self._leases: dict[str, _Lease] = {}
-        # A robot that has just started may have granted something in an earlier life.
+        # A robot that has just started may have granted something in an earlier incarnation.
         self._silent_until_us = now_us + timing.lease_us
 
     def end_silence(self) -> None:
-        """All robots of the mission were asked, and none knows of an earlier life of this one."""
+        """End the initial silence: no robot of the mission knows an earlier life of this one."""
         self._silent_until_us = 0
 
     @property
     def has_leases(self) -> bool:
-        """Whether this robot has granted a lease, or watches one."""
+        """True if this robot has granted a lease, or watches one."""
         return bool(self._leases)
 
     def answer_request(
         self, member: str, number: int, request: Request, now_us: int, may_grant: MayGrant
     ) -> list[Fact]:
-        """Grant a lease or renew it, as heartbeat `number` of a member requests.
+        """Grant or renew a lease, as heartbeat `number` of a member requests.
 
-        What is returned is written as a promise, and `written` with its number: no answer goes out
-        before it is on disk.
+        The caller must write the returned facts as a promise and call `written` with its number. No
+        answer is sent before it is on disk.
         """
         activation = request[0]
         try:
@@ -189,22 +190,22 @@ class LeaseGrantor:
         return [(f"{records.GRANT}/{activation}/{coalition}", LATCH)]
 
     def written(self, number: int) -> None:
-        """The grants that were returned last have been written, under this number."""
+        """Note that the grants returned last have been written, under this number."""
         for lease in self._leases.values():
             if lease.is_own and lease.number is None:
                 lease.number = number
 
     def _renew(self, lease: _Lease, member: str, number: int, now_us: int) -> None:
-        """One that has run out is not renewed: its end is a fact, or becomes one now."""
+        """Renew a lease unless it has expired: its end is, or is about to become, a fact."""
         if now_us < lease.expires_us:
             lease.answers[member] = max(number, lease.answers.get(member, 0))
             lease.expires_us = now_us + self._timing.lease_us
 
     def _is_free(self, activation: str, coalition: CoalitionId) -> bool:
-        """Whether nothing that this robot has granted or doubted speaks against it.
+        """True if nothing that this robot has granted or doubted conflicts with this coalition.
 
-        A coalition that may have left the work half done excludes every other for good, unless
-        the task is to be tried again.
+        A coalition that may have left the work half done excludes every other for good, unless the
+        task is to be retried.
         """
         found = self._facts.coalitions(activation)
         if coalition in found.broken or coalition in found.doubts:
@@ -227,13 +228,13 @@ class LeaseGrantor:
         )
 
     def expire(self, now_us: int) -> list[Fact]:
-        """Give up leases that have run out or are needed no more; returns what to write of them."""
+        """Drop leases that have expired or are no longer needed. Returns the facts to write."""
         self._watch_others(now_us)
         writes: list[Fact] = []
         for activation, lease in sorted(self._leases.items()):
             found, coalition = self._facts.coalitions(activation), lease.coalition
             never_began = coalition.leader in found.cleared.get(coalition, ())
-            # What is out of reach is forgotten, and then the facts do not speak of it any more.
+            # Facts about activations that are out of reach are forgotten, and the lease with them.
             is_forgotten = coalition not in found.grants
             if found.is_resolved(coalition) or never_began or is_forgotten:
                 del self._leases[activation]
@@ -244,10 +245,10 @@ class LeaseGrantor:
         return writes
 
     def _watch_others(self, now_us: int) -> None:
-        """Watch over coalitions to which somebody has granted a lease.
+        """Watch coalitions that others have granted a lease to.
 
-        If they vanish, this robot's word counts too. Its own grants of an earlier life are
-        among them.
+        If they vanish, this robot's doubt counts too. Includes its own grants of an earlier
+        incarnation.
         """
         if self._me not in self._facts.grantors:
             return
@@ -262,12 +263,12 @@ class LeaseGrantor:
                     break
 
     def next_expiry_us(self) -> int | None:
-        """When the next lease runs out."""
+        """When the next lease expires."""
         return min((lease.expires_us for lease in self._leases.values()), default=None)
 
 
 class Leases:
-    """Both roles of one robot, and the heartbeats that they use."""
+    """One robot's leases as a holder and as a grantor, and the heartbeats that carry them."""
 
     def __init__(
         self,
@@ -284,7 +285,7 @@ class Leases:
         self.grantor = LeaseGrantor(me, facts, timing, now_us, durability)
 
     def heartbeat_sent(self, number: int, now_us: int, may_grant: MayGrant) -> list[Fact]:
-        """This robot's heartbeat goes out: it is a request, and this robot answers itself first."""
+        """Process this robot's own heartbeat, a request that this robot answers itself first."""
         holder, grantor = self.holder, self.grantor
         holder.note_sent(number, now_us)
         if holder.requested is None:
@@ -294,13 +295,13 @@ class Leases:
         return writes
 
     def take_own_answers(self) -> None:
-        """What this robot has granted to itself counts as soon as it is on disk."""
+        """Confirm what this robot has granted to itself, as far as it is on disk."""
         self._confirm(self._me, self.grantor.grants())
 
     def receive_heartbeat(
         self, robot: str, heartbeat: Heartbeat, now_us: int, may_grant: MayGrant
     ) -> list[Fact]:
-        """Another robot's heartbeat: its answers to this robot's requests, and its own request."""
+        """Process another robot's heartbeat: its answers to this robot, and its own request."""
         if robot in self._facts.grantors:
             self._confirm(robot, heartbeat.lease_grants)
         request, report = heartbeat.lease_request, heartbeat.report
@@ -315,11 +316,11 @@ class Leases:
 
     @property
     def is_idle(self) -> bool:
-        """Whether this robot neither needs leases nor has granted any."""
+        """True if this robot neither needs leases nor has granted or watches any."""
         return self.holder.requested is None and not self.grantor.has_leases
 
     def next_deadline_us(self) -> int | None:
-        """When the next lease runs out, granted or held."""
+        """When the next lease expires, granted or held."""
         expires_us, held_until_us = self.grantor.next_expiry_us(), 0
         if self.holder.requested is not None:
             held_until_us = self.holder.held_until_us()

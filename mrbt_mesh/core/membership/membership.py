@@ -1,16 +1,16 @@
-"""Which robots are alive: one robot's view of the others, from heartbeats, relays, suspicions and
-tokens.
+"""One robot's view of which other robots are alive, from heartbeats, relays, suspicions and
+liveliness tokens.
 
-Heartbeats decide, liveliness tokens are hints. A robot judges the silence of those that it hears
-(`dissemination`). Every heartbeat relays the newest self-report of each of them, and the sender's
-suspicions: a robot that any of its neighbours still hears is alive for all of them. In a team with
-keys a relay counts only with the signature of the robot that it is about (`signed_reports`).
-`failure_detector` decides when a silent robot is suspected and declared dead. A death is a
-judgement about one incarnation; a newer heartbeat of that incarnation revives it.
+Heartbeats decide; liveliness tokens are only hints. A robot judges the silence of the robots that
+it hears (`dissemination`). Every heartbeat relays the newest self-report of each of them and the
+sender's suspicions, so a robot that any of its neighbours still hears is alive for all of them. In
+a team with keys, a relayed report counts only if it is signed by the robot that it is about
+(`signed_reports`). `failure_detector` decides when a silent robot is suspected and declared dead. A
+death applies to one incarnation; a newer heartbeat of the same incarnation revives it.
 
-Where robots are clients of routers, a token is lost for everybody when its robot's process ends,
-and also when the router dies that the robot was linked to, or the way to that router. So the router
-is asked: a lost token counts only if it still answers, and has no link to the robot any more.
+Where robots are clients of routers, every robot loses a token when the robot's process ends, but
+also when its router dies or becomes unreachable. So the router is asked: a lost token counts only
+if the router still answers and has no link to the robot any more.
 
 Source: SWIM (Das, Gupta, Motivala 2002); relays on heartbeats are its indirect probe.
 """
@@ -31,14 +31,15 @@ from mrbt_mesh.core.membership.wire import Heartbeat, SelfReport, Suspicion
 
 
 class Membership:
-    """One robot's view of the others. `me` never appears in it; it is empty for an observer.
+    """One robot's view of the others. It never contains `me`, which is empty for an observer.
 
     `team`: the robots of the mission, which decide who hears whom (`around`); an observer hears
-    everybody. `member_changes` grows with every change of a state, and of who has joined;
-    `suspicion_changes` with every token that comes or goes and every suspicion of others;
+    everybody. `member_changes` grows when a robot's state changes or a robot joins;
+    `suspicion_changes` when a token appears or disappears and when others change their suspicions;
     `report_changes` when a robot reports another plan or result. Until `next_detection_us`, and
-    while none of them changes, `detect_failures` would find nothing new. `false_relays`: the robots
-    of which the last heartbeat or view relayed a report that they have not signed.
+    while neither `member_changes` nor `suspicion_changes` grows, `detect_failures` finds nothing
+    new. `false_relays`: the robots about which the last heartbeat or view relayed a report without
+    their valid signature.
     """
 
     def __init__(
@@ -65,23 +66,23 @@ class Membership:
         self._detector = FailureDetector(timing, self.peers, self.around, is_observer=not me)
         self._detected_at_changes = -1
         self._joined: dict[str, Incarnation] = {}
-        # The peers that this robot suspects; the robots that the last heartbeats of others suspect.
+        # Peers that this robot suspects; robot -> the robots that its last heartbeat suspects.
         self._suspected: dict[str, Peer] = {}
         self._suspected_by: dict[str, set[str]] = {}
-        # Members that others have declared dead, and robots whose token was lost here.
+        # Members that others have declared dead, and robots whose token this robot has lost.
         self._accused: set[str] = set()
         self._token_lost: set[str] = set()
-        # Lost tokens about which a router has been asked.
+        # Lost tokens that a router was asked about.
         self._asked: dict[str, Incarnation] = {}
 
     def set_team(self, team: Collection[str]) -> None:
-        """The robots of a revision of the mission. A small team does not become a large one."""
+        """Set the robots of a mission revision. A small team does not become a large one."""
         self.around.set_team(team)
 
     # -- what comes in ------------------------------------------------------------------------
 
     def is_new_relay(self, row: list[Any]) -> bool:
-        """Whether a relay [robot, counter, nonce, number, ...] may hold more than is known."""
+        """Return False if a relay [robot, counter, nonce, number, ...] is certainly not news."""
         robot, counter, nonce, number = row[:4]
         peer = self.peers.get(robot) if isinstance(robot, str) else None
         if peer is None or type(number) is not int:
@@ -89,7 +90,7 @@ class Membership:
         return number > peer.report.number or (counter, nonce) != peer.incarnation
 
     def receive_heartbeat(self, robot: str, heartbeat: Heartbeat, now_us: int) -> bool:
-        """Take in a heartbeat that came from `robot` itself; False if it is outdated."""
+        """Process a heartbeat received from `robot` itself. Returns False if it is outdated."""
         around, peers = self.around, self.peers
         around.now_us = now_us
         # Whatever a router answers about its token is outdated by now.
@@ -127,9 +128,9 @@ class Membership:
     def _take_report(
         self, robot: str, report: SelfReport, now_us: int, heartbeat: Heartbeat | None
     ) -> bool:
-        """Take in a self-report, from the robot's own `heartbeat` or else relayed."""
+        """Process a self-report, from the robot's own `heartbeat` or, if that is None, relayed."""
         peer = self.peers.get(robot)
-        # A relay of a robot that this one does not judge may be older than its death.
+        # A relayed report of a robot that this one does not judge may be older than its death.
         is_proof = heartbeat is not None or self.around.judges(robot)
         if peer is None or report.incarnation != peer.incarnation:
             if peer is not None and report.incarnation < peer.incarnation:
@@ -159,7 +160,9 @@ class Membership:
         return True
 
     def _take_own_heartbeat(self, robot: str, peer: Peer, heartbeat: Heartbeat) -> None:
-        """Only the robot itself takes back a lost token: a relay may be older than the loss."""
+        """Process the rest of a robot's own heartbeat. Only that restores a lost token, since a
+        relayed report may be older than the loss.
+        """
         peer.heartbeat, peer.position = heartbeat, heartbeat.position
         peer.beat_us = peer.last_heard_us
         if heartbeat.unix_us is not None:
@@ -177,7 +180,9 @@ class Membership:
     def _add_incarnation(
         self, robot: str, report: SelfReport, before: Peer | None, now_us: int
     ) -> Peer:
-        """A robot's new life is heard over the same network as the one before."""
+        """Add a new incarnation of a robot. It keeps the arrival history of the one before, since
+        it is heard over the same network.
+        """
         arrivals = before.arrivals if before else ArrivalHistory.of_new_robot(self.timing)
         limit_us = self.timing.silence_limit_us(arrivals.overdue_permille)
         self._suspected.pop(robot, None)
@@ -193,8 +198,8 @@ class Membership:
         return peer
 
     def _take_news(self, peer: Peer, now_us: int) -> None:
-        """A newer report of the same incarnation has arrived."""
-        if peer.is_judged:  # the silence of a dead robot shows nothing of the network
+        """Note that a newer report of the same incarnation has arrived."""
+        if peer.is_judged:  # a dead robot's silence says nothing about the network
             self._detector.learn_arrival(peer, now_us)
         peer.is_probed = False
         peer.declared_dead_by.clear()
@@ -202,7 +207,7 @@ class Membership:
         self.next_detection_us = min(self.next_detection_us, now_us + peer.probe_after_us)
 
     def _take_suspicions(self, robot: str, suspicions: tuple[Suspicion, ...]) -> None:
-        """What a robot suspects now, in place of what it suspected before."""
+        """Replace what a robot suspected before by what it suspects now."""
         for suspicion in suspicions:
             peer = self.peers.get(suspicion.robot)
             if peer is not None and suspicion.incarnation == peer.incarnation:
@@ -222,7 +227,7 @@ class Membership:
             self._suspected_by[robot] = suspected
 
     def receive_join(self, robot: str, report: SelfReport, now_us: int) -> None:
-        """A robot's own facts show that it has joined, perhaps in a life that is new here."""
+        """Note that a robot's own facts show that it has joined, perhaps in a new incarnation."""
         if self.around.learns_joins_from_facts:
             self.around.now_us = now_us
             self._take_report(robot, report, now_us, None)
@@ -230,9 +235,10 @@ class Membership:
     def receive_token(
         self, robot: str, incarnation: Incarnation, is_held: bool, router: str = ""
     ) -> bool:
-        """A liveliness token came (`is_held`) or went. Its presence proves nothing.
+        """Note that a liveliness token has appeared (`is_held`) or disappeared. Its presence proves
+        nothing.
 
-        Returns whether the robot's `router`, if it has one, must be asked what that means.
+        Returns True if the robot's `router` must first be asked why the token has disappeared.
         """
         self._asked.pop(robot, None)
         if router and not is_held:
@@ -246,17 +252,18 @@ class Membership:
         return False
 
     def router_answered(self, robot: str, incarnation: Incarnation, is_linked: bool | None) -> None:
-        """A router was asked about a lost token. `is_linked`: see `RouterAnswered`."""
+        """Process a router's answer about a lost token. `is_linked`: see `RouterAnswered`."""
         if self._asked.get(robot) == incarnation:
             del self._asked[robot]
             if is_linked is False:
                 self.receive_token(robot, incarnation, False)
 
     def allow_for_own_lag(self, lag_us: int, now_us: int) -> None:
-        """This robot was late by `lag_us`: messages may wait unread, so suspect nobody for it.
+        """Allow for this robot having been late by `lag_us`: messages may wait unread, so the delay
+        must not count as silence of others.
 
-        Source: Lifeguard's local health (Dadgar, Phillips, Currey 2018), as a shift of what was
-        last heard.
+        Source: Lifeguard's local health (Dadgar, Phillips, Currey 2018), applied by shifting
+        `last_heard_us`.
         """
         self.around.now_us = now_us
         self.around.was_late()
@@ -266,7 +273,7 @@ class Membership:
     # -- failure detection --------------------------------------------------------------------
 
     def needs_detection(self, now_us: int) -> bool:
-        """Whether `detect_failures` could find something new."""
+        """True if `detect_failures` could find something new."""
         if self._detected_at_changes != self.member_changes + self.suspicion_changes:
             return True
         if now_us < self.next_detection_us:
@@ -277,7 +284,7 @@ class Membership:
             return True
         if any(at_us <= now_us for at_us in self.around.ends_us()):
             return True
-        # Newer news has put it off.
+        # Newer reports have postponed it.
         self.next_detection_us = self._next_due_us(now_us)
         return False
 
@@ -286,7 +293,9 @@ class Membership:
         return min([self._detector.next_due_us(now_us), *ends_us])
 
     def detect_failures(self, now_us: int) -> list[tuple[str, State, State]]:
-        """Suspect silent robots, declare suspects dead; (robot, before, after) of each change."""
+        """Suspect silent robots and declare suspects dead. Returns (robot, before, after) of each
+        change.
+        """
         if not self.needs_detection(now_us):
             return []
         peers, around, detector = self.peers, self.around, self._detector
@@ -325,7 +334,7 @@ class Membership:
             self._note_change(robot, peer)
 
     def _note_change(self, robot: str, peer: Peer) -> None:
-        """A robot is new, has joined, or is in another state."""
+        """Note that a robot is new, has joined, or has changed its state."""
         self.member_changes += 1
         if peer.report.has_joined and peer.state.is_member:
             self._joined[robot] = peer.incarnation
@@ -333,34 +342,36 @@ class Membership:
             self._joined.pop(robot, None)
         self.around.note(robot, peer)
 
-    # -- what is known ------------------------------------------------------------------------
+    # -- queries ------------------------------------------------------------------------------
 
     def members(self) -> dict[str, Incarnation]:
-        """The robots that a plan counts on: joined, neither dead nor left, suspects included."""
+        """The robots that a plan counts on: joined and neither dead nor left. Includes suspects."""
         return dict(sorted(self._joined.items()))
 
     @property
     def joined_count(self) -> int:
-        """How many others are members."""
+        """The number of other robots that are members."""
         return len(self._joined)
 
     @property
     def present_count(self) -> int:
-        """How many others there are, joined or not, neither dead nor left."""
+        """The number of other robots that are neither dead nor left, joined or not."""
         return sum(peer.state.is_member for peer in self.peers.values())
 
     def has_returned(self, robot: str, now_us: int) -> bool:
-        """Whether a robot was not heard until a short while ago: what it saw alone is news."""
+        """True if a robot was first heard, or returned from the dead, within `max_detection_us`.
+        What it saw while it was away is news.
+        """
         peer = self.peers.get(robot)
         return peer is not None and now_us < peer.returned_us + self.timing.max_detection_us
 
     @property
     def heard_count(self) -> int:
-        """How many others are healthy and have joined."""
+        """The number of other robots that are healthy and have joined."""
         return sum(p.state.is_healthy and p.report.has_joined for p in self.peers.values())
 
     def in_reach(self, now_us: int) -> frozenset[str]:
-        """The others that are healthy, and whose own heartbeats arrive, not only relays."""
+        """The healthy robots whose own heartbeats arrive, not only relays of their reports."""
         since_us = now_us - self.timing.max_detection_us
         return frozenset(
             robot
@@ -369,9 +380,9 @@ class Membership:
         )
 
     def all_report_plan(self, digest: bytes) -> bool:
-        """Whether every healthy robot reports this plan digest.
+        """True if every healthy robot reports this plan digest.
 
-        One that is still joining for the first time reports none, so it is waited for too.
+        A robot that is still joining reports none, so this stays False until it has joined.
         """
         for peer in self.peers.values():
             report = peer.report
@@ -380,10 +391,11 @@ class Membership:
         return True
 
     def all_report_result(self, result: int, digest: bytes | None = None) -> bool:
-        """Whether every member that this robot judges reports this mission status.
+        """True if every joined robot that this one judges reports this mission status, and also
+        this plan digest unless that is None.
 
-        And, unless it is None, this digest of its plan. Suspects included. A robot that has missed
-        the end can hear of it from its neighbours, who stay until it has.
+        Includes suspects. A robot that has missed the end can hear of it from its neighbours, which
+        stay until it has.
         """
         return all(
             peer.report.result == result and digest in (None, peer.report.plan_digest)
@@ -392,26 +404,27 @@ class Membership:
         )
 
     def silent_since_us(self) -> int | None:
-        """When a robot that is dead by now was heard last, the latest of them."""
+        """The latest time at which a robot that is now dead was heard, None if no robot is dead."""
         dead = (peer for peer in self.peers.values() if peer.state is State.DEAD)
         return max((peer.last_heard_us for peer in dead), default=None)
 
     def clock_offsets_us(self) -> list[int]:
-        """By how much the wall clocks of healthy robots are ahead of this robot's monotonic clock,
-        as far as they were heard. Each is too small by the time that its heartbeat took.
+        """The known offsets of healthy robots' wall clocks from this robot's monotonic clock.
+
+        Each is too small by the time that the heartbeat took to arrive.
         """
         offsets_us = (p.clock_offset_us for p in self.peers.values() if p.state.is_healthy)
         return [each_us for each_us in offsets_us if each_us is not None]
 
     def forget_clocks(self) -> None:
-        """Another clock of this robot was set: what others' clocks show has to be heard anew."""
+        """Forget all clock offsets, because this robot's own clock was set."""
         for peer in self.peers.values():
             peer.clock_offset_us = None
 
-    # -- where others hold other robots for alive ---------------------------------------------
+    # -- comparing views with other robots ----------------------------------------------------
 
     def view(self, mine: SelfReport) -> dict[str, SelfReport]:
-        """The newest self-reports of the healthy robots, and this robot's own."""
+        """The newest self-reports of the healthy robots, including this robot's own, `mine`."""
         reports = {r: peer.report for r, peer in self.peers.items() if peer.state.is_healthy}
         return dict(sorted((reports | {self.me: mine}).items()))
 
@@ -422,9 +435,10 @@ class Membership:
         lives: Mapping[str, Incarnation],
         now_us: int,
     ) -> None:
-        """Another robot's `view`: check the robots of which this one knows otherwise.
+        """Compare another robot's `view` with this one's, and check the robots where they differ.
 
-        `lives`: those that have joined by their own facts. Of them a report need not be signed.
+        `lives`: the incarnations that have joined by their own facts. Their reports need not be
+        signed.
         """
         self.around.now_us = now_us
         self.false_relays.clear()
@@ -451,7 +465,7 @@ class Membership:
                 self.around.check(robot)
         self.next_detection_us = now_us
 
-    # -- what this robot's heartbeats carry ---------------------------------------------------
+    # -- contents of this robot's heartbeats --------------------------------------------------
 
     def relays(self) -> dict[str, SelfReport]:
         """The relays of the next heartbeat, sorted by robot."""
@@ -486,7 +500,7 @@ class Membership:
         return any(peer.is_probed for peer in self._suspected.values())
 
     def can_answer_probe(self, heartbeat: Heartbeat, mine: Incarnation) -> bool:
-        """Whether the sender probes a robot of which this one has news: another one, or itself."""
+        """True if the sender probes this robot, or a robot that is healthy for this one."""
         for suspicion in heartbeat.suspicions:
             if suspicion.is_probe:
                 peer = self.peers.get(suspicion.robot)

@@ -9,9 +9,9 @@ from mrbt_mesh.core.facts.store import Incarnation
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import Heartbeat, Position, SelfReport
 
-# A robot that was never heard before: one heartbeat in four is assumed lost.
+# Prior for a robot that was never heard before: one heartbeat in four is lost.
 PRIOR_PERIODS = 4
-# Older experience counts for less: both sums are halved when they cover that many periods.
+# Older experience counts less: both sums are halved once they cover this many periods.
 MEMORY_PERIODS = 128
 
 
@@ -27,7 +27,7 @@ class State(enum.StrEnum):
     DEAD = "dead"
     LEFT = "left"
 
-    # Read with every message; members of an enumeration are slow to look up.
+    # Attributes, as they are read for every message and enumeration members are slow to compare.
     def __init__(self, name: str) -> None:
         self.is_healthy = name == "alive"
         self.is_member = name in ("alive", "suspect")
@@ -36,14 +36,14 @@ class State(enum.StrEnum):
 
 @dataclass(slots=True)
 class ArrivalHistory:
-    """Sums over the intervals between pieces of news of one robot, whichever way they came.
+    """Sums over the intervals between reports of one robot, own or relayed.
 
-    `observed_us`: all of them. `overdue_us`: what each was longer than 5/4 of a heartbeat period.
-    The share of time in which news was overdue needs no assumed distribution, and repeats that
-    follow one another quickly do not dilute it.
+    `observed_us`: the sum of all intervals. `overdue_us`: the sum of the excess of each over 5/4 of
+    a heartbeat period. Their ratio, the share of time in which news was overdue, assumes no
+    distribution and is not diluted by repetitions in quick succession.
 
-    Source: the phi accrual failure detector (Hayashibara, Defago, Yared, Katayama 2004), which
-    also derives a timeout from measured arrivals.
+    Source: the phi accrual failure detector (Hayashibara, Defago, Yared, Katayama 2004), which also
+    derives a timeout from measured arrivals.
     """
 
     observed_us: int
@@ -51,11 +51,11 @@ class ArrivalHistory:
 
     @staticmethod
     def of_new_robot(timing: Timing) -> ArrivalHistory:
-        """Of a robot that was never heard before."""
+        """The prior for a robot that was never heard before."""
         return ArrivalHistory(PRIOR_PERIODS * timing.heartbeat_us, timing.heartbeat_us)
 
     def add_interval(self, interval_us: int, timing: Timing) -> None:
-        """News came `interval_us` after the news before."""
+        """Add the interval between two consecutive reports."""
         self.observed_us += interval_us
         self.overdue_us += max(0, interval_us - timing.overdue_us)
         if self.observed_us > MEMORY_PERIODS * timing.heartbeat_us:
@@ -64,7 +64,7 @@ class ArrivalHistory:
 
     @property
     def overdue_permille(self) -> int:
-        """The share of the time in which news was overdue, rounded up."""
+        """The share of time in which news was overdue, in thousandths, rounded up."""
         return -(-1_000 * self.overdue_us // self.observed_us)
 
 
@@ -72,14 +72,14 @@ class ArrivalHistory:
 class Peer:
     """What is known of one robot's newest incarnation.
 
-    `report`: its newest self-report, from its own heartbeat or relayed; it arrived at
-    `last_heard_us`. After `probe_after_us` of silence the robot is suspected and probed, after
-    `silence_limit_us` it is dead. `heartbeat`, `position`: the last that it sent itself.
-    `clock_offset_us`: what its wall clock showed then, minus `last_heard_us`, or None.
-    `beat_us`: when its last own heartbeat arrived. `returned_us`: when it was heard first, or again
-    after it was dead.
-    `is_judged`: this robot judges its silence. `token_lost_by`: robots that lost its liveliness
-    token, as this one did if `is_token_lost`. `declared_dead_by`: those that declared it dead.
+    `report`: its newest self-report, from its own heartbeat or relayed, which arrived at
+    `last_heard_us`. After `probe_after_us` of silence the robot is suspected and probed; after
+    `silence_limit_us` it is dead. `heartbeat`, `position`: the last ones that it sent itself.
+    `clock_offset_us`: its wall clock at that time minus `last_heard_us`, or None. `beat_us`: when
+    its last own heartbeat arrived. `returned_us`: when it was first heard, or heard again after it
+    was dead. `is_judged`: this robot judges its silence. `is_token_lost`: this robot lost its
+    liveliness token. `token_lost_by`: other robots that did. `declared_dead_by`: robots that
+    declared it dead.
     """
 
     incarnation: Incarnation
@@ -102,7 +102,7 @@ class Peer:
 
 
 def set_member(names: set[str], name: str, is_member: bool) -> bool:
-    """Put a name into a set or take it out; whether that changed anything."""
+    """Add a name to a set or remove it. Returns whether that changed anything."""
     is_new = (name in names) is not is_member
     if is_new:
         (names.add if is_member else names.discard)(name)

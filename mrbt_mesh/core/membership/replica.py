@@ -1,4 +1,4 @@
-"""One robot's replica of the facts: what it writes, what it takes in, what it answers to pulls."""
+"""One robot's replica of the facts: what it writes, what it merges, and its answers to pulls."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ from mrbt_mesh.core.membership.wire import (
 )
 
 TOO_FAR_AHEAD = "its count is too far ahead of those of others"
-# To take in a page takes a robot some milliseconds, in which it does nothing else.
+# Merging a page takes some milliseconds, in which a robot does nothing else.
 PAGE_BYTES = 1 << 16
-# A pull has the digests of an author's parts if the author has at least this many entries. Of an
-# author with fewer, the answer carries all entries.
+# A pull has digests of an author's parts if the author has at least this many entries. For other
+# authors the answer carries all entries.
 PARTED_FROM = 64
 
 
 @dataclass(slots=True)
 class Received:
-    """What a message brought: entries that changed something, and refusals to count.
+    """The result of a message: entries that changed something, and the number of refused ones.
 
-    `has_more`: further pages of the same answer follow. `view`: the robots that are alive for the
-    sender.
+    `reason`: why the last one was refused. `has_more`: further pages of the same answer follow.
+    `view`: the self-reports of the robots that are alive for the sender.
     """
 
     changed: list[Entry] = field(default_factory=list)
@@ -64,12 +64,12 @@ class Received:
 
 
 class Replica:
-    """The team's facts with this robot's incarnation and sequence number.
+    """The team's facts, and this robot's incarnation and sequence number.
 
-    `anti_entropy`: which peers to ask for what may have been missed. `next_version`: that of the
-    batch that is written next. `left_out`: own facts that could not be written, and why.
-    `unproved`: received facts that wait until something shows them. `shown_by_tick`, of a batch
-    with an outcome: the names of its facts that follow from the tick in which the action returned.
+    `anti_entropy`: which peers to ask for facts that may have been missed. `next_version`: the
+    version of the next batch. `left_out`: own facts that could not be written, and why. `unproved`:
+    received facts that wait for proof. `shown_by_tick(entries)`: for a batch with an outcome, the
+    names of its facts that follow from the tick in which the action returned.
     """
 
     def __init__(
@@ -99,13 +99,13 @@ class Replica:
         return self.header.sender
 
     def resume(self, version: Version) -> None:
-        """Go on with a life whose next batch has this version."""
+        """Continue the incarnation whose next batch has this version."""
         self.incarnation, self.next_version = version.incarnation, version
 
     # -- writing ------------------------------------------------------------------------------
 
     def next_incarnation(self, heard: int) -> Incarnation:
-        """Take a new incarnation, counted above the present one, all in the facts, and `heard`."""
+        """Take a new incarnation, counted above the present one, `heard`, and all in the facts."""
         known = [e.version.incarnation.counter for e in self.facts.map.of_author(self.me)]
         counter = max([self.incarnation.counter, heard, *known]) + 1
         self.incarnation = Incarnation(counter, self.incarnation.nonce)
@@ -113,7 +113,7 @@ class Replica:
         return self.incarnation
 
     def write(self, facts: Iterable[Fact], now_us: int) -> tuple[bytes, tuple[Entry, ...]]:
-        """Write one batch of own facts: (the message with it, its entries).
+        """Write one batch of own facts. Returns (message, entries).
 
         A fact that other robots and this robot's own journal would refuse is left out.
         """
@@ -133,21 +133,22 @@ class Replica:
         return encode(self.header, MessageKind.FACT, pack_entries(entries)), tuple(entries)
 
     def is_authentic(self, entry: Entry) -> bool:
-        """Whether the author of an entry has signed it; without keys everybody is believed."""
+        """True if the author of an entry has signed it, or if the team has no keys."""
         return self._authorship is None or self._authorship.is_authentic(entry)
 
     def take_command(self, entry: Entry, now_us: int) -> bytes:
-        """Take in an authentic command, which an operator gives to this robot: the message with it
-        for the others.
+        """Merge an authentic command that an operator gives to this robot. Returns the message that
+        passes it on to the other robots.
         """
         self.facts.map.merge([entry])
         self.anti_entropy.changed_us = now_us
         return encode(self.header, MessageKind.FACT, pack_entries([entry]))
 
     def follow_keys(self, alive: Collection[str]) -> None:
-        """Facts of robots without a key in good standing say nothing, once these are not alive.
+        """Ignore the facts of authors whose key is not (or no longer) valid, unless they are alive.
 
-        They stay in the map, so robots that learn of that at different times still have the same.
+        The facts stay in the map, so robots that learn of a revocation at different times still
+        have equal maps.
         """
         keys = self._keys
         if keys is not None:
@@ -157,15 +158,15 @@ class Replica:
     # -- taking in ----------------------------------------------------------------------------
 
     def restore(self, entries: Iterable[Entry]) -> list[Entry]:
-        """Take in what a journal kept; returns what was news."""
+        """Merge what the journal kept. Returns the entries that were news."""
         return self._merge(entries, 0, 0, "", is_own_record=True).changed
 
     def take_shown(
         self, is_shown: Callable[[Entry], bool], membership: Membership, now_us: int
     ) -> list[Entry]:
-        """Take in the facts that were unproved and are shown now; returns what was news.
+        """Merge unproved facts that are proved now. Returns the entries that were news.
 
-        Among them is what a robot saw while it was not heard.
+        Includes what a robot witnessed while it was not heard.
         """
 
         def counts(entry: Entry) -> bool:
@@ -179,13 +180,13 @@ class Replica:
         return changed
 
     def next_unproved_us(self, membership: Membership, now_us: int) -> int | None:
-        """When an unproved fact may have to be taken in all the same; None if none has."""
+        """When an unproved fact may have to be merged without proof; None if there is none."""
         if not self.unproved:
             return None
         return self.unproved.next_us(membership.in_reach(now_us), now_us)
 
     def receive(self, source: str, data: bytes, now_us: int) -> Received:
-        """Take in a published batch, which may only hold entries of its source, or commands.
+        """Merge a published batch, which may only hold entries of its source, or commands.
 
         Raises WireError.
         """
@@ -193,9 +194,9 @@ class Replica:
         return self._merge(entries, malformed, now_us, source)
 
     def receive_state(self, source: str, data: bytes, now_us: int) -> Received:
-        """Take in a page of a peer's answer to a pull: entries of any author. Raises WireError.
+        """Merge a page of a peer's answer to a pull: entries of any author. Raises WireError.
 
-        `source`: the peer that is proved to have sent it.
+        `source`: the authenticated sender.
         """
         _, body = decode(data, self.header, MessageKind.STATE)
         if not isinstance(body, list) or len(body) != 3 or not isinstance(body[0], bool):
@@ -217,7 +218,7 @@ class Replica:
     ) -> Received:
         received = Received(refused=malformed, reason="malformed entry" if malformed else "")
         entries = list(entries)
-        # What else there is may have a place only in a revision of the mission that comes with it.
+        # Other entries may be valid only under a mission revision that comes with them.
         missions = [entry for entry in entries if entry.parts[0] in MISSION_KINDS]
         if missions:
             self._merge_some(missions, received, source, is_own_record)
@@ -267,22 +268,24 @@ class Replica:
     def compare_digest(
         self, peer: str, digest: bytes, now_us: int, mine: bytes | None = None
     ) -> None:
-        """A peer's heartbeat has the digest of its facts.
+        """Compare facts by the digest in a peer's heartbeat.
 
-        `mine`: what to compare it with, if it is over more than the facts.
+        `mine`: the digest to compare it with, if it covers more than the facts.
         """
         own = self.facts.map.digest() if mine is None else mine
         self.anti_entropy.compare(peer, digest, own, now_us)
 
     def peers_to_ask(self, now_us: int, more: Collection[bytes] = (b"",)) -> list[str]:
-        """The peers to ask now; `more`: what the digests of equal facts may be followed by."""
+        """The peers to ask now. `more`: the suffixes that the digest of equal facts may have."""
         if now_us < self.anti_entropy.next_ask_us:
             return []
         own = self.facts.map.digest()
         return self.anti_entropy.peers_to_ask(now_us, [own + each for each in more])
 
     def write_pull(self, alive: bytes = bytes(DIGEST_BYTES)) -> bytes:
-        """The question for what others have and this replica lacks; `alive`: of its alive set."""
+        """Write a pull, which asks for what this replica lacks. `alive`: the digest of its alive
+        set.
+        """
         facts = self.facts.map
         digests = facts.author_digests()
         parted = [author for author in digests if facts.count_of(author) >= PARTED_FROM]
@@ -292,12 +295,12 @@ class Replica:
     def answer_pull(
         self, data: bytes, view: Callable[[bytes], Mapping[str, SelfReport]] | None = None
     ) -> tuple[bytes, ...]:
-        """The answer to a pull: all entries of every author where the asker differs; of one of whom
-        it has many, those of the parts that differ.
+        """Answer a pull: all entries of every author whose digest differs. If the asker sent
+        digests of the author's parts, only those of differing parts.
 
-        In pages that stay far below what a receiver reads; a batch is never torn apart. `view`,
-        of the digest of the asker's alive set: the robots that are held for alive here, if that is
-        others; it goes with the last one. Raises WireError.
+        The answer comes in pages far below the size limit of a message; a batch is never split.
+        `view` maps the digest of the asker's alive set to the robots that are alive here, if these
+        differ; it is sent with the last page. Raises WireError.
         """
         _, body = decode(data, self.header, MessageKind.PULL)
         theirs, alive, parts = parse_pull(body)
@@ -339,21 +342,21 @@ class Replica:
             yield from (by_version[version] for version in sorted(by_version))
 
     def _differing_parts(self, author: str, theirs: bytes | None) -> frozenset[int] | None:
-        """The parts of an author's entries to send; None: all."""
+        """Return the parts of an author's entries to send, or None for all."""
         if theirs is None:
             return None
         mine = self.facts.map.part_digests(author)
-        # Two digests may be equal by chance; the author's own, which is longer, is not.
+        # Part digests may collide; the author's digest, which is longer, does not.
         at = range(0, len(mine), 8)
         return frozenset(n // 8 for n in at if mine[n : n + 8] != theirs[n : n + 8]) or None
 
 
 class Durability:
-    """What this robot's journal is known to hold: promises to others are made from the disk alone.
+    """What this robot's journal is known to hold: promises are made only from what is on disk.
 
-    It numbers what must be on disk, and knows up to which number all is.
+    Numbers the writes that must be on disk, and knows up to which number all of them are.
     `problem`: what is wrong with the journal, for people; empty if nothing is. `is_failing`: it
-    cannot be written now. `keeps_journal`: there is one, so it is worth waiting for.
+    cannot be written now. `keeps_journal`: there is a journal, so syncing is worth waiting for.
     """
 
     def __init__(
@@ -364,28 +367,28 @@ class Durability:
         self.keeps_journal = keeps_journal
         self._last = 0
         self._synced = 0
-        # Before this number is on disk, nothing else is known to be.
+        # Nothing counts as on disk before this number is.
         self._whole_from = 0
 
     @property
     def may_promise(self) -> bool:
-        """Whether what is written now will be on disk soon, with all that was said before."""
+        """True if new writes, and all earlier ones, will be on disk soon."""
         return not self.is_failing and self._synced >= self._whole_from
 
     def take_number(self) -> int:
-        """The number of what is written next."""
+        """Return the number of the next write."""
         self._last += 1
         return self._last
 
     def begin_anew(self) -> int:
-        """The journal may have lost anything: the number of everything, written once more."""
+        """Start over, as the journal may have lost anything. Returns the full rewrite's number."""
         self._whole_from = self.take_number()
         return self._whole_from
 
     def note_synced(self, number: int) -> None:
-        """Everything up to this number is on disk."""
+        """Note that everything up to this number is on disk."""
         self._synced = max(self._synced, number)
 
     def is_on_disk(self, number: int) -> bool:
-        """Whether this and all before it are on disk."""
+        """True if this write and all earlier ones are on disk."""
         return self._synced >= max(number, self._whole_from)

@@ -1,24 +1,24 @@
-"""Large teams: each robot hears its neighbours in a ring, and what a robot sends and receives does
-not grow with its team.
+"""Large teams: robots hear their neighbours in a ring, so a robot's traffic does not grow with its
+team.
 
-A robot's neighbours are the `reach` healthy robots on either side of it, by a hash of their ids: so
-those that fail together, because they are alike or near one another, are seldom neighbours. They
-hear its heartbeats, judge its silence and pass news of it on to one another. Besides them these get
-a robot's heartbeats:
+A robot's neighbours are the `reach` healthy robots on either side of it, ordered by a hash of their
+ids: so robots that fail together, because they are alike or near one another, are seldom
+neighbours. Neighbours hear one another's heartbeats, judge one another's silence and relay news of
+one another. A robot's heartbeats also go to:
 
-- one more robot with each heartbeat, all of the team in turn, dead ones included: so two parts of a
-  team that were cut off from each other find out, and differences are repaired;
-- robots that judge this robot, or are new, by their own last heartbeat: two robots that see
+- one more robot with each heartbeat, taking turns among the whole team, dead robots included: so
+  two parts of a team that were cut off from each other find out, and differences are repaired;
+- robots that judge this robot or are new, by their own last heartbeat: so two robots that see
   different rings hear each other;
-- while this robot is about to join, some that it has not heard yet;
-- robots that are *checked*: others know otherwise of them than this robot does;
-- everybody, if the heartbeat concerns everybody: a robot leaves, seeks a lease, has declared a
-  neighbour dead, or lives although others have declared it dead;
-- robots that wait for agreement, by way of representatives. The ring of the mission's robots is cut
-  into *groups*, about as many as each has robots. The first healthy robots of a group *represent*
-  it: the others report each new plan to them, and once the whole group has the same plan they relay
-  its self-reports to the robots that wait. These hear two messages of each group where they would
-  hear one of every robot. What counts is still what each robot has reported itself.
+- while this robot is about to join, some robots that it has not heard yet;
+- robots that are *checked*, because others disagree with this robot about whether they are alive;
+- everybody, if the heartbeat concerns everybody: a robot leaves, requests a lease, has declared a
+  neighbour dead, or is alive although others have declared it dead;
+- robots that wait for agreement, through representatives. The ring of the mission's robots is cut
+  into *groups*; there are about as many groups as robots in each. The first healthy robots of a
+  group *represent* it: the others report each new plan to them, and once the whole group has the
+  same plan they relay its self-reports to the robots that wait. These then receive two messages
+  per group instead of one per robot. What counts is still what each robot has reported itself.
 
 Sources: consistent hashing (Karger et al. 1997); neighbours as monitors: Chord (Stoica et al.
 2001); Lifeguard's local health (Dadgar, Phillips, Currey 2018).
@@ -44,14 +44,15 @@ from mrbt_mesh.core.membership.peer import Peer, State, set_member
 from mrbt_mesh.core.membership.timing import Timing
 from mrbt_mesh.core.membership.wire import DIGEST_BYTES, Heartbeat, SelfReport
 
-# How many robots are checked at a time, are sought by a newcomer, are named as suspects.
+# The most robots that are checked at a time, sought per heartbeat by a newcomer, and named as
+# suspects in a heartbeat.
 MAX_CHECKED, SOUGHT_AT_A_TIME, MAX_SUSPICIONS = 16, 4, 32
-# Representatives per group: another way for a message that is lost. One that dies is itself a
-# robot whose report is waited for, until it is declared dead.
+# Representatives per group. The second one covers for a lost message. One that dies is itself a
+# robot whose report is awaited until it is declared dead.
 REPRESENTATIVES = 2
-# Plans come no closer than this for each other robot.
+# Plans are spaced by at least this much per other robot.
 PLAN_SPACING_US = 200
-# A robot that has trouble waits longer for silent ones: detection times, at most.
+# The most detection times by which a robot in trouble waits longer for silent robots.
 MAX_EXTRA_DETECTIONS = 4
 
 
@@ -62,20 +63,20 @@ def place(robot: str) -> bytes:
 
 
 class Ring:
-    """The ring of some robots. `reach`: how far neighbours are apart at most, on either side."""
+    """The ring of some robots. `reach`: the most steps between neighbours, on either side."""
 
     def __init__(self, robots: Iterable[str], reach: int) -> None:
         self._keys = sorted((place(robot), robot) for robot in robots)
         self._reach = reach
 
     def _find(self, robot: str) -> tuple[int, bool]:
-        """The index of a robot, or that it would have; whether it is in the ring."""
+        """Return a robot's index, or the one that it would have, and whether it is in the ring."""
         key = (place(robot), robot)
         at = bisect_left(self._keys, key)
         return at, at < len(self._keys) and self._keys[at] == key
 
     def put(self, robot: str, is_in: bool) -> None:
-        """Give a robot its place in the ring, or take it out."""
+        """Insert a robot into the ring, or remove it."""
         at, was_in = self._find(robot)
         if is_in and not was_in:
             self._keys.insert(at, (place(robot), robot))
@@ -83,7 +84,7 @@ class Ring:
             del self._keys[at]
 
     def are_near(self, robot: str, other: str) -> bool:
-        """Whether `other`, which is in the ring, is among the neighbours of a robot."""
+        """True if `other`, which is in the ring, is a neighbour of `robot`."""
         count, (at, is_in) = len(self._keys), self._find(robot)
         if robot == other or count - is_in <= 2 * self._reach:
             return robot != other
@@ -91,7 +92,9 @@ class Ring:
         return steps <= self._reach - (not is_in) or steps >= count - self._reach
 
     def neighbours(self, robot: str) -> tuple[str, ...]:
-        """Those of a robot, sorted by id; of one that is not in the ring, those it would have."""
+        """The neighbours of a robot, sorted by id. If it is not in the ring: those that it would
+        have.
+        """
         keys, reach, (at, is_in) = self._keys, self._reach, self._find(robot)
         if len(keys) - is_in <= 2 * reach:
             return tuple(sorted(each for _, each in keys if each != robot))
@@ -102,7 +105,8 @@ class Ring:
 class RingGroup:
     """The group of the robot `me` in the ring of a mission's robots, among its `peers`.
 
-    A group has at least as many robots as a robot can have neighbours, and itself.
+    A group is at least as large as a robot and its neighbours together; the last one may be
+    smaller.
     """
 
     def __init__(
@@ -118,7 +122,7 @@ class RingGroup:
         self.members = tuple(names if me in names else [*names, me])
 
     def number_of(self, robot: str) -> int:
-        """The number of a robot's group, also of one that the mission does not name."""
+        """The number of a robot's group, even if the mission does not name the robot."""
         return max(0, bisect_right(self._starts, (place(robot), robot)) - 1)
 
     def _healthy(self) -> list[str]:
@@ -126,24 +130,25 @@ class RingGroup:
         return [r for r in self.members if r == me or (r in peers and peers[r].state.is_healthy)]
 
     def representatives(self) -> tuple[str, ...]:
-        """Those of the group, as this robot sees it."""
+        """The representatives of the group, as this robot sees it."""
         return tuple(self._healthy()[:REPRESENTATIVES])
 
     def reports(self) -> dict[str, SelfReport]:
-        """The newest self-reports of the other healthy robots in it."""
+        """The newest self-reports of the group's other healthy robots."""
         return {r: self._peers[r].report for r in self._healthy() if r != self._me}
 
     def all_report(self, digest: bytes) -> bool:
-        """Whether all other healthy robots of the group report this plan digest."""
+        """True if all other healthy robots of the group have joined and report this plan digest."""
         reports = self.reports().values()
         return all(each.has_joined and each.plan_digest == digest for each in reports)
 
 
 class LocalHealth:
-    """Of one robot: each trouble adds a detection time to what it waits, at most one per heartbeat
-    period; one is taken off in every detection time, the first one after the longest silence.
+    """One robot's local health. Each sign of trouble makes it wait one detection time longer for
+    silent robots, at most one per heartbeat period. One is taken off after the longest silence,
+    then one after each detection time.
 
-    `extra_us`: how much longer it waits; `better_at_us`: when that becomes less, None: it is 0.
+    `extra_us`: how much longer it waits. `better_at_us`: when that next decreases, None if it is 0.
     """
 
     def __init__(self, timing: Timing) -> None:
@@ -153,7 +158,7 @@ class LocalHealth:
         self._next_worse_us = 0
 
     def worsen(self, now_us: int) -> None:
-        """It was slow, or others held it for dead."""
+        """Note trouble: this robot was slow, or others considered it dead."""
         if now_us >= self._next_worse_us:
             most_us = MAX_EXTRA_DETECTIONS * self._timing.detection_us
             self.extra_us = min(most_us, self.extra_us + self._timing.detection_us)
@@ -161,23 +166,23 @@ class LocalHealth:
             self.better_at_us = now_us + self._timing.max_silence_us
 
     def recover(self, now_us: int) -> None:
-        """Time has passed."""
+        """Reduce the extra wait if it is time."""
         if self.better_at_us is not None and now_us >= self.better_at_us:
             self.extra_us -= self._timing.detection_us
             self.better_at_us = now_us + self._timing.detection_us if self.extra_us else None
 
 
 class PlanRecipients:
-    """Which robots hear of one robot's plans: its representatives, and robots that wait for it."""
+    """The robots that a robot reports its plans to: its representatives, and robots that wait."""
 
     def __init__(self, group: RingGroup, timing: Timing) -> None:
         self._group = group
         self._timing = timing
-        # What is reported, and to which representatives; until when heartbeats repeat it.
+        # What was reported last and to which representatives; until when heartbeats repeat it.
         self._reported: tuple[bytes, bool, tuple[str, ...]] | None = None
         self._until_us = 0
-        # The robots that were notified that the group agrees, and who waited for that plan; and
-        # those that still go by one that is no longer agreed on.
+        # The robots that were told that the group agrees, and the function that found them; and the
+        # robots that still rely on an agreement that no longer holds.
         self._notified: set[str] = set()
         self._notified_waiting: Waiting | None = None
         self._stale: set[str] = set()
@@ -185,9 +190,10 @@ class PlanRecipients:
     def of_heartbeat(
         self, urgent: Urgent, number: int, waiting: Waiting | None, judges: Judges, now_us: int
     ) -> tuple[set[str], Mapping[str, SelfReport]]:
-        """The robots that get heartbeat `number` because of plans, and what it relays to them.
+        """Return the robots that get heartbeat `number` because of plans, and what it relays to
+        them.
 
-        A repetition, for what was lost, goes to one representative after the other.
+        A repetition, in case of loss, goes to one representative after the other.
         """
         representatives = self._group.representatives()
         reported = urgent.digest, urgent.is_agreed, representatives
@@ -213,7 +219,7 @@ class PlanRecipients:
 
 
 class RingDissemination(Dissemination):
-    """That of the robot `me` in the team of a mission's robots."""
+    """The dissemination of the robot `me` in the large team of a mission's robots."""
 
     learns_joins_from_facts = True
 
@@ -227,25 +233,27 @@ class RingDissemination(Dissemination):
         self._group = RingGroup(me, mission, peers, timing.reach)
         self._plans = PlanRecipients(self._group, timing)
         self._health = LocalHealth(timing)
-        # Robots of which something has changed since they were looked at; whether all else has.
+        # Robots that changed since the judged robots were computed; whether these must be
+        # recomputed.
         self._changed: set[str] = set()
         self._is_stale = True
         self._suspects: set[str] = set()
-        # All that may be there, in the order in which they get one more heartbeat.
+        # All robots that may be present, in the order in which they take turns.
         self._in_turn: list[str] | None = None
         self._to_answer: set[str] = set()
-        # Until when robots are checked, and deaths named that others may not have declared.
+        # Until when robots are checked; until when deaths are named that others may not have
+        # declared.
         self._checked_until_us: dict[str, int] = {}
         self._named_until_us: dict[str, int] = {}
         self._next_denial_us = 0
-        # Over the members: the sum of a hash of each incarnation that has joined.
+        # Over the members: the sum of a hash of each joined incarnation.
         self._hashes: dict[str, int] = {}
         self._hash_sum = 0
-        # Whether this robot's group agrees, and what that was found from.
+        # Whether this robot's group agrees, and the arguments for which that was computed.
         self._is_agreed = False
         self._agreed_from: tuple[bytes, int] | None = None
-        # What the last heartbeat reported; whether only plans have changed since neighbours had
-        # one, which shows them facts that they lack; until when a change is repeated to them.
+        # What the last heartbeat reported; whether only plans have changed since neighbours had a
+        # heartbeat, which shows them facts that they lack; until when a change is repeated to them.
         self._last: Urgent | None = None
         self._has_plan_only = self._regular_due = False
         self._repeats_until_us = 0
@@ -275,7 +283,7 @@ class RingDissemination(Dissemination):
         return self._judged
 
     def _follow(self) -> None:
-        """Take in which robots are healthy. One judged from now on was not silent before."""
+        """Recompute the judged robots. A robot that is newly judged counts as heard just now."""
         if not (self._changed or self._is_stale):
             return
         peers, ring, me = self._peers, self._ring, self.me
@@ -284,7 +292,7 @@ class RingDissemination(Dissemination):
             ring.put(robot, state.is_healthy)
             set_member(self._suspects, robot, state is State.SUSPECT)
             self._in_turn = None
-            # A change far away makes no difference to this robot.
+            # A change far away in the ring makes no difference to this robot.
             self._is_stale |= robot in self._judged or ring.are_near(robot, me)
         self._changed.clear()
         if not self._is_stale:
@@ -319,19 +327,19 @@ class RingDissemination(Dissemination):
         if self._checked_until_us.pop(robot, None) is not None:
             self._is_stale = True
         if before is State.DEAD:
-            self.broadcast_generation += 1  # others that it was with may hold this one for dead
+            self.broadcast_generation += 1  # robots cut off together with it may hold this one dead
         if before is None or self.me in heartbeat.relays:
             self._to_answer.add(robot)
         for suspicion in heartbeat.suspicions:
             if suspicion.robot == self.me:
-                self._to_answer.add(robot)  # it may see another ring than this one
+                self._to_answer.add(robot)  # its ring may differ from this one's
                 if suspicion.is_dead:
                     self._deny()
 
     def _deny(self) -> None:
-        """Others hold this robot for dead: everybody has to hear it; it may itself be slow.
+        """Tell everybody that this robot is alive, as others have declared it dead. It may be slow.
 
-        Those who do so report it together and again: one answer in each period is enough.
+        They report the death together and repeatedly, so one denial per heartbeat period is enough.
         """
         self._worsen()
         if self.now_us >= self._next_denial_us:
@@ -340,7 +348,7 @@ class RingDissemination(Dissemination):
 
     def heard_outdated(self, robot: str, heartbeat: Heartbeat) -> None:
         if not heartbeat.report.incarnation.counter:
-            self._to_answer.add(robot)  # it starts again, and does not know its earlier life yet
+            self._to_answer.add(robot)  # it restarts, and does not know its earlier incarnation yet
 
     def was_late(self) -> None:
         self._worsen()
@@ -350,14 +358,14 @@ class RingDissemination(Dissemination):
         self.patience_us = self._health.extra_us
 
     def check(self, robot: str) -> None:
-        """Listen to a robot for some time, and let it hear from this one."""
+        """Listen to a robot for some time, and send it this robot's heartbeats."""
         if robot not in self._checked_until_us and len(self._checked_until_us) < MAX_CHECKED:
             self._checked_until_us[robot] = self.now_us + self._timing.max_detection_us
             self._is_stale = True
 
     def is_given_up(self, robot: str, peer: Peer, accusers: int) -> bool:
-        """One accuser is enough if the token is lost here too. If this robot does not judge it,
-        most of the robots that do must have declared its death.
+        """True if one accuser exists and this robot lost the token too; or if this robot does not
+        judge it and more than half of the robots that do have declared it dead.
         """
         if peer.is_token_lost and accusers:
             return True
@@ -399,8 +407,8 @@ class RingDissemination(Dissemination):
         return self._is_agreed
 
     def is_plan_only(self, urgent: Urgent, is_regular_due: bool) -> bool:
-        """Neighbours hear of plans by the first repetition, when the robots that act on them may
-        have done so; of everything else at once, and again.
+        """Neighbours hear of plans with the first repetition, when the robots that act on them may
+        have done so already. They hear of everything else at once, and again in the repetitions.
         """
         last = self._last
         if last is None:
@@ -428,10 +436,10 @@ class RingDissemination(Dissemination):
         is_to_all = last is None or has_sought or urgent.sought is not None
         is_to_all |= last is not None and last.is_leaving is not urgent.is_leaving
         if urgent.broadcast != self._sent_broadcast and now_us >= self._next_broadcast_us:
-            # At most once per period: a team that has trouble must not make more of it.
+            # At most once per period: a team in trouble must not be loaded further.
             self._sent_broadcast = urgent.broadcast
             self._next_broadcast_us = now_us + self._timing.heartbeat_us
-            # If others hold a newcomer for dead they mean an earlier life of it.
+            # If others declare a newcomer dead, they mean an earlier incarnation.
             is_to_all |= not is_new
         found.update(member for _, member in urgent.granted)
         if plan_only:
@@ -440,7 +448,10 @@ class RingDissemination(Dissemination):
         return Route(None if is_to_all else tuple(sorted(self._present(found | near))), relays)
 
     def _near_recipients(self, number: int, is_new: bool) -> set[str]:
-        """The robots that get a heartbeat whatever it reports, all that wait for an answer too."""
+        """Return the robots that get a heartbeat whatever it reports.
+
+        Includes all that await an answer.
+        """
         answered, self._to_answer = self._to_answer, set()
         judged, peers = self._judged, self._peers
         found = {*self._ring.neighbours(self.me), *judged, *self._checked_until_us, *answered}
@@ -456,12 +467,12 @@ class RingDissemination(Dissemination):
         return found
 
     def _some_of(self, robots: Sequence[str], number: int, count: int) -> list[str]:
-        """Others for each number. Robots that started together begin with different ones."""
+        """Pick other robots for each number. Robots that started together begin differently."""
         begin = bisect_left(robots, self.me) + number * count
         return [robots[(begin + k) % len(robots)] for k in range(min(count, len(robots)))]
 
     def _present(self, robots: Collection[str]) -> set[str]:
-        """Those that have not left, but for this one."""
+        """Return those of the robots that have not left, without this one."""
         peers = self._peers
         left = {r for r in robots if r in peers and peers[r].state is State.LEFT}
         return set(robots) - left - {self.me}

@@ -1,9 +1,9 @@
-"""What robots report of themselves, signed, so that others can pass it on and change nothing.
+"""Signed self-reports of robots, which others can relay but not change.
 
-A heartbeat is proved to its receivers by tags, which nobody else can check. Others relay the
-self-report in it: that a robot lives, in which life, by which plan. So a self-report carries a
-signature of its own. It is checked when a relay brings something new, which is seldom: mostly the
-heartbeat itself has arrived before.
+A heartbeat is authenticated by tags, which only its receivers can check. Others relay the
+self-report in it: that a robot is alive, in which incarnation, with which plan. So a self-report
+has its own signature. It is checked only when a relay brings something new, which is seldom, as the
+heartbeat itself has usually arrived before.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mrbt_mesh.core.membership.wire import DIGEST_BYTES, SelfReport
 
 
 def joined_report(life: Incarnation) -> SelfReport:
-    """What a robot's own facts, once it has joined, show of it."""
+    """The self-report implied by a robot's own facts once it has joined."""
     return SelfReport(life, 0, bytes(DIGEST_BYTES), True, int(Status.RUNNING))
 
 
@@ -39,17 +39,21 @@ class SignedReports:
         return self._keys is None
 
     def sign(self, robot: str, report: SelfReport) -> SelfReport:
-        """The robot's own report, with its signature."""
+        """Return the robot's own report with its signature, or unchanged in a team without keys."""
         if self._keys is None:
             return report
         return replace(report, signature=self._keys.sign(self._content(robot, report)))
 
     def may_be_relayed(self, report: SelfReport) -> bool:
-        """False for one that others could not check: it was derived from the robot's facts."""
+        """False for a report that others could not check, because it was derived from facts."""
         return self._keys is None or bool(report.signature)
 
     def is_authentic(self, robot: str, report: SelfReport) -> bool:
-        """True if the robot that a report is about, a member in good standing, has signed it."""
+        """True if the report is signed by the robot that it is about, which is a member in good
+        standing.
+
+        Always true in a team without keys.
+        """
         keys = self._keys
         if keys is None:
             return True

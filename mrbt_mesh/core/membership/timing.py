@@ -1,4 +1,4 @@
-"""The two settings of membership, every time that follows from them, in microseconds, and when
+"""The two settings of membership, all durations derived from them, in microseconds, and when
 heartbeats are sent.
 """
 
@@ -11,8 +11,8 @@ from typing import Any
 SECOND_US = 1_000_000
 NEVER_US = 1 << 62
 
-# A robot is dead once the odds of so much silence, by what was measured, are below 1 in 2**20; in
-# a team in which not all are neighbours, where more of them judge one another, the less.
+# A robot is dead once the odds of such a silence, by what was measured, are below 1 in 2**20. Where
+# not all robots are neighbours, the odds decrease with the size of the team.
 ODDS_BITS = 20
 # While a robot is probed, nobody receives more than about this many heartbeats per period.
 MAX_RECEIVED = 32
@@ -20,7 +20,7 @@ MAX_RECEIVED = 32
 
 @lru_cache(maxsize=4_096)
 def _unlikely_periods(overdue_permille: int, odds_bits: int, most: int) -> int:
-    """How many silent heartbeat periods in a row are no chance any more; at most `most`."""
+    """How many silent heartbeat periods in a row rule out chance; at most `most`."""
     odds, periods = 1 << 40, 0
     while odds > 1 << (40 - odds_bits) and periods < most:
         odds = odds * overdue_permille // 1_000
@@ -32,12 +32,12 @@ def _unlikely_periods(overdue_permille: int, odds_bits: int, most: int) -> int:
 class Timing:
     """`heartbeat_us`: heartbeat period. `detection_us`: silence after which a robot is dead.
 
-    That is on a good network; on a bad one it takes `silence_limit_us`. A frozen robot
-    is replaced within that time plus one message delay. A killed one, whose liveliness token the
-    system takes down, is replaced within two message delays, if another robot lost the token too.
-    `reach`: how far a robot's neighbours are from it in the ring of its team, on either side.
-    `odds_bits`: a silence is no chance any more if its odds are below 1 in two to the power of it.
-    Raises ValueError if a detection time has less than 3 heartbeats.
+    The latter holds on a good network; on a bad one it takes `silence_limit_us`. A frozen robot is
+    replaced within that time plus one message delay. A killed robot, whose liveliness token is
+    withdrawn by the system, is replaced within two message delays if another robot lost the token
+    too. `reach`: the most steps between neighbours in the ring of the team, on either side.
+    `odds_bits`: a silence is no longer chance if its odds are below 1 in 2**odds_bits. Raises
+    ValueError if a detection time has less than 3 heartbeats, or a heartbeat less than 1 ms.
     """
 
     heartbeat_us: int = 200_000
@@ -50,12 +50,12 @@ class Timing:
             raise ValueError("the detection time must be at least 3 beat periods, a beat 1 ms")
 
     def of_team(self, robots: int) -> Timing:
-        """The times of a team of `robots`.
+        """Return the timing for a team of `robots`.
 
-        Where not all are neighbours heartbeats are half as frequent and the detection time is half
-        as long again, so that a robot that has six neighbours has no more to do than one in a team
-        of six. Beyond that only the odds depend on the size of the team: twice as many robots are
-        twice as often taken for dead by chance.
+        Where not all robots are neighbours, heartbeats are at most half as frequent and the
+        detection time is half as long again, so that a robot with six neighbours has no more to do
+        than one in a team of six. Beyond that only the odds depend on the size of the team: in a
+        team of twice the size, twice as many robots are declared dead by chance.
         """
         if self.all_are_neighbours(robots):
             return self
@@ -68,12 +68,12 @@ class Timing:
         )
 
     def all_are_neighbours(self, robots: int) -> bool:
-        """Whether all robots of such a team are neighbours."""
+        """True if all robots of a team of this size are neighbours."""
         return robots <= 2 * self.reach + 1
 
     def silence_limit_us(self, overdue_permille: int) -> int:
-        """Silence after which a robot is dead of which, so far, news was overdue for that share of
-        the time: enough heartbeat periods that the odds of chance are below 2**-odds_bits.
+        """Silence after which a robot is dead whose news was overdue for this share of the time so
+        far: enough heartbeat periods that the odds of chance are below 2**-odds_bits.
 
         At least the detection time, at most `max_silence_us`.
         """
@@ -83,7 +83,7 @@ class Timing:
 
     @property
     def overdue_us(self) -> int:
-        """News of a robot is overdue once it has been silent for longer."""
+        """News of a robot is overdue after this much silence."""
         return self.heartbeat_us * 5 // 4
 
     @property
@@ -93,8 +93,8 @@ class Timing:
 
     @property
     def max_detection_us(self) -> int:
-        """The longest time until a robot is declared dead: the worst network, and most robots fall
-        silent together.
+        """The longest time until a robot is declared dead: on the worst network, when most robots
+        fall silent together.
         """
         return self.max_silence_us + self.detection_us
 
@@ -102,7 +102,8 @@ class Timing:
     def fence_us(self) -> int:
         """A robot that was silent for longer assumes that it was replaced.
 
-        The shortest time in which others may do that by silence alone, whatever they measured.
+        This is the shortest time in which others may replace it for its silence alone, whatever
+        they measured.
         """
         return self.detection_us
 
@@ -113,24 +114,24 @@ class Timing:
 
     @property
     def bid_wait_us(self) -> int:
-        """A request waits this long for bids, where the mission does not name a time."""
+        """How long a request waits for bids if the mission does not set a time."""
         return self.detection_us * 3 // 10
 
     @property
     def failure_latch_us(self) -> int:
-        """How long all must agree that no living robot can make good a failure, where the mission
-        does not name a time: the detection time once more.
+        """How long all must agree that no living robot can make good a failure, if the mission does
+        not set a time: one more detection time.
         """
         return self.detection_us
 
     @property
     def repair_us(self) -> int:
-        """Fact digests that differ for longer than this are repaired by asking."""
+        """Fact digests that differ for longer than this are repaired by a pull."""
         return self.heartbeat_us // 2
 
     @property
     def ask_timeout_us(self) -> int:
-        """An unanswered question is asked again after this."""
+        """An unanswered pull is repeated after this time."""
         return self.detection_us // 2
 
     @property
@@ -142,17 +143,17 @@ class Timing:
     def hold_us(self) -> int:
         """The holder counts on a lease for this long after it sent the request.
 
-        Shorter than the lease by as much as the two clocks may drift apart in that time.
+        Shorter than the lease, by more than the two clocks may drift apart in that time.
         """
         return self.lease_us * 3 // 4
 
     @property
     def news_us(self) -> int:
-        """The program goes on with an exclusive task for this long without news of a majority."""
+        """An exclusive task's program continues for this long without news of a majority."""
         return max(self.detection_us // 2, self.heartbeat_us * 5 // 2)
 
     def repeat_offsets_us(self) -> tuple[int, ...]:
-        """How long after an urgent heartbeat it is repeated."""
+        """The delays after which an urgent heartbeat is repeated."""
         return (self.heartbeat_us // 8, self.heartbeat_us // 4, self.heartbeat_us // 2)
 
     def fast_heartbeat_us(self, robots: int) -> int:
@@ -162,12 +163,12 @@ class Timing:
 
 
 class HeartbeatSchedule:
-    """The schedule of one robot's heartbeats, and their counter.
+    """The schedule and the counter of one robot's heartbeats.
 
     They are sent regularly; at once after something urgent has changed, and again soon after; and
     faster while a robot is probed.
 
-    `next_due_us` is when the next one is due, if nothing urgent changes before.
+    `next_due_us`: when the next heartbeat is due, if nothing urgent changes before.
     """
 
     def __init__(self, timing: Timing, now_us: int) -> None:
@@ -201,13 +202,14 @@ class HeartbeatSchedule:
         return urgent != self._last_urgent or now_us >= self.next_due_us
 
     def is_regular_due(self, now_us: int) -> bool:
-        """Whether it is time even if nothing were urgent."""
+        """True if a regular heartbeat is due, even if nothing is urgent."""
         return now_us >= self._regular_us
 
     def mark_sent(self, urgent: tuple[Any, ...], now_us: int, is_plan_only: bool = False) -> int:
-        """A heartbeat goes out now; returns its number.
+        """Note that a heartbeat is sent now. Returns its number.
 
-        `is_plan_only`: not to all that expect one regularly, for which the next is due as before.
+        `is_plan_only`: it does not go to every robot that expects regular heartbeats, so the next
+        regular one stays due as before.
         """
         if urgent != self._last_urgent:
             self._last_urgent = urgent
@@ -225,5 +227,5 @@ class HeartbeatSchedule:
 
 
 def earlier_median(values: list[int]) -> int:
-    """The value in the middle; of an even number the smaller of the two."""
+    """The median; of an even number of values the smaller of the two in the middle."""
     return sorted(values)[(len(values) - 1) // 2]

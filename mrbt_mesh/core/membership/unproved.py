@@ -1,11 +1,11 @@
-"""Facts that follow from others, as long as nothing but their author's word speaks for them.
+"""Facts that follow from others, while only their author vouches for them.
 
-One robot may lie about what follows: that a job is due, that a task has failed for good, that a
-revision is in force. So such a fact is not taken in until this robot's own facts show it, or a
-second robot holds it: an honest robot holds, and passes on, only what it believes. Its causes may
-have been dropped by then, which is why others are believed at all. Where only one other robot is
-heard, nobody else can confirm anything, and what that robot holds counts after some time. What a
-robot wrote that is not heard any more does not: its key may have been used for a moment only.
+One robot may lie about a consequence: that a job is due, that a task has failed for good, that a
+revision is in force. So such a fact is not merged until this robot's own facts show it, or a second
+robot holds it: an honest robot holds, and passes on, only what it believes. Its causes may have
+been dropped by then, which is why other robots are believed at all. Where only one other robot is
+heard, nobody else can confirm anything, and what that robot holds counts after some time. Facts of
+a robot that is no longer heard do not: its key may have been misused for just a moment.
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ from dataclasses import dataclass, field
 from mrbt_mesh.core.facts.derived import says
 from mrbt_mesh.core.facts.store import Entry, join
 
-# Of each author; beyond that its oldest are forgotten, and pulled again.
+# Per author; beyond that the oldest entries are dropped, and pulled again later.
 MAX_UNPROVED = 256
 
 
 @dataclass(slots=True)
 class _Claim:
-    """One entry, the robots that hold it, and since when only one robot is heard, which is among
-    them; `since_us` None: others are heard, or nobody.
+    """One entry and the robots that hold it.
+
+    `since_us`: since when only one robot is heard and that one holds the entry; None if other
+    robots are heard, or none.
     """
 
     entry: Entry
@@ -32,26 +34,28 @@ class _Claim:
 
 
 class Unproved:
-    """The entries that wait. `changes` grows with each new one, and each new holder of one."""
+    """The entries that wait for proof. `changes` grows with each new entry or new holder of one."""
 
     def __init__(self, patience_us: int) -> None:
         self.changes = 0
         self._patience_us = patience_us
-        # Name -> author -> its entry.
+        # Name -> author -> the claim with its entry.
         self._claims: dict[str, dict[str, _Claim]] = {}
         # Author -> the names of its entries.
         self._names: dict[str, dict[str, None]] = {}
 
     @property
     def names(self) -> Collection[str]:
-        """The names of the facts that somebody has written."""
+        """The names of the waiting facts."""
         return self._claims.keys()
 
     def __bool__(self) -> bool:
         return bool(self._claims)
 
     def add(self, entry: Entry, holder: str) -> bool:
-        """An entry came from a robot; whether two robots say so, and it is to be taken in."""
+        """Add an entry received from `holder`. Returns True if two robots hold it, so it can be
+        merged.
+        """
         same = self._claims.setdefault(entry.name, {})
         claim = same.get(entry.author)
         is_news = claim is None or (
@@ -83,7 +87,7 @@ class Unproved:
     def take(
         self, is_shown: Callable[[Entry], bool], heard: Collection[str], now_us: int
     ) -> list[Entry]:
-        """Those that are to be taken in now; `heard`: the other robots that are."""
+        """Remove and return the entries to merge now. `heard`: the other robots that are heard."""
         self._look(heard, now_us)
         found = []
         for claim in self._all():
@@ -95,13 +99,13 @@ class Unproved:
         return found
 
     def next_us(self, heard: Collection[str], now_us: int) -> int | None:
-        """When one may have to be taken in without proof."""
+        """When an entry may have to be merged without proof; None if there is none."""
         self._look(heard, now_us)
         since_us = [c.since_us for c in self._all() if c.since_us is not None]
         return min(since_us) + self._patience_us if since_us else None
 
     def _look(self, heard: Collection[str], now_us: int) -> None:
-        """Note which of them nobody else could confirm, and since when."""
+        """Note since when each entry could not be confirmed by any further robot."""
         for claim in self._all():
             if len(heard) != 1 or not claim.holders.issuperset(heard):
                 claim.since_us = None

@@ -1,8 +1,8 @@
-"""Messages on the wire: what they are, how they become bytes, and what is refused.
+"""Messages on the wire: their contents, their encoding, and what is refused.
 
 A message is one msgpack list: schema version, kind, the mission's digest and name, run, sender,
 body. `decode` checks all but the body; `parse_heartbeat`, `parse_entries` and `parse_pull` check
-bodies. Whatever arrives is taken apart here or refused with a WireError; nothing else escapes.
+bodies. Malformed input is refused with a WireError, and no other exception escapes.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from mrbt_mesh.core.mission.names import is_robot_id
 
 SCHEMA = 16
 MAX_MESSAGE_BYTES = 4 << 20
-# Items of one list, and of all lists of a message together: an empty list takes a byte in a
-# message, and 64 in memory.
+# The most items of one list, and of all lists of a message together: an empty list takes one byte
+# in a message, but 64 in memory.
 MAX_ITEMS, MAX_ALL_ITEMS = 100_000, 300_000
 SHORT_BYTES, LONG_BYTES = 4 << 10, 64 << 10
 MAX_NONCE = 32
 MAX_TREE_NODES = 4_096  # a larger tree of a local task reports no statuses
 DIGEST_BYTES, HEAD_BYTES, MAX_SIGNATURE_BYTES = 8, 16, 64
-# Thousandths: a million units each way; once around each way.
+# In thousandths: a million units, and one full turn, in either direction.
 MAX_COORDINATE, MAX_HEADING = 10**9, 6_284
-# What messages of a team with keys begin with, see `envelope`.
+# What messages of a team with keys begin with; see `envelope`.
 SEALED = "mrbt-sealed-2"
 
 
@@ -75,12 +75,12 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """The sender suspects this incarnation of another robot.
+    """The sender's suspicion of another robot's incarnation.
 
-    `is_token_lost`: the sender has lost its liveliness token. `is_dead`: the sender has
-    declared it dead. `is_probe`: the sender has had no news of it for too long, and asks everybody
-    for some. `report`: the last one of that incarnation that the sender knows, if it is signed: it
-    shows a robot that a life which it does not know of was its own.
+    `is_token_lost`: the sender has lost its liveliness token. `is_dead`: the sender has declared it
+    dead. `is_probe`: the sender has had no news of it for too long, and asks everybody for some.
+    `report`: the last signed report of that incarnation that the sender knows, if any: it proves to
+    a robot that an incarnation unknown to it was its own.
     """
 
     robot: str
@@ -92,16 +92,16 @@ class Suspicion:
 
     @property
     def flags(self) -> int:
-        """The three as one number."""
+        """The three flags as one number."""
         return int(self.is_token_lost) + 2 * int(self.is_dead) + 4 * int(self.is_probe)
 
 
 @dataclass(frozen=True, slots=True)
 class SelfReport:
-    """A robot's report about itself, in every heartbeat; others relay it.
+    """A robot's report about itself, sent in every heartbeat and relayed by others.
 
-    `number` counts its heartbeats. `result`: the mission's status as it sees it. `signature`: the
-    robot's own, in a team with keys; see `signed_reports`.
+    `number` counts its heartbeats. `result`: the mission's status as the robot sees it.
+    `signature`: the robot's own, in a team with keys; see `signed_reports`.
     """
 
     incarnation: Incarnation
@@ -114,8 +114,8 @@ class SelfReport:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where a robot is, in thousandths of the map's unit; `heading` in milliradians from the x axis
-    towards the y axis, if it has one.
+    """Where a robot is, in thousandths of the map's unit. `heading`: in milliradians from the x
+    axis towards the y axis, None if unknown.
     """
 
     x: int
@@ -123,15 +123,15 @@ class Position:
     heading: int | None = None
 
     def in_units(self) -> dict[str, float | None]:
-        """In units of the map, and radians."""
+        """Return the position in units of the map, and radians."""
         heading = None if self.heading is None else self.heading / 1_000
         return {"x": self.x / 1_000, "y": self.y / 1_000, "heading": heading}
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingHead:
-    """How far a robot's process has signed its recording: up to the message of this number. Its
-    check covers all messages before it.
+    """How far a robot's process has signed its recording: up to message `number`. `check` covers
+    all messages before that one.
     """
 
     number: int
@@ -149,16 +149,16 @@ class LeaseGrant:
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """One heartbeat. `statuses` are those of T_i, T_A, T_G and T_Li; `progress` in percent.
+    """One heartbeat. `statuses`: of T_i, T_A, T_G and T_Li; `progress`: in percent.
 
     `relays`: robot -> its newest self-report that the sender knows. `lease_request`: the activation
-    and the id of the coalition for which the sender needs leases. `members_digest` is over the
-    robots that the sender counts on. `position`: as the robot reports it; `tree_statuses`: of
-    the nodes, in preorder, of the tree that carries out its local task, if there is one;
-    `recorded`: so far it has signed its recording, None if it does not. `unix_us`: what the
-    sender's wall clock shows, in missions with jobs; `steady_us`: what its steady clock shows,
-    in missions in which robots stop in time by that. Without, they take no byte. `work_ms`: for how
-    long the action of its local task runs, 0 without one.
+    and the coalition id for which the sender needs leases. `members_digest`: of the robots that the
+    sender counts on. `position`: as reported by the robot. `tree_statuses`: statuses of the nodes,
+    in preorder, of the tree that carries out its local task, empty if there is none. `recorded`:
+    how far it has signed its recording, None if it does not. `work_ms`: how long the action of its
+    local task has been running, 0 without one. `unix_us`: the sender's wall clock, in missions with
+    jobs; `steady_us`: its steady clock, in missions in which robots use it to stop in time. Other
+    missions omit them, so they take no bytes there.
     """
 
     report: SelfReport
@@ -180,16 +180,16 @@ class Heartbeat:
 
 
 def encode(header: Header, kind: MessageKind, body: Any) -> bytes:
-    """One message as bytes."""
+    """Encode a message."""
     head = [SCHEMA, str(kind), header.mission, header.mission_name, header.run, header.sender]
     return bytes(msgpack.packb([*head, body]))
 
 
 def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
-    """(sender, body) of a message of the expected kind.
+    """Decode a message of the expected kind. Returns (sender, body).
 
-    Raises IncompatibleError where schema version, mission or run differ, WireError for
-    anything malformed or too large.
+    Raises IncompatibleError if schema version, mission or run differ, WireError if the message is
+    malformed or too large.
     """
     if len(data) > MAX_MESSAGE_BYTES:
         raise WireError(f"message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are read")
@@ -222,11 +222,12 @@ def decode(data: bytes, mine: Header, kind: MessageKind) -> tuple[str, Any]:
 
 
 def unpacked(data: bytes, longest: int) -> Any:
-    """A message as plain data, in which no text or binary data is longer than `longest`.
+    """Unpack a message to plain data. No text or binary data may be longer than `longest`.
 
-    It takes a few times its own memory, whatever it is. A list takes memory for as many items as it
-    announces, before any of them is there: so all but a short message is first gone through without
-    keeping anything. Raises ValueError, TypeError or msgpack.UnpackException for anything else.
+    Memory use is a small multiple of the message's size, whatever it contains. Unpacking a list
+    reserves memory for the announced number of items before any of them is read, so longer messages
+    are first skipped through without keeping anything. Raises ValueError, TypeError or
+    msgpack.UnpackException for malformed data.
     """
     if len(data) > SHORT_BYTES:
         unpacker = msgpack.Unpacker(max_buffer_size=len(data))
@@ -294,7 +295,7 @@ def _rows(value: Any, *widths: int) -> list[list[Any]]:
 
 
 def pack_heartbeat(heartbeat: Heartbeat) -> list[Any]:
-    """A heartbeat as plain data."""
+    """Convert a heartbeat to plain data."""
     report, where, head = heartbeat.report, heartbeat.position, heartbeat.recorded
     return [
         *report.incarnation,
@@ -326,7 +327,7 @@ def _pack_suspicion(suspicion: Suspicion) -> list[Any]:
 
 
 def _pack_report(report: SelfReport) -> list[Any]:
-    """All but its incarnation."""
+    """Convert everything but its incarnation."""
     joined, signature = int(report.has_joined), report.signature
     row = [report.number, report.plan_digest, joined, report.result]
     return [*row, signature] if signature else row
@@ -339,22 +340,22 @@ def _clocks(heartbeat: Heartbeat) -> tuple[int | None, ...]:
 
 
 def pack_reports(reports: Mapping[str, SelfReport]) -> list[list[Any]]:
-    """Self-reports of several robots as plain data."""
+    """Convert self-reports of several robots to plain data."""
     return [[robot, *r.incarnation, *_pack_report(r)] for robot, r in reports.items()]
 
 
 def parse_reports(rows: Any) -> dict[str, SelfReport]:
-    """The inverse of `pack_reports`; raises WireError."""
+    """Parse the output of `pack_reports`. Raises WireError."""
     return dict([_relay(row) for row in _rows(rows, *_REPORT_WIDTHS)])
 
 
 def parse_heartbeat(
     body: Any, is_new_relay: Callable[[list[Any]], bool] = lambda _: True
 ) -> Heartbeat:
-    """The inverse of `pack_heartbeat`; raises WireError.
+    """Parse the output of `pack_heartbeat`. Raises WireError.
 
-    Relays, most of a heartbeat in a large team, are only taken where `is_new_relay(row)` of
-    [robot, counter, nonce, number, ...], as yet unchecked.
+    Relays, which are most of a heartbeat in a large team, are parsed only if `is_new_relay(row)` is
+    true for the unchecked row [robot, counter, nonce, number, ...].
     """
     if not isinstance(body, list) or len(body) not in (19, 20, 21):
         raise WireError("beat is malformed")
@@ -390,9 +391,10 @@ def parse_heartbeat(
 
 
 def urgent_part(data: bytes) -> tuple[Any, ...] | None:
-    """What others act on at once when it changes, of a heartbeat that is unchecked as yet.
+    """Return the part of an unchecked heartbeat that others act on at once when it changes.
 
-    None: such a heartbeat is always urgent (it asks for news or leases), or it cannot be read here.
+    None if the heartbeat is always urgent (it asks for news or carries a lease request or grants),
+    or cannot be read here.
     """
     if len(data) > SHORT_BYTES:
         return None
@@ -407,7 +409,7 @@ def urgent_part(data: bytes) -> tuple[Any, ...] | None:
     return None if is_urgent else part
 
 
-# With and without the signature of a report; a suspicion may have none.
+# Widths with and without a report's signature; a suspicion may carry no report at all.
 _REPORT_WIDTHS = 7, 8
 _SUSPICION_WIDTHS = 4, 8, 9
 
@@ -485,7 +487,7 @@ def _lease_request(value: Any) -> tuple[str, str] | None:
 
 
 def pack_entries(entries: Iterable[Entry]) -> list[Any]:
-    """Entries as plain data, grouped by author and version, so that a batch travels whole.
+    """Convert entries to plain data, grouped by author and version, so that a batch stays whole.
 
     Each group ends with the proof of its batch.
     """
@@ -502,7 +504,9 @@ def pack_entries(entries: Iterable[Entry]) -> list[Any]:
 
 
 def parse_entries(body: Any) -> tuple[list[Entry], int]:
-    """(well-formed entries, number of malformed ones left out); raises WireError if no table."""
+    """Return (well-formed entries, number of malformed ones left out). Raises WireError if `body`
+    or a row is malformed.
+    """
     entries: list[Entry] = []
     malformed = 0
     for author, counter, nonce, sequence, rows, shown in _rows(body, 6):
@@ -528,8 +532,8 @@ def _proof(value: Any) -> BatchProof | None:
 
 
 def parse_pull(body: Any) -> tuple[Mapping[str, bytes], bytes, Mapping[str, bytes]]:
-    """A pull's version summary, author -> 16-byte digest; the digest of the asker's alive set; and
-    of authors with many entries the digests of their parts, see `FactMap.part_digests`.
+    """Parse a pull. Returns author -> 16-byte digest, the digest of the asker's alive set, and for
+    authors with many entries the digests of their parts, see `FactMap.part_digests`.
 
     Raises WireError.
     """
@@ -542,7 +546,7 @@ def parse_pull(body: Any) -> tuple[Mapping[str, bytes], bytes, Mapping[str, byte
     return summary, _digest(body[1]), parts
 
 
-# How an agent writes and reads its messages; several agents in one process may share the work.
+# How an agent writes and reads messages; several agents in one process may share the work.
 WriteHeartbeat: TypeAlias = Callable[[Heartbeat, Header], bytes]
 # (robot under whose key it was published, message, own header, which relays may be news)
 ReadHeartbeat: TypeAlias = Callable[[str, bytes, Header, Callable[[list[Any]], bool]], Heartbeat]
@@ -551,19 +555,19 @@ ReadBatch: TypeAlias = Callable[[str, bytes, Header], tuple[list[Entry], int]]
 
 
 def write_heartbeat(heartbeat: Heartbeat, mine: Header) -> bytes:
-    """A heartbeat as a message."""
+    """Encode a heartbeat as a message."""
     return encode(mine, MessageKind.HEARTBEAT, pack_heartbeat(heartbeat))
 
 
 def read_heartbeat(
     source: str, data: bytes, mine: Header, is_new_relay: Callable[[list[Any]], bool]
 ) -> Heartbeat:
-    """A published heartbeat; relays that are no news may be left out. Raises WireError."""
+    """Read a published heartbeat. Relays that are not news may be left out. Raises WireError."""
     return parse_heartbeat(_body(source, data, mine, MessageKind.HEARTBEAT), is_new_relay)
 
 
 def read_batch(source: str, data: bytes, mine: Header) -> tuple[list[Entry], int]:
-    """(entries of a published batch, number of malformed ones left out). Raises WireError."""
+    """Return (a published batch's entries, number of malformed ones). Raises WireError."""
     entries, malformed = parse_entries(_body(source, data, mine, MessageKind.FACT))
     if any(entry.author not in (source, OPERATORS) for entry in entries):
         raise WireError(f"{source} published entries of another author")
