@@ -89,8 +89,8 @@ def naming(kernel: Path) -> dict[str, tuple[int, int]]:
 
 
 def loaded_lines(root: Path) -> int:
-    """How many lines the modules have that a robot's process imports before it begins, as far as
-    imports stand at the top of modules.
+    """The lines of code in the modules that a robot's process imports before it begins, as far as
+    imports stand at the top of modules. Docstrings, comments and imports do not count.
     """
     seen: set[str] = set()
     waiting = list(AGENT)
@@ -101,7 +101,7 @@ def loaded_lines(root: Path) -> int:
         if name in seen or path is None:
             continue
         seen.add(name)
-        lines += len(path.read_text(encoding="utf-8").splitlines())
+        lines += sum(1 for _ in code_lines(path))
         waiting += name.rpartition(".")[:1]
         for node in parsed(path).body:
             match node:
