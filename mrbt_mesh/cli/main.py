@@ -12,7 +12,7 @@ SECTIONS = {
     "Run a team": {
         "demo up down": "Run an example; start a team; end it",
         "watch status ls logs": "Watch a team; who does what; teams; logs",
-        "agent router keys attend": "Run one robot or router; write keys; show presence",
+        "agent router keys attend": "Run one robot or router; write keys; attend",
     },
     "Act on a running team": {
         "kill freeze thaw fault": "Stop, freeze, thaw a robot; break a capability",
