@@ -1,4 +1,4 @@
-"""A BehaviorTree.CPP tree as a team's tree, or the list of what a team cannot carry out.
+"""Translates a BehaviorTree.CPP tree to a team's tree, or lists what a team cannot carry out.
 
 A team's tree is a pure function of replicated facts. There is no blackboard and no script that
 changes anything; what nodes with memory remember are facts.
@@ -31,7 +31,7 @@ from mrbt_mesh.core.bt.tree import Kind, Memory, NodeSpec, TreeError, build_tree
 from mrbt_mesh.core.mission.names import ARGUMENT_PATTERN, MAX_ARGUMENTS, NAME_PATTERN
 from mrbt_mesh.errors import Problem
 
-# BehaviorTree.CPP's nodes and the core's that do the same.
+# BehaviorTree.CPP's nodes, and the equivalent nodes of the core.
 KINDS = {
     "ReactiveSequence": (Kind.SEQUENCE, Memory.NONE),
     "ReactiveFallback": (Kind.FALLBACK, Memory.NONE),
@@ -53,7 +53,7 @@ KINDS = {
     "SubTree": (Kind.SUBTREE, Memory.NONE),
 }
 
-# Written by our own export: BehaviorTree.CPP keeps it, and ignores it.
+# Written by our own export; BehaviorTree.CPP keeps and ignores it.
 REACTIVE = "_reactive"
 # The condition in place of AlwaysSuccess; a mission declares it with the default true.
 ALWAYS = "always"
@@ -78,7 +78,7 @@ _REASONS = {
         SWITCHES, "it chooses by a value on the blackboard, which a team does not share"
     ),
 }
-# Controls that neither halt a child nor begin it again before they have ended themselves.
+# Controls that neither halt a child nor restart it before they have ended themselves.
 _LEAVES_ALONE = frozenset({"Sequence", "AsyncSequence", "Fallback", "AsyncFallback", "IfThenElse"})
 _NAME = re.compile(NAME_PATTERN)
 _ARGUMENT = re.compile(ARGUMENT_PATTERN)
@@ -89,7 +89,7 @@ _MAX_COUNT = 1_000_000_000
 class TeamTree:
     """The team's tree, or None and what cannot be carried out, with path, line and reason.
 
-    `notes` are what a team does otherwise.
+    `notes` are differences in a team's behavior.
     """
 
     spec: NodeSpec | None
@@ -109,7 +109,7 @@ def to_team_tree(library: Library, tree: str, unknown_leaves: Category | None = 
 def translated(
     library: Library, expanded: ExpandedTree, unknown_leaves: Category | None = None
 ) -> TeamTree:
-    """As `to_team_tree`, of a tree that has been expanded; what has a `call` is a task."""
+    """Like `to_team_tree`, for an expanded tree; a node with a `call` is a task."""
     translation = _Translation(library, expanded, unknown_leaves)
     spec = translation.node(expanded.root)
     if not translation.refusals and spec is not None:
@@ -124,7 +124,7 @@ def translated(
 
 
 class _RefusedError(Exception):
-    """A node that cannot be carried out; the message gives the reason."""
+    """A node cannot be carried out; the message gives the reason."""
 
 
 class _Translation:
@@ -150,7 +150,7 @@ class _Translation:
         self.notes.append(Problem(node.file, node.line, node.path, f"{node.type}: {text}"))
 
     def node(self, node: ExpandedNode) -> NodeSpec | None:
-        """The node's spec, or None once it or something below it has been refused."""
+        """Return the node's spec, or None if it or a node below it has been refused."""
         if node.call:
             name = node.name if node.name not in (node.type, node.call) else ""
             return NodeSpec(Kind.ACTION, name=name, subject=node.call)
@@ -183,7 +183,7 @@ class _Translation:
             self.refuse(node, f"{name} {reason}")
 
     def inner(self, node: ExpandedNode) -> NodeSpec:
-        """A control, decorator or SubTree, without its children."""
+        """Return the spec of a control, decorator or SubTree, without its children."""
         if node.type == "Script":
             raise _RefusedError("a script with side effects: a team shares no blackboard")
         if node.type in _REASONS:
@@ -208,7 +208,7 @@ class _Translation:
         return spec
 
     def count(self, node: ExpandedNode, port: str, default: int | None) -> int:
-        """A number that is fixed in the file."""
+        """Return a number that is fixed in the file."""
         text = self.constant(node, port, node.ports.get(port, str(default)))
         try:
             value = int(text)
@@ -219,7 +219,7 @@ class _Translation:
         return value
 
     def constant(self, node: ExpandedNode, port: str, value: str) -> str:
-        """A port's value if it is fixed: a constant, or an entry that nobody writes."""
+        """Return a port's value if it is fixed: a constant, or an entry that nobody writes."""
         key = pointer(value)
         if key is None:
             return value
@@ -235,7 +235,7 @@ class _Translation:
         )
 
     def parallel(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec:
-        """Its thresholds. With the mark of our own export it remembers nothing."""
+        """Add a Parallel's thresholds. With the mark of our own export it has no memory."""
         count = len(node.children)
         needed = self.count(node, "success_count", -1)
         allowed = self.count(node, "failure_count", 1)
@@ -255,7 +255,7 @@ class _Translation:
         )
 
     def checked(self, node: ExpandedNode, spec: NodeSpec) -> NodeSpec | None:
-        """What depends on the children: SequenceWithMemory, and what a team does otherwise."""
+        """Check what depends on the children: SequenceWithMemory, and differences in a team."""
         if spec.memory is Memory.UNTIL_SUCCESS and node.path not in self.keepers:
             self.refuse(
                 node,
@@ -272,7 +272,9 @@ class _Translation:
         return spec
 
     def leaf(self, node: ExpandedNode) -> NodeSpec:
-        """An action or condition: its type and the values of its ports, `move(dock,fast)`."""
+        """Translate an action or condition: its type and the values of its ports,
+        `move(dock,fast)`.
+        """
         category = node.category
         if node.is_guessed:
             if self.unknown_leaves is None:
@@ -314,7 +316,7 @@ class _Translation:
         return text
 
     def formula(self, node: ExpandedNode) -> NodeSpec:
-        """A script of conditions with `!`, `&&` and `||` as a tree of conditions."""
+        """Translate a script of conditions with `!`, `&&` and `||` to a tree of conditions."""
         try:
             script = parse(node.ports.get("code", ""))
         except ScriptError as error:
@@ -358,7 +360,7 @@ def _truth(expression: Expression) -> bool | None:
 
 
 def _keepers(root: ExpandedNode) -> set[str]:
-    """The paths of SequenceWithMemory nodes that nothing halts, and only a Retry begins anew."""
+    """Return paths of SequenceWithMemory nodes that nothing halts and only a Retry restarts."""
     found: set[str] = set()
     waiting = [(root, True, False)]
     while waiting:

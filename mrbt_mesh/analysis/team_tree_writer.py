@@ -1,4 +1,4 @@
-"""Write a team's tree T_G as BehaviorTree.CPP XML."""
+"""Writes a team's tree T_G as BehaviorTree.CPP XML."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mrbt_mesh.core.mission.names import type_name
 
 _SIGN = re.compile(r"[^A-Za-z0-9_]+")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
-# The core's kinds as BehaviorTree.CPP calls them.
+# The core's kinds, with BehaviorTree.CPP's names.
 _OF_KIND = {kind: node for node, kind in reversed(KINDS.items())} | {
     (Kind.PARALLEL, Memory.NONE): "Parallel",
     (Kind.JOBS, Memory.NONE): "Parallel",
@@ -25,13 +25,13 @@ _OF_KIND = {kind: node for node, kind in reversed(KINDS.items())} | {
 
 
 def team_tree_document(spec: NodeSpec, file: str) -> Document:
-    """A team's tree T_G as BehaviorTree.CPP XML; `team_tree.to_team_tree` takes it back.
+    """Return a team's tree T_G as BehaviorTree.CPP XML; `team_tree.to_team_tree` reads it back.
 
     Sequences and Fallbacks without memory become reactive ones; BehaviorTree.CPP has no such
     Parallel, so those are marked `_reactive`. Tasks become actions with their arguments as ports
-    `arg_1`, `arg_2`, ...; a team's bounds and robots have no place. A Jobs node is shown as a
-    Parallel of its types, a comparison of a blackboard entry as a ScriptCondition, and an argument
-    that is read from the blackboard as a pointer to it.
+    `arg_1`, `arg_2`, ...; a team's bounds and robots cannot be expressed. A Jobs node becomes a
+    Parallel of its types, a comparison of a blackboard entry a ScriptCondition, and an argument
+    that is read from the blackboard a pointer to it.
     """
     root = Element("root", {"BTCPP_format": "4", "main_tree_to_execute": "MainTree"})
     writer = _CoreWriter()
@@ -65,7 +65,7 @@ class _CoreWriter:
         return element
 
     def subtree(self, spec: NodeSpec) -> str:
-        """The ID of the tree for a subtree; equal ones share it."""
+        """Return the ID of the tree for a subtree; equal subtrees share it."""
         if spec not in self.trees:
             wanted = "".join(c if c.isalnum() or c in "_-" else "_" for c in spec.name).strip("_")
             name = wanted = wanted or "subtree"
@@ -106,7 +106,7 @@ class _CoreWriter:
 
 
 def _script(comparison: EntryComparison) -> str:
-    """A comparison as BehaviorTree.CPP's scripts have it: texts in quotes, names without signs."""
+    """Return a comparison for BehaviorTree.CPP's scripts: texts in quotes, names without signs."""
     is_number = _NUMBER.fullmatch(comparison.literal) is not None
     literal = comparison.literal if is_number else f"'{comparison.literal}'"
     return f"{_SIGN.sub('_', comparison.entry)} {comparison.operator} {literal}"

@@ -1,4 +1,4 @@
-"""Processes beside the team of a drill, such as the world that its robots are in."""
+"""Processes beside the team of a drill, such as the world of its robots."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from pathlib import Path
 
 from mrbt_mesh.errors import InputError
 
-# Names the folder in which robots and what is beside them find each other's sockets.
+# Environment variable with the folder where robots and these processes find each other's sockets.
 FOLDER_VARIABLE = "MRBT_BESIDE"
 END_TIMEOUT_S, CHECK_TIMEOUT_S = 5.0, 30.0
 MAX_SAID = 300
 
 
 class BesideError(InputError):
-    """A process that does not start; the message has its name and the reason."""
+    """A process does not start; the message has its name and the reason."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """The answer of a command at the end of a drill; `status` None: none in time."""
+    """The result of a check command at the end of a drill; `status` is None after a timeout."""
 
     command: str
     status: int | None
@@ -33,7 +33,7 @@ class Check:
 
 
 def words(command: str) -> list[str]:
-    """A command's words; `python` is the interpreter that runs this. Raises ValueError."""
+    """Split a command into words; `python` becomes the current interpreter. Raises ValueError."""
     found = shlex.split(command)
     if not found:
         raise ValueError("no command")
@@ -41,7 +41,7 @@ def words(command: str) -> list[str]:
 
 
 class Beside:
-    """Processes that are there before the team and end after it, started in `folder`."""
+    """Processes that start before the team and end after it, in the folder `folder`."""
 
     def __init__(self, folder: Path, shared: Path, environment: Mapping[str, str]) -> None:
         self.environment = {FOLDER_VARIABLE: str(shared)}
@@ -51,7 +51,7 @@ class Beside:
         self._processes: list[tuple[str, subprocess.Popen[bytes], Path]] = []
 
     def start(self, command: str) -> None:
-        """Raises BesideError if there is no such program."""
+        """Start a process. Raises BesideError if there is no such program."""
         path = self._shared / f"{len(self._processes) + 1}.log"
         try:
             with path.open("wb") as log:
@@ -68,7 +68,7 @@ class Beside:
         self._processes.append((command, process, path))
 
     def ended(self) -> list[str]:
-        """Those that run no longer, each with its status and its last output."""
+        """Return those that have ended, each with its status and its last output."""
         return [
             f"{command} has ended with status {process.returncode}: {_tail(path.read_bytes())}"
             for command, process, path in self._processes
@@ -95,7 +95,7 @@ class Beside:
         return Check(command, done.returncode, _tail(done.stdout))
 
     def end(self) -> None:
-        """SIGTERM for all, and SIGKILL for those that ignore it."""
+        """Send SIGTERM to all, and SIGKILL to those that ignore it."""
         for _, process, _ in self._processes:
             process.terminate()
         for _, process, _ in self._processes:
@@ -115,7 +115,7 @@ def _tail(said: bytes) -> str:
 def beside(
     commands: Sequence[str], folder: Path, environment: Mapping[str, str]
 ) -> Iterator[Beside]:
-    """Those of a drill, running. Raises BesideError."""
+    """Run the processes of a drill. Raises BesideError."""
     with tempfile.TemporaryDirectory(prefix="mrbt-") as shared:
         found = Beside(folder, Path(shared), environment)
         try:

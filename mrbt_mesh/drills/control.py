@@ -1,4 +1,4 @@
-"""Commands to a team that is watched: faults of processes of this machine, commands, drills.
+"""Commands to a team that is watched: faults of processes on this machine, commands, drills.
 
 The live page and `mrbt watch --top` offer them.
 """
@@ -42,11 +42,11 @@ TEAM_COMMANDS = {
 
 
 class CommandError(Exception):
-    """A command that was not carried out; the message has the reason."""
+    """A command was not carried out; the message has the reason."""
 
 
 class Control:
-    """Carries out what is commanded. `team` is None where no process is of this machine."""
+    """Carries out commands. `team` is None if no process runs on this machine."""
 
     def __init__(self, watcher: Watcher, team: Team | None, group: anyio.abc.TaskGroup) -> None:
         self._watcher = watcher
@@ -54,21 +54,21 @@ class Control:
         self._drills = TeamDrills(watcher, team, group) if team is not None else None
 
     def offers(self) -> dict[str, Any]:
-        """What can be asked for, and what each will do."""
+        """Return the available commands, and what each will do."""
         robots = {name: text for name, (_, text) in WORDS.items()}
         if self._team is not None:
             robots = {name: text for name, (_, text) in FAULTS.items()} | robots
         return {"robot": robots, "team": TEAM_COMMANDS, "drills": self._drills is not None}
 
     async def drills(self) -> list[dict[str, Any]]:
-        """The drills that fit this team; raises CommandError if a drill file is wrong."""
+        """Return the drills that fit this team. Raises CommandError if a drill file is wrong."""
         try:
             return [] if self._drills is None else await self._drills.known()
         except InputError as error:
             raise CommandError(str(error)) from error
 
     async def carry_out(self, command: Any) -> str:
-        """Do it and say what was done; raises CommandError."""
+        """Carry out a command, and return what was done. Raises CommandError."""
         text = await self._carry_out(command)
         if self._team is not None:
             try:

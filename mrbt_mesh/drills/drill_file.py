@@ -39,7 +39,7 @@ _REFERENCE = re.compile(r"\$([A-Za-z_][A-Za-z0-9_]*)")
 
 @dataclass(frozen=True)
 class Drill:
-    """One drill, ready to be carried out. `label` is its name with the values of `for_each`."""
+    """One drill, ready to run. `label` is its name with the values of `for_each`."""
 
     path: Path
     label: str
@@ -51,13 +51,13 @@ class Drill:
 
 
 def drill_folder() -> Path:
-    """Where drills are: `drills/` here, else those that come with the project."""
+    """Return the folder of drills: `drills/` here if it has any, else the drills of the project."""
     here = Path.cwd() / FOLDER
     return here if any(here.glob("*.yaml")) else shipped(FOLDER)
 
 
 def drill_files(folder: Path) -> list[Path]:
-    """The drill files of a folder, sorted; raises FileError if it has none."""
+    """Return the drill files of a folder, sorted. Raises FileError if it has none."""
     paths = sorted(folder.glob("*.yaml"))
     if not paths:
         raise whole_file_error(str(folder), "the folder has no drill (*.yaml)")
@@ -65,9 +65,9 @@ def drill_files(folder: Path) -> list[Path]:
 
 
 def load_drills(path: Path) -> list[Drill]:
-    """The drills of a file, in the order of its `for_each`.
+    """Load the drills of a file, in the order of its `for_each`.
 
-    Raises FileError, and nothing else, for whatever may be wrong with it or its mission.
+    Raises only FileError, for anything wrong with the file or its mission.
     """
     data, read = read_mapping(path, "a drill is expected (name: ..., steps: ...)")
     read.raise_if_any()
@@ -76,7 +76,7 @@ def load_drills(path: Path) -> list[Drill]:
     missions: dict[Path, Mission] = {}
     for values in _combinations(data, report):
         ground = _substituted(data, values, report)
-        # What is left over of a name that is missing would be complained about again.
+        # An unresolved name would be reported a second time.
         report.raise_if_any()
         drill = _load_one(path, ground, values, report, missions)
         if drill is not None:
@@ -86,7 +86,10 @@ def load_drills(path: Path) -> list[Drill]:
 
 
 def _combinations(data: Mapping[str, Any], report: Report) -> Iterator[dict[str, Any]]:
-    """The values of `for_each`, the last name changing fastest; one empty one without it."""
+    """Yield the combinations of `for_each`, the last name changing fastest.
+
+    Without it, an empty one.
+    """
     given = data.get("for_each", {})
     if not isinstance(given, dict):
         report.add(("for_each",), f"a mapping of names to lists is expected, found {found(given)}")
@@ -108,7 +111,10 @@ def _combinations(data: Mapping[str, Any], report: Report) -> Iterator[dict[str,
 def _substituted(
     data: Any, values: Mapping[str, Any], report: Report, path: SourcePath = ()
 ) -> Any:
-    """The data with `$name` replaced; a text that is nothing else becomes the value itself."""
+    """Return the data with `$name` replaced.
+
+    A text that is only `$name` becomes the value itself.
+    """
     if isinstance(data, SourceDict):
         copy = SourceDict({k: _substituted(v, values, report, (*path, k)) for k, v in data.items()})
         copy.path = path
@@ -165,7 +171,7 @@ def _load_one(
 
 
 def _check(model: DrillModel, report: DrillReport) -> None:
-    """Report the parts of a drill that do not fit together."""
+    """Report contradictions between parts of a drill."""
     if model.routers and (model.network != "loopback" or model.profiles != ["wired"]):
         report.add(("routers",), "routers need `network: loopback`, `transport: wired`")
     try:

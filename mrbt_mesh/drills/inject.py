@@ -1,4 +1,4 @@
-"""Carries the faults of a drill's steps out, and writes down what was done to whom."""
+"""Carries out the faults of a drill's steps, and notes what was done to which robot."""
 
 from __future__ import annotations
 
@@ -38,7 +38,10 @@ from mrbt_mesh.runtime.watcher import Watcher
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """One fault as it was carried out. `at_us` on the observer's clock, `unix_s` on events'."""
+    """A fault as it was carried out.
+
+    `at_us` is on the observer's clock, `unix_s` on the events' clock.
+    """
 
     at_us: int
     unix_s: float
@@ -49,7 +52,7 @@ class InjectedFault:
 
 @dataclass(frozen=True)
 class JournalsAtDeath:
-    """What the journals of robots that were just killed held: robot -> successes."""
+    """The successes in the journals of robots that were just killed, by robot."""
 
     unix_s: float
     journals: dict[str, frozenset[Done]]
@@ -57,9 +60,10 @@ class JournalsAtDeath:
 
 @dataclass
 class InjectedFaults:
-    """All that was done to a team; the judge reads it. `deaths`: pid -> s since 1970.
+    """Everything that was done to a team, for the judge. `deaths`: pid -> seconds since 1970.
 
-    `disturbed`: pairs of robots between which packets were lost, in whichever direction.
+    `disturbed`: pairs of robots between which packets were blocked, lost or delayed, in any
+    direction.
     """
 
     done: list[InjectedFault] = field(default_factory=list)
@@ -71,7 +75,7 @@ class InjectedFaults:
     fault_log: FaultLog = field(default_factory=FaultLog)
 
     def hit(self) -> frozenset[str]:
-        """Robots whose processes were stopped in some way."""
+        """Return the robots whose processes were killed, frozen, restarted or made to leave."""
         ways = ("kill", "stop", "restart", "kill_team", "leave")
         return frozenset(
             robot for fault in self.done if fault.fault in ways for robot in fault.robots
@@ -79,7 +83,10 @@ class InjectedFaults:
 
 
 class DrillInjector:
-    """Carries out steps on one team. `network` is None on loopback, `routers` without any."""
+    """Carries out steps on one team.
+
+    `network` is None on loopback, `routers` is None without routers.
+    """
 
     def __init__(
         self,
@@ -97,7 +104,7 @@ class DrillInjector:
         self._tell = tell
 
     async def carry_out_due(self, schedule: Schedule, snapshot: Snapshot) -> bool:
-        """Carry out the next step if its moment has come; whether it had."""
+        """Carry out the next step if it is due; return whether it was."""
         step = schedule.due(snapshot, self.injected.fault_log)
         if step is not None:
             await self.carry_out(step, snapshot)
@@ -105,7 +112,7 @@ class DrillInjector:
         return step is not None
 
     async def carry_out(self, step: StepModel, snapshot: Snapshot) -> None:
-        """Do all that a step asks for, in the order of its keys."""
+        """Carry out all faults of a step, in the order of its keys."""
         faults = {
             "kill": self._kill,
             "stop": self._stop,
@@ -141,7 +148,7 @@ class DrillInjector:
                     await self._disturb(name, fault, snapshot)
 
     def _chosen(self, robots: Robots | None, snapshot: Snapshot) -> list[str]:
-        """The robots that a step means now; None: all."""
+        """Return the robots that a step means now; None means all."""
         if robots is None:
             return sorted(self._team.info.endpoints)
         return chosen(robots, snapshot, self.injected.fault_log)
@@ -155,7 +162,7 @@ class DrillInjector:
         self._tell(injected)
 
     def _processes(self, fault: str, robots: Iterable[str]) -> dict[str, psutil.Process]:
-        """Those of the robots that have a process; that one has none is a problem."""
+        """Return the processes of these robots; a robot without one is noted as a problem."""
         found = {}
         for robot in robots:
             process = self._team.process(robot)
@@ -171,7 +178,7 @@ class DrillInjector:
         processes = self._processes(fault, robots)
         at_us = boottime_us()
         for robot, process in processes.items():
-            # Noted before, not after: on a busy machine the next line may come much later.
+            # Noted before the kill: on a busy machine the next line may run much later.
             self.injected.deaths[process.pid] = time.time()
             process.send_signal(signal.SIGKILL)
             self._watcher.observer.record.exited(robot, at_us)
@@ -179,7 +186,7 @@ class DrillInjector:
         await self._died(processes)
 
     async def _died(self, processes: dict[str, psutil.Process]) -> None:
-        """Wait until killed processes are gone, and keep what their journals held then."""
+        """Wait until killed processes are gone, and save what their journals held then."""
         fault_log = self.injected.fault_log
         for robot, process in processes.items():
             await anyio.to_thread.run_sync(wait_for_exit, process.pid)
@@ -211,7 +218,7 @@ class DrillInjector:
             self._note(fault, [robot], "goes on (SIGCONT)")
 
     async def _restart(self, fault: str, robots: Sequence[str]) -> None:
-        """New processes with the same ids and journals; what still runs is killed first."""
+        """Start new processes with the same ids and journals; running ones are killed first."""
         for robot in robots:
             if self._team.process(robot) is not None:
                 await self._kill(fault, [robot])
@@ -287,7 +294,7 @@ class DrillInjector:
         self._note(name, (), f"{' '.join(sources)} → {' '.join(targets)}: {text}")
 
     def _groups(self, fault: list[Robots], snapshot: Snapshot) -> list[list[str]]:
-        """The groups of a partition; robots that none names are one more."""
+        """Return the groups of a partition; robots that no group names form one more."""
         groups = [self._chosen(group, snapshot) for group in fault]
         named = {robot for group in groups for robot in group}
         rest = [robot for robot in sorted(self._team.info.endpoints) if robot not in named]

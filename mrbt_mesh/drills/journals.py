@@ -14,7 +14,7 @@ from mrbt_mesh.runtime.journal import read_journals
 class Done:
     """A success of one robot for one local task of one activation.
 
-    `coalition`: the one with which it was done, where the global task asks for that.
+    `coalition`: the coalition that performed it, if the global task requires one.
     """
 
     robot: str
@@ -26,7 +26,7 @@ class Done:
 def read(
     run_dir: Path, robots: Iterable[str], mission: str, run: str
 ) -> dict[str, frozenset[Done]]:
-    """Robot -> the successes, of any robot, that its journal holds."""
+    """Return robot -> the successes, of any robot, that its journal holds."""
     return {
         robot: frozenset(
             Done(entry.author, *entry.parts[1:])

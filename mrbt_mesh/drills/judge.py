@@ -1,6 +1,6 @@
-"""What held and what did not: from the robots' recordings and journals, and what was done to them.
+"""Judges a drill's expectations by the robots' recordings and journals, and by the faults.
 
-That something did not happen holds only where it would have been recorded.
+"It did not happen" holds only if it would have been recorded.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class DrillResult:
 
 @dataclass
 class Evidence:
-    """What is known of a run. `journals` as at the end; `is_obsolete`: whether no evaluation can
-    reach an activation any more by then.
+    """What is known about a run, for the judge.
 
-    `takeovers` as in summary.json, with `inflicted`: whether the drill did that to the robot,
-    and `ended`: whether its process had really ended. `beside_ended`: processes that should have
-    run until the end. `checks`: the answers of the drill's commands. `events`: starts and ends of
-    local tasks, as `recorded_work` reads them; `unrecorded`: robots that did not record all that
-    they did; `logs`: how many robots have written a log.
+    `journals` are as at the end. `is_obsolete` tells if no evaluation can reach an activation any
+    more by then. `takeovers` are as in summary.json, plus `inflicted` (the drill caused it) and
+    `ended` (the robot's process had really ended). `beside_ended`: processes that should have run
+    until the end, but ended. `checks`: the results of the drill's check commands. `events`: starts
+    and ends of local tasks, as read by `recorded_work`. `unrecorded`: robots that did not record
+    everything they did. `logs`: how many robots have written a log.
     """
 
     result: str
@@ -64,12 +64,12 @@ class Evidence:
 
 
 def judge(expect: ExpectModel, mission: Mission, evidence: Evidence) -> list[DrillResult]:
-    """A result for each expectation, in the order of the file's keys."""
+    """Return a result for each expectation, in the order of the file's keys."""
     return list(_Judge(expect, mission, evidence).results())
 
 
 def _at_most(expected: str, found: Sequence[str], most: int, unobserved: str) -> DrillResult:
-    """Whether that was found at most so often; `unobserved`: why nothing could be found."""
+    """Return whether at most `most` were found; `unobserved` says why nothing could be found."""
     holds = len(found) <= most and not unobserved
     return DrillResult(expected, holds, ", ".join(found) or unobserved or "none")
 
@@ -123,7 +123,7 @@ class _Judge:
             yield DrillResult(check.command, check.status == 0, check.said)
 
     def robots(self, robots: Robots) -> list[str]:
-        """The robots that are meant, with the roles that they had at the end."""
+        """Return the robots meant, with the roles that they had at the end."""
         return chosen(robots, Snapshot(0), self.injected.fault_log)
 
     def states(
@@ -139,7 +139,10 @@ class _Judge:
     # -- what was done in the world ---------------------------------------------------------
 
     def grounds(self, task: str) -> list[str]:
-        """The ground local tasks of a name that were ever started; a ground one is itself."""
+        """Return the ground local tasks of a name that were ever started.
+
+        A ground task is itself.
+        """
         started = sorted({s.ground for s in self.spans if task in (s.ground, type_name(s.ground))})
         return started or [task]
 
@@ -174,14 +177,14 @@ class _Judge:
             yield DrillResult(expected, is_within and not unobserved, text)
 
     def unobserved(self, works: Sequence[Span], what: str) -> str:
-        """Why it is not known what was done; empty if it is."""
+        """Return why it is not known what was done; empty if it is known."""
         if not works:
             return f"nothing was recorded for {what}"
         robots = ", ".join(sorted(self.evidence.unrecorded))
         return f"not all was recorded by {robots}" if robots else ""
 
     def yields(self, robot: str) -> DrillResult:
-        """When it wakes, a robot must cancel the work in which it was frozen."""
+        """Judge that a robot, when it wakes, cancels the work during which it was frozen."""
         frozen = [
             (span, span.end == "cancel" and span.end_s <= freeze.to_s + YIELDS_WITHIN_S)
             for freeze in self.injected.freezes
@@ -221,7 +224,7 @@ class _Judge:
         return DrillResult(f"{word} within {limit_s:g} s", holds, text or "no fault was noticed")
 
     def false_deaths(self, most: int) -> DrillResult:
-        # At the end of a mission those who are done first are gone before the others are.
+        # At the end of a mission, robots that finish first end before the rest.
         found = [
             f"{each['robot']} at {each['at_s']:.2f} s"
             for each in self.evidence.takeovers
@@ -235,7 +238,7 @@ class _Judge:
     # -- links ----------------------------------------------------------------------------------
 
     def links_back(self, limit_s: float) -> DrillResult:
-        """Links of robots whose processes were stopped are left out."""
+        """Judge that links came back. Links of robots whose processes were stopped are ignored."""
         hit = self.injected.hit()
         lines = [line for line in self.evidence.links if not line.pair & hit]
         heals_s = [each.unix_s for each in self.injected.done if each.fault in ("heal", "unblock")]
@@ -282,10 +285,10 @@ class _Judge:
 
 
 def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -> list[Span]:
-    """Executions that began although journals of robots killed before held their end.
+    """Return executions that began although journals of robots killed before held their end.
 
-    That is: as many successes as the local task needs, of one coalition where it asks for that,
-    or else a success of the same robot.
+    The end is as many successes as the local task needs, of one coalition if it needs several, or a
+    success of the same robot.
     """
     # (global task, local task) -> the number of successes that end that local task.
     least = {
@@ -305,7 +308,7 @@ def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -
         }
         own = any(done.robot == span.robot and not done.coalition for done in known)
         together = Counter(done.coalition for done in known)
-        # Where help is optional, a helper is never one too many.
+        # If help is optional, a helper is never one too many.
         needed = least.get((span.global_task, span.ground), 1)
         enough = 0 < needed <= max(together.values(), default=0)
         if own or enough:
@@ -314,9 +317,10 @@ def repeats(mission: Mission, found: Iterable[Span], injected: InjectedFaults) -
 
 
 def losses(injected: InjectedFaults, journals: Mapping[str, frozenset[Done]]) -> list[Done]:
-    """Successes that a robot's journal held when it was killed and no journal holds now.
+    """Return successes that a robot's journal held when it was killed and that no journal holds
+    now.
 
-    Those of obsolete activations are forgotten on purpose.
+    Callers exclude obsolete activations, whose successes are forgotten on purpose.
     """
     kept = frozenset(done for held in journals.values() for done in held)
     then = {
@@ -326,7 +330,7 @@ def losses(injected: InjectedFaults, journals: Mapping[str, frozenset[Done]]) ->
 
 
 def unjournaled(found: Iterable[Span], injected: InjectedFaults) -> list[Span]:
-    """Successes in the world that a kill kept out of their robot's journal.
+    """Return successes in the world that a kill kept out of their robot's journal.
 
     The action had recorded its end, and the process died before its outcome was committed.
     """
@@ -338,5 +342,5 @@ def unjournaled(found: Iterable[Span], injected: InjectedFaults) -> list[Span]:
             ends = [s for s in ends if s.end_s <= at_death.unix_s]
             known = {(done.robot, done.activation, done.local_task) for done in held}
             result += [s for s in ends if (robot, s.activation, s.ground) not in known]
-    # One that is missing at a first kill is missing at the next as well.
+    # One that is missing at a first kill is also missing at the next.
     return list(Counter(result))

@@ -11,7 +11,9 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class LinkLine:
-    """`robot` has had no beat from `peer` itself for a lease (`event` link_silent), has one again
+    """A change of a link in a robot's log.
+
+    `robot` has had no beat from `peer` itself for a lease (`event` link_silent), has one again
     (link_heard), or no longer needs any (link_unwatched).
     """
 
@@ -30,14 +32,14 @@ class LinkLine:
 
 
 def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
-    """The entries about links in the logs of a run, in order of time."""
+    """Return the entries about links in the logs of a run, by time."""
     found = []
     for robot in robots:
         try:
             text = (run_dir / f"{robot}.log").read_text(encoding="utf-8")
         except OSError:
             continue
-        # A killed robot's last line may be cut short.
+        # A killed robot's last line may be incomplete.
         for line in map(json.loads, text[: text.rfind("\n") + 1].splitlines()):
             if line["event"] in ("link_silent", "link_heard", "link_unwatched"):
                 unix_s = datetime.fromisoformat(line["timestamp"]).timestamp()
@@ -46,7 +48,7 @@ def read_links(run_dir: Path, robots: Iterable[str]) -> list[LinkLine]:
 
 
 def silent_at_the_end(lines: Iterable[LinkLine]) -> list[LinkLine]:
-    """The last entry about each link that was needed and not heard again."""
+    """Return the last entry about each link that was needed and not heard again."""
     last = {(line.robot, line.peer): line for line in lines}
     return [line for line in last.values() if line.event == "link_silent"]
 
@@ -54,7 +56,7 @@ def silent_at_the_end(lines: Iterable[LinkLine]) -> list[LinkLine]:
 def slow_returns(
     lines: Iterable[LinkLine], heals_unix_s: Collection[float], limit_s: float
 ) -> list[tuple[LinkLine, float]]:
-    """Links that came back later than this after the healing before, with that time in s."""
+    """Return links that came back more than `limit_s` after the last healing, with that time."""
     late = []
     for line in lines:
         before = [at_s for at_s in heals_unix_s if at_s <= line.unix_s]

@@ -1,7 +1,7 @@
 """The drill file as pydantic models: what happens when, and what must hold at the end.
 
-The names of robots, tasks and conditions are checked against the mission of a `DrillReport`, if
-that is the context of the validation.
+If the validation's context is a `DrillReport`, names of robots, tasks and conditions are checked
+against its mission.
 """
 
 from __future__ import annotations
@@ -56,18 +56,18 @@ class DrillReport(Report):
 
 
 def _local_tasks(mission: Mission) -> set[str]:
-    """The ground local tasks that the mission asks for, and their types."""
+    """Return the ground local tasks that the mission needs, and their types."""
     ground = {need.local_task for task in mission.all_tasks() for need in task.needs}
     return ground | {split_call(name)[0] for name in ground}
 
 
 def _known(kind: str, names: Callable[[Mission], Collection[str]]) -> AfterValidator:
-    """A name that the mission has."""
+    """Return a validator for a name that the mission must have."""
 
     def check(name: str, info: ValidationInfo) -> str:
         mission = info.context.mission if isinstance(info.context, DrillReport) else None
         if mission is not None and name not in names(mission):
-            # An instance of a parametrised condition is known by the condition's name.
+            # An instance of a parametrised condition has the condition's name.
             if kind == "condition" and mission.knows_condition(name):
                 return name
             text = f"no {kind} {name!r} in this mission{nearest(name, names(mission))}"
@@ -149,7 +149,7 @@ class RoleModel(FileModel):
 
     @property
     def role(self) -> str:
-        """Its key in the file."""
+        """The role's key in the file."""
         (name,) = self.model_fields_set
         return name
 
@@ -295,7 +295,10 @@ class DelayModel(LinksModel):
 
 
 def _fault(sentence: str, key: str | None = None) -> Any:
-    """A fault of a step: its sentence, and its key in the file if that is a word of Python."""
+    """Declare a fault of a step, with its sentence.
+
+    `key` is its key in the file if that is a keyword.
+    """
     return Field(None, description=sentence, alias=key)
 
 
@@ -350,7 +353,7 @@ class StepModel(FileModel):
         return self
 
     def faults(self) -> list[tuple[str, Any]]:
-        """(key in the file, its value), in the order of this model."""
+        """Return (key in the file, its value) of each fault, in the order of this model."""
         return [
             (field.alias or name, getattr(self, name))
             for name, field in type(self).model_fields.items()
@@ -358,7 +361,7 @@ class StepModel(FileModel):
         ]
 
     def robots(self) -> list[Robots]:
-        """The robots that the faults are about, unless it is all of them."""
+        """Return the robots named by the faults, unless a fault means all of them."""
         found: list[Robots | None] = []
         for name, fault in self.faults():
             match fault:
@@ -373,7 +376,7 @@ class StepModel(FileModel):
         return [robots for robots in found if robots is not None]
 
     def text(self) -> str:
-        """`when replace_hw(2) is running, after 0.2 s: freeze A1`."""
+        """Return the step as text: `when replace_hw(2) is running, after 0.2 s: freeze A1`."""
         words, moments = _Words(), []
         if self.at is not None:
             moments.append(f"{self.at:g} s after the start")
@@ -442,7 +445,7 @@ class DoneModel(FileModel):
 
     @property
     def bounds(self) -> tuple[int, int | None]:
-        """(least, most); None: no limit."""
+        """The least and the most times; None: no limit."""
         if self.times is not None:
             return self.times, self.times
         return self.at_least or 0, self.at_most
@@ -526,11 +529,11 @@ class DrillModel(FileModel):
 
     @property
     def profiles(self) -> list[Profile]:
-        """The transport profiles: the drill is run once with each."""
+        """The transport profiles; the drill is run once with each."""
         return [self.transport] if isinstance(self.transport, str) else list(self.transport)
 
     def unrolled(self) -> list[StepModel]:
-        """The steps, cycles written out."""
+        """Return the steps, with cycles unrolled."""
         found: list[StepModel] = []
         for item in self.steps:
             if isinstance(item, CycleModel):

@@ -29,7 +29,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-# Set aside for measurements between networks (RFC 2544): no machine's network lives there.
+# Reserved for benchmarks of networks (RFC 2544), so no machine's own network uses it.
 RANGE = ipaddress.IPv4Network("198.18.0.0/15")
 MAX_ROBOTS = 250
 NETNS_FOLDER = Path("/run/netns")
@@ -41,12 +41,12 @@ _numbers = itertools.count()
 
 
 class NamespaceError(Exception):
-    """The kernel or a tool refuses a command; the message has both, and the reason."""
+    """The kernel or a tool refused a command; the message has the command and the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkFault:
-    """What happens to packets of one robot on their way to another one."""
+    """What happens to packets from one robot to another."""
 
     blocked: bool = False
     loss_permille: int = 0
@@ -61,7 +61,7 @@ WELL = LinkFault()
 
 
 def available() -> str | None:
-    """None if namespaces can be used here, else the reason why not."""
+    """Return None if namespaces can be used here, else the reason."""
     if not sys.platform.startswith("linux"):
         return f"network namespaces need Linux, this is {sys.platform}"
     if os.geteuid() != 0:
@@ -74,7 +74,7 @@ def available() -> str | None:
 
 @functools.cache
 def _trial() -> str | None:
-    """Make a pair of namespaces and a fault: containers may forbid what root may do elsewhere."""
+    """Try two namespaces and a fault: containers may forbid what root may do elsewhere."""
     try:
         with Namespaces(["a", "b"], "trial") as pair:
             pair.disturb([("a", "b")], loss_permille=500)
@@ -85,7 +85,7 @@ def _trial() -> str | None:
 
 @functools.cache
 def has_netem() -> bool:
-    """Whether this kernel can delay packets (sch_netem); some lack it."""
+    """True if this kernel can delay packets (sch_netem); some lack it."""
     if shutil.which("tc") is None:
         return False
     name = f"mrbt-{os.getpid()}-{next(_numbers)}-netem"
@@ -98,9 +98,9 @@ def has_netem() -> bool:
 
 
 class Namespaces:
-    """Makes the namespaces when entered, and removes them and all processes in them at the end.
+    """Context manager that makes the namespaces, and removes them with all processes in them.
 
-    `label` becomes part of the namespaces' names. Those of runners that died are removed at
+    `label` becomes part of the namespaces' names. Namespaces of runners that died are removed at
     the next start. Raises NamespaceError.
     """
 
@@ -142,7 +142,7 @@ class Namespaces:
     def _make(self) -> None:
         hub, names = self._hub, self._names
         _ip(f"netns add {name}" for name in (hub, *names.values()))
-        # Without snooping the bridge carries all multicast, as a plain switch does.
+        # Without snooping, the bridge forwards all multicast, as a plain switch does.
         _ip([f"link add name bridge0 netns {hub} type bridge mcast_snooping 0"])
         ends = [f"name eth0 netns {names[robot]}" for robot in self._robots]
         ends.append(f"name {self._leg}")
@@ -157,7 +157,10 @@ class Namespaces:
                 _tc(shaping_base(self._port(robot)), hub)
 
     def _up(self, interface: str, address: str) -> list[str]:
-        """Faults are by IPv4 address, so there is no IPv6 one to go around them."""
+        """Return commands that bring an interface up.
+
+        Faults are by IPv4 address, so IPv6 is off: it would bypass them.
+        """
         return [
             f"link set dev {interface} addrgenmode none",
             f"address add {address}/{self._network.prefixlen} dev {interface}",
@@ -180,7 +183,7 @@ class Namespaces:
         return str(self._network[254])
 
     def command_prefix(self, robot: str) -> list[str]:
-        """What to put before a command so that it runs at the robot's place, as the same pid."""
+        """Return the prefix that makes a command run in the robot's namespace, as the same pid."""
         return ["ip", "netns", "exec", self._names[robot]]
 
     def _port(self, robot: str) -> str:
@@ -191,7 +194,7 @@ class Namespaces:
     def disturb(self, pairs: Iterable[tuple[str, str]], **changes: Any) -> None:
         """Change the fields of a LinkFault for packets from the first to the second of each pair.
 
-        The other direction is left alone. A delay needs `can_delay`.
+        The other direction is unchanged. A delay needs `can_delay`.
         """
         targets = set()
         for pair in pairs:
@@ -206,7 +209,7 @@ class Namespaces:
             self._apply(target)
 
     def partition(self, *groups: Iterable[str]) -> None:
-        """Block every pair of robots of different groups, both ways; one step per robot."""
+        """Block every pair of robots of different groups in both directions, robot by robot."""
         sets = [sorted(set(group)) for group in groups]
         pairs = [
             pair
@@ -216,7 +219,7 @@ class Namespaces:
         self.disturb(pairs, blocked=True)
 
     def heal(self) -> None:
-        """Take all faults back."""
+        """Remove all faults."""
         faulty = {target for _, target in self._faults}
         self._faults.clear()
         for target in sorted(faulty):
@@ -237,7 +240,10 @@ class Namespaces:
 
 
 def firewall(faults: Mapping[str, LinkFault], *, with_loss: bool) -> str:
-    """The rules of one robot's namespace, for iptables-restore; source address -> fault."""
+    """Return the iptables-restore rules of one robot's namespace.
+
+    `faults` are by source address.
+    """
     lines = ["*filter", ":INPUT ACCEPT [0:0]"]
     for source, fault in faults.items():
         if fault.blocked:
@@ -249,9 +255,10 @@ def firewall(faults: Mapping[str, LinkFault], *, with_loss: bool) -> str:
 
 
 def shaping_base(port: str) -> list[str]:
-    """Commands for tc: classes by source at the bridge's port to one robot.
+    """Return tc commands for classes by source at the bridge's port to one robot.
 
-    Not at the sender, whose TCP notices at once that a packet is lost in its own queue.
+    They are not at the sender, whose TCP would notice at once that a packet is lost in its own
+    queue.
     """
     return [
         f"qdisc add dev {port} root handle 1: htb default 1 r2q 100000",
@@ -260,7 +267,9 @@ def shaping_base(port: str) -> list[str]:
 
 
 def shaping(port: str, faults: Mapping[str, LinkFault]) -> list[str]:
-    """Commands for tc: loss and delay at the bridge's port to one robot, after `shaping_base`."""
+    """Return tc commands for loss and delay at the bridge's port to one robot, after
+    `shaping_base`.
+    """
     commands = []
     for number, (source, fault) in enumerate(faults.items(), start=2):
         if fault.loss_permille or fault.delay_ms:
@@ -275,7 +284,7 @@ def shaping(port: str, faults: Mapping[str, LinkFault]) -> list[str]:
 
 
 def remove_stale() -> None:
-    """Remove namespaces of runners that are dead, and what still runs in them."""
+    """Remove the namespaces of dead runners, and the processes still running in them."""
     dead = []
     for name in _namespaces():
         found = NAME.match(name)
@@ -298,7 +307,7 @@ def _delete(names: Iterable[str]) -> None:
             _end_processes(name)
             _run("ip", "netns", "del", name)
         except NamespaceError:
-            # Another runner may have tidied up at the same time.
+            # Another runner may have removed it at the same time.
             if name in _namespaces():
                 raise
 
@@ -314,7 +323,7 @@ def _end_processes(namespace: str) -> None:
 
 
 def _free_network() -> ipaddress.IPv4Network:
-    """A /24 that no route of this machine touches; parallel runners begin at different ones."""
+    """Return a /24 that no route of this machine uses; parallel runners start at different ones."""
     routes = json.loads(_run("ip", "-json", "-4", "route", "show", "table", "all"))
     targets = {route["dst"] for route in routes} - {"default"}
     taken = [ipaddress.IPv4Network(target, strict=False) for target in targets]
@@ -336,7 +345,7 @@ def _tc(commands: Iterable[str], namespace: str) -> None:
 
 
 def _run(*command: str, text: str = "") -> str:
-    """Run a tool to its end; returns what it printed, raises NamespaceError if it failed."""
+    """Run a tool and return its output. Raises NamespaceError if it fails."""
     try:
         done = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
     except OSError as error:

@@ -12,7 +12,7 @@ from mrbt_mesh.runtime.run_dir import Place
 
 
 class LinkFaults(Protocol):
-    """Faults on links, each direction on its own; `loss_tool`: how packets are lost."""
+    """Faults on links, separate for each direction; `loss_tool`: how packets are lost."""
 
     loss_tool: str
 
@@ -22,7 +22,7 @@ class LinkFaults(Protocol):
 
 
 def why_not(drill: Drill) -> str | None:
-    """Why a drill cannot be run on this machine, or None if it can."""
+    """Return why a drill cannot run on this machine, or None if it can."""
     if drill.model.network != "namespaces":
         return None
     reason = available()
@@ -35,7 +35,7 @@ def why_not(drill: Drill) -> str | None:
 def places(
     kind: str, robots: Sequence[str]
 ) -> Iterator[tuple[LinkFaults | None, dict[str, Place]]]:
-    """A drill's network and where each robot lives in it; None and nothing on loopback."""
+    """Yield a drill's network and the place of each robot; None and nothing on loopback."""
     if kind != "namespaces":
         yield None, {}
         return

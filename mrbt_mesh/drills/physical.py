@@ -1,7 +1,7 @@
 """The physical truth of a run: what the robots recorded in events.jsonl, as intervals.
 
 A robot's program writes one line for each start of a local task and one for its end or its
-cancellation; the mesh writes none (see agents/simulated.py).
+cancellation; the runtime itself writes none (see agents/simulated.py).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 INFINITY = float("inf")
-# What a thawed robot gives up it may do for so long: the rest of its present step.
+# How long a thawed robot may continue what it gives up: the rest of its current step.
 YIELDS_WITHIN_S = 1.0
 _EXECUTION = ("robot", "pid", "incarnation", "activation", "local_task")
 
@@ -23,7 +23,7 @@ _EXECUTION = ("robot", "pid", "incarnation", "activation", "local_task")
 class Span:
     """One execution of a local task; `end` is `success`, `failure`, `cancel`, or None: it died.
 
-    `part` are the arguments in one text. Times are in s since 1970.
+    `part` has the arguments as one text. Times are in s since 1970.
     """
 
     robot: str
@@ -47,7 +47,7 @@ class Span:
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:
-    """The events so far, whole lines only: one may be half written, as when a disk was full."""
+    """Return the events so far, complete lines only: one may be half written on a full disk."""
     found = []
     try:
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -61,11 +61,11 @@ def read_events(path: Path) -> list[dict[str, Any]]:
 def spans(
     events: Iterable[Mapping[str, Any]], deaths: Mapping[int, float] | None = None
 ) -> list[Span]:
-    """All executions in the order of their starts.
+    """Return all executions in the order of their starts.
 
-    The way to a place is no part of it. One that never ended ends with its process, by `deaths`
-    (pid -> when), else at infinity. Raises ValueError for a record that no robot writes: one
-    execution started twice, or ended without a start.
+    The way to a place is not included. An execution that never ended ends with its process, by
+    `deaths` (pid -> when), else at infinity. Raises ValueError for a record that no robot writes:
+    one execution started twice, or ended without a start.
     """
     found: list[Span] = []
     open_events: dict[tuple[Any, ...], Mapping[str, Any]] = {}
@@ -106,19 +106,19 @@ def spans(
 
 
 def of(found: Iterable[Span], local_task: str, part: str | None = None) -> list[Span]:
-    """The executions of one local task, for one part or for all."""
+    """Return the executions of one local task, for one part or for all."""
     return [s for s in found if s.local_task == local_task and part in (None, s.part)]
 
 
 def most_at_once(found: Iterable[Span]) -> int:
-    """How many of these ran at the same time."""
+    """Return the maximum number of these that ran at the same time."""
     listed = list(found)
     return max((sum(s.start_s <= t.start_s < s.end_s for s in listed) for t in listed), default=0)
 
 
 @dataclass(frozen=True)
 class FreezeSpan:
-    """A process did nothing between SIGSTOP and SIGCONT (or to the end: infinity)."""
+    """A period in which a process was frozen, from SIGSTOP to SIGCONT (or the end: infinity)."""
 
     pid: int
     from_s: float
@@ -126,9 +126,9 @@ class FreezeSpan:
 
 
 def moving(span: Span, freezes: Iterable[FreezeSpan]) -> list[Span]:
-    """The parts of an execution in which its process was not frozen.
+    """Return the parts of an execution in which its process was not frozen.
 
-    What a thawed robot gave up at once counts up to the freeze alone.
+    What a thawed robot gave up at once counts only up to the freeze.
     """
     parts = [span]
     for freeze in freezes:

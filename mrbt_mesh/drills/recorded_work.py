@@ -1,7 +1,7 @@
 """What the robots of a run began and ended, by their own recordings.
 
-The runtime records each start, end and stop of a local task, whatever its program does; what a
-program itself writes into events.jsonl is no evidence of what it left out.
+The runtime records each start, end and stop of a local task, whatever its program does;
+events.jsonl, written by the program, does not prove what the program left out.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from mrbt_mesh.recording.reader import Recording, RecordingError, read_recording
 
 
 def read_work(run_dir: Path) -> tuple[list[dict[str, Any]], set[str]]:
-    """The starts and ends as lines of events.jsonl have them, by time; and the robots that have
-    recorded something.
+    """Return the starts and ends in the form of events.jsonl, by time.
+
+    Also returns the robots that have recorded something.
     """
     found: list[dict[str, Any]] = []
     robots = set()
@@ -30,7 +31,7 @@ def read_work(run_dir: Path) -> tuple[list[dict[str, Any]], set[str]]:
                 found += _work(recording)
                 robots |= {recording.metadata.robot} if recording.records else set()
         except RecordingError:
-            continue  # its robot is one of those that have recorded nothing
+            continue  # its robot counts as one that has recorded nothing
     return sorted(found, key=lambda each: float(each["t"])), robots
 
 

@@ -1,4 +1,4 @@
-"""The runs of drills for programs: JSON, and JUnit XML as CI systems read it."""
+"""The runs of drills for programs: JSON, and JUnit XML for CI systems."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mrbt_mesh.drills.runner import DrillRun
 
 
 def run_data(run: DrillRun) -> dict[str, Any]:
-    """One run as plain data."""
+    """Return one run as plain data."""
     return {
         "drill": run.label,
         "transport": run.profile,
@@ -28,14 +28,14 @@ def run_data(run: DrillRun) -> dict[str, Any]:
 
 
 def report_data(runs: Sequence[DrillRun]) -> dict[str, Any]:
-    """All runs as plain data, with their counts."""
+    """Return all runs as plain data, with their counts."""
     colors = Counter(run.color for run in runs)
     counts = {color: colors[color] for color in ("green", "red", "skipped")}
     return counts | {"runs": [run_data(run) for run in runs]}
 
 
 def junit_text(runs: Sequence[DrillRun]) -> str:
-    """JUnit XML: a test case for each run; its failure lists the expectations that did not hold."""
+    """Return JUnit XML: a test case per run; a failure lists the expectations that did not hold."""
     colors = Counter(run.color for run in runs)
     suites = ElementTree.Element("testsuites")
     suite = ElementTree.SubElement(

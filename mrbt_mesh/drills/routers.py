@@ -27,7 +27,7 @@ class DrillRouters:
         self._processes: dict[int, subprocess.Popen[str]] = {}
 
     def start(self, number: int) -> None:
-        """Start a router, or one that was killed again, and wait until it routes."""
+        """Start a router, possibly one that was killed, and wait until it routes."""
         command = [sys.executable, "-m", "mrbt_mesh", "router"]
         command += ["--listen", self.endpoints[number - 1]]
         for endpoint in self.endpoints[: number - 1]:
@@ -46,7 +46,7 @@ class DrillRouters:
         raise RoutersError(f"router {number} has ended: {' '.join(said)}")
 
     def kill(self, number: int) -> bool:
-        """SIGKILL; False if it did not run."""
+        """Kill a router by SIGKILL. Returns False if it did not run."""
         process = self._processes.pop(number, None)
         if process is None:
             return False
@@ -62,14 +62,14 @@ class DrillRouters:
             process.send_signal(what)
 
     def end(self) -> None:
-        """Kill those that run."""
+        """Kill the running routers."""
         for number in list(self._processes):
             self.kill(number)
 
 
 @contextmanager
 def routers(count: int) -> Iterator[DrillRouters | None]:
-    """The routers of a drill, at work; None where there are none. Raises RoutersError."""
+    """Run the routers of a drill; yields None if there are none. Raises RoutersError."""
     if not count:
         yield None
         return

@@ -1,4 +1,4 @@
-"""Carries one drill out on a team of real processes, from the launch to the results."""
+"""Runs one drill on a team of real processes, from the launch to the results."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from mrbt_mesh.runtime.team_address import address_of
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 FRAME_S = 0.1
-# Names the file that lists the tasks which simulated robots hold: agents/simulated.py.
+# Environment variable with the file that lists held tasks: see agents/simulated.py.
 HOLD_VARIABLE, HOLD_FILE = "MRBT_HOLD", "hold"
 
 
 @dataclass(frozen=True)
 class TimelineEntry:
-    """One line of a drill's timeline. `is_fault`: the drill did it."""
+    """One line of a drill's timeline. `is_fault`: the drill caused it."""
 
     at_s: float
     robot: str
@@ -55,7 +55,7 @@ class TimelineEntry:
 
 @dataclass
 class DrillRun:
-    """How one run of a drill went. `skipped`: why it was not run at all."""
+    """The outcome of one run of a drill. `skipped`: why it was not run at all."""
 
     label: str
     profile: Profile
@@ -69,12 +69,12 @@ class DrillRun:
 
     @property
     def is_green(self) -> bool:
-        """Whether all that was expected held; a skipped run proves nothing, and breaks nothing."""
+        """True if all expectations held. Also true for a skipped run, which proves nothing."""
         return all(result.holds for result in self.results)
 
     @property
     def color(self) -> str:
-        """green, red or skipped."""
+        """`green`, `red` or `skipped`."""
         if self.skipped is not None:
             return "skipped"
         return "green" if self.is_green else "red"
@@ -83,9 +83,9 @@ class DrillRun:
 async def run_drill(
     drill: Drill, profile: Profile, folder: Path, tell: Callable[[TimelineEntry], None]
 ) -> DrillRun:
-    """Carry a drill out in a new run directory; `tell` gets the timeline as it happens.
+    """Run a drill in a new run directory; `tell` gets the timeline as it happens.
 
-    Whatever happens, no process of the team or beside it is left behind. Raises TransportError,
+    In any case, no process of the team or beside it is left behind. Raises TransportError,
     RunDirError, NamespaceError, RoutersError, BesideError.
     """
     begun_s = time.monotonic()
@@ -142,7 +142,7 @@ async def run_drill(
 
 
 class _Run:
-    """One run of a drill. The simulated robots do not go on with tasks in the file `hold`."""
+    """One run of a drill. Simulated robots do not finish tasks listed in the file `hold`."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class _Run:
         self._shown = 0
 
     async def to_the_end(self, watcher: Watcher) -> Evidence:
-        """Follow the team, carry steps out, and collect what the judge needs."""
+        """Follow the team, carry out steps, and collect what the judge needs."""
         observer = watcher.observer
         schedule = self.schedule
         injector = DrillInjector(
@@ -209,7 +209,7 @@ class _Run:
         )
 
     async def _until_over(self, watcher: Watcher, injector: DrillInjector) -> str | None:
-        """Why the run ended before the mission did, or None if the mission is over."""
+        """Return why the run ended before the mission did, or None if the mission is over."""
         schedule, observer, fault_log = self.schedule, watcher.observer, injector.injected.fault_log
         deadline_s = time.monotonic() + self.drill.model.timeout_s
         wait_s = FRAME_S
@@ -238,7 +238,7 @@ class _Run:
         write_atomically(self.hold, "".join(f"{task}\n" for task in sorted(self.schedule.held())))
 
     def _is_blocked_for_good(self, snapshot: Snapshot, observer: Observer) -> bool:
-        """Whether the block that is expected has stood for a detection time."""
+        """True once the expected block has lasted for a detection time."""
         if self.drill.model.expect.result != "blocked":
             return False
         standing = [e.from_us for e in observer.record.blocked if e.to_us is None]

@@ -1,4 +1,4 @@
-"""When a step of a drill is due: functions of what the drill's observer sees."""
+"""Decides when a step of a drill is due, from what the drill's observer sees."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Takeover:
 class Snapshot:
     """What the observer sees at one moment. `claims` are those of living robots.
 
-    `claimed` are all that were ever seen, with the time: some stand for a moment only. `done`
+    `claimed` has all claims ever seen, with their times, since some stand only for a moment. `done`
     are (robot, local task) with an outcome, successful or not. `blocked`: global task -> reason.
     """
 
@@ -57,7 +57,7 @@ class Snapshot:
 
     @classmethod
     def of(cls, observer: Observer, conditions: Sequence[str], now_us: int) -> Snapshot:
-        """What an observer sees now; of the conditions, only those asked for."""
+        """Return what an observer sees now; of the conditions, only those given."""
         record, facts = observer.record, observer.facts
         claims = {robot: observer.claim(robot) for robot in observer.robots()}
         return cls(
@@ -84,7 +84,7 @@ class Snapshot:
 
 
 class FaultLog:
-    """What has been done to robots and not undone: the roles killed, stopped, thawed, left."""
+    """The current roles of robots by what was done to them: killed, stopped, thawed, left."""
 
     def __init__(self) -> None:
         self.killed: list[str] = []
@@ -93,14 +93,14 @@ class FaultLog:
         self.left: list[str] = []
 
     def lives(self, robot: str) -> None:
-        """A new process of the robot has been started."""
+        """Remove a robot's roles, because a new process of it has been started."""
         for listed in (self.killed, self.stopped, self.thawed, self.left):
             if robot in listed:
                 listed.remove(robot)
 
 
 def chosen(robots: Robots, snapshot: Snapshot, fault_log: FaultLog) -> list[str]:
-    """The robots that a step means at the moment of the snapshot; possibly none."""
+    """Return the robots that a step means at the moment of the snapshot; possibly none."""
     if isinstance(robots, str):
         return [robots]
     if not isinstance(robots, RoleModel):
@@ -117,7 +117,10 @@ def chosen(robots: Robots, snapshot: Snapshot, fault_log: FaultLog) -> list[str]
 
 
 def _performing(task: str | None, snapshot: Snapshot) -> list[str]:
-    """The robots that run it, or else have claimed it. Claims may clash until all agree."""
+    """Return the robots that run it, or else have claimed it.
+
+    Claims may conflict until all agree.
+    """
     found = [
         (robot, claim.phase is Phase.RUNNING)
         for robot, claim in sorted(snapshot.claims.items())
@@ -128,7 +131,7 @@ def _performing(task: str | None, snapshot: Snapshot) -> list[str]:
 
 
 def holds(when: Any, snapshot: Snapshot, fault_log: FaultLog, since_us: int) -> bool:
-    """Whether a trigger's condition holds; `since_us` is when the step before began."""
+    """Return whether a trigger's condition holds; `since_us` is when the step before began."""
     match when:
         case GlobalTaskTrigger(global_task=task, status=status):
             return snapshot.statuses.get(task, TaskState.IDLE) is TaskState(status)
@@ -162,7 +165,7 @@ def _local_task(when: LocalTaskTrigger, snapshot: Snapshot, since_us: int) -> bo
 
 
 def _is(ground: str, task: str) -> bool:
-    """Whether a ground local task is `task`, or of that type."""
+    """Return whether a ground local task is `task`, or of that type."""
     return task in (ground, type_name(ground))
 
 
@@ -180,31 +183,33 @@ class Schedule:
 
     @property
     def is_over(self) -> bool:
-        """Whether all steps have been carried out."""
+        """True once all steps have been carried out."""
         return self.next == len(self.steps)
 
     def held(self) -> frozenset[str]:
-        """Tasks that the next step means to meet running: they must not end before it."""
+        """Return the tasks that must be running when the next step is due, and so must not end
+        before it.
+        """
         return frozenset() if self.is_over else _met_running(self.steps[self.next])
 
     def look(self, observer: Observer) -> Snapshot:
-        """What an observer sees now of all that triggers are about."""
+        """Return what an observer sees now, as far as triggers need it."""
         return Snapshot.of(observer, self._conditions, boottime_us())
 
     def due(self, snapshot: Snapshot, fault_log: FaultLog) -> StepModel | None:
-        """The next step, if its moment has come. Say `carried_out` before asking again."""
+        """Return the next step if it is due. Call `carried_out` before asking again."""
         if self.is_over or snapshot.started_us is None:
             return None
         step = self.steps[self.next]
         due_us = self.due_us(snapshot, fault_log)
         if due_us is None or snapshot.now_us < due_us:
             return None
-        # A role may have no robot yet: a request comes before its claims.
+        # A role may have no robot yet: a request precedes its claims.
         is_played = all(chosen(robots, snapshot, fault_log) for robots in step.robots())
         return step if is_played else None
 
     def due_us(self, snapshot: Snapshot, fault_log: FaultLog) -> int | None:
-        """When the next step is due, if that is known yet."""
+        """Return when the next step is due, or None if that is not known yet."""
         if self.is_over or snapshot.started_us is None:
             return None
         step = self.steps[self.next]
@@ -219,15 +224,15 @@ class Schedule:
         return None if self._triggered_us is None else self._triggered_us + after_us
 
     def carried_out(self, begun_us: int) -> None:
-        """The step that was due has been carried out, from `begun_us` on."""
+        """Advance after the due step has been carried out, starting at `begun_us`."""
         self.next += 1
         self._previous_us, self._triggered_us = begun_us, None
 
 
 def _met_running(step: StepModel) -> frozenset[str]:
-    """The local or global task whose running a step waits for, or by time alone takes for granted.
+    """Return the task whose running a step waits for, or assumes if it has no trigger.
 
-    With another trigger, one that is `performing` may have to end before it holds.
+    With another trigger, a task that is `performing` may have to end before the trigger holds.
     """
     match step.when:
         case LocalTaskTrigger(local_task=task, phase=phase) if phase != DONE:

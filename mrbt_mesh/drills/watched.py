@@ -1,6 +1,6 @@
-"""The steps of drill files, carried out on the team that is being watched.
+"""Carries out the steps of drill files on the team that is being watched.
 
-`mrbt drill` starts a team of its own and judges it; this team is not judged.
+`mrbt drill` starts a separate team and judges it; this team is not judged.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
 LOOK_S = 0.05
-# What may go wrong with one fault; the team and its observers go on.
+# Errors of a single fault; the team and its observers continue.
 REFUSALS = (InputError, OSError, psutil.Error)
 
 
 def fitting_drills(mission: Mission) -> dict[str, Drill]:
-    """Label -> drill, of those that are for this mission and need nothing but processes."""
+    """Return label -> drill, for the drills of this mission that need only processes."""
     found = [drill for path in drill_files(drill_folder()) for drill in load_drills(path)]
     return {
         drill.label: drill
@@ -38,7 +38,7 @@ def fitting_drills(mission: Mission) -> dict[str, Drill]:
 
 
 class TeamDrills:
-    """One drill at a time, on a team of this machine."""
+    """Runs one drill at a time on a team of this machine."""
 
     def __init__(self, watcher: Watcher, team: Team, group: anyio.abc.TaskGroup) -> None:
         self._watcher = watcher
@@ -54,7 +54,7 @@ class TeamDrills:
         return self._known
 
     async def known(self) -> list[dict[str, Any]]:
-        """Label, file, description and steps of each drill that fits the team.
+        """Return label, file, description and steps of each drill that fits the team.
 
         Raises InputError if a drill file is wrong.
         """
@@ -69,7 +69,7 @@ class TeamDrills:
         ]
 
     async def start(self, label: str) -> str:
-        """Begin a drill; raises InputError if there is none, or another drill runs."""
+        """Start a drill. Raises InputError if there is no such drill, or another one runs."""
         drill = (await self._drills()).get(label)
         if drill is None:
             raise InputError(f"no drill {label[:80]!r} fits this mission")

@@ -1,7 +1,7 @@
-"""Recordings: what a robot or an observer knew and did, in the order in which it came.
+"""Recordings: what a robot or an observer knew and did, in order.
 
-`channels` has what is in a recording, with a JSON Schema each; `writer` and `reader` are the file
-(MCAP, https://mcap.dev), `messages` what is in it. `robot_recorder` records an agent,
-`observer_recorder` an observer; `scene` is what both have of the team in space, as `foxglove` draws
-it. `player` shows a recording as it was. For readers: docs/how-to/recordings.md.
+`channels` lists the contents of a recording, each with a JSON Schema; `writer` and `reader` handle
+the file (MCAP, https://mcap.dev), `messages` its messages. `robot_recorder` records an agent,
+`observer_recorder` an observer; `scene` is the team in space, for both, as drawn by `foxglove`.
+`player` plays a recording. For readers: docs/how-to/recordings.md.
 """

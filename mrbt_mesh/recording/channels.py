@@ -1,6 +1,6 @@
-"""The channels of a recording; channels.json has the JSON Schema of the messages on each of them.
+"""The channels of a recording; channels.json has the JSON Schema of each channel's messages.
 
-Foxglove's own schemas (`foxglove_schemas/`, with their licence) are referred to by their file.
+Foxglove's own schemas (`foxglove_schemas/`, with their licence) are referred to by file.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# Of everything here. A reader refuses recordings with another one.
+# The version of this format. A reader refuses recordings with another one.
 FORMAT = "6"
 
 FACTS, DROPPED, ALIVE, PLANS = "/facts", "/dropped", "/alive", "/plans"
@@ -26,7 +26,7 @@ SCHEMAS = Path(__file__).with_name("foxglove_schemas")
 
 @dataclass(frozen=True)
 class Channel:
-    """`schema` is a JSON Schema of its messages, `example` one of them, without their `check`.
+    """A channel: `schema` is the JSON Schema of its messages, `example` one without its `check`.
 
     `stands_for`: a message is valid until the next one with the same values in these fields; None:
     it is about a moment.
@@ -40,18 +40,18 @@ class Channel:
 
     @property
     def name(self) -> str:
-        """The schema's, e.g. `mrbt.Fact`."""
+        """The name of the schema, e.g. `mrbt.Fact`."""
         return str(self.schema["title"])
 
     @property
     def schema_text(self) -> bytes:
-        """The schema as recordings have it."""
+        """The schema as it is written to recordings."""
         return json.dumps(self.schema).encode()
 
 
 def _read(topic: str, stands_for: list[str] | None, schema: dict[str, Any], **row: Any) -> Channel:
     if "$ref" in schema:
-        # It allows `check`, as any field that it does not know.
+        # It allows `check`, like any field that it does not list.
         schema = json.loads((SCHEMAS / schema["$ref"]).read_bytes())
     fields = None if stands_for is None else tuple(stands_for)
     return Channel(topic=topic, stands_for=fields, schema=schema, **row)

@@ -27,12 +27,12 @@ _PART = re.compile(r"\.part([1-9][0-9]{0,8})$")
 
 
 def robot_file(run_dir: Path, robot: str) -> Path:
-    """Where a robot records in its first process."""
+    """Return the file in which a robot records in its first process."""
     return run_dir / FOLDER / f"{robot}{SUFFIX}"
 
 
 def observer_file(run_dir: Path) -> Path:
-    """The file of the observer."""
+    """Return the file of the observer."""
     return run_dir / f"{OBSERVERS}{SUFFIX}"
 
 
@@ -41,9 +41,9 @@ def _for_owner(path: str, flags: int) -> int:
 
 
 def open_new(path: Path) -> BinaryIO:
-    """Open the file to be written; where there is one already, one with a number beside it.
+    """Open a new file for writing; if it exists, a file with a number in its name.
 
-    Its folder is made. Raises OSError.
+    Its folder is created. Raises OSError.
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     while True:
@@ -52,66 +52,66 @@ def open_new(path: Path) -> BinaryIO:
 
 
 def open_part(path: Path) -> BinaryIO:
-    """Open a file that is not there yet, for its owner alone. Raises OSError."""
+    """Create a file that is private to its owner, and must not exist. Raises OSError."""
     return open(path, "xb", BUFFER_BYTES, opener=_for_owner)
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a file to read it. Raises OSError, also for a pipe, to which nobody may ever write."""
+    """Open a file for reading. Raises OSError, also for a pipe, to which nobody may ever write."""
     if not stat.S_ISREG(path.stat().st_mode):
         raise OSError(errno.EINVAL, "it is not a regular file")
     return open(path, "rb", READ_BYTES)
 
 
 def _numbered(path: Path) -> Iterator[Path]:
-    """The files that the recordings of several processes have, in their order."""
+    """Yield the files of the recordings of several processes, in order."""
     yield path
     for number in itertools.count(2):
         yield path.with_name(f"{path.stem}.{number}{path.suffix}")
 
 
 def earlier_files(path: Path) -> list[Path]:
-    """The first parts, which may be gone, of the recordings of earlier processes by this name."""
+    """Return the first parts, which may be gone, of recordings of earlier processes."""
     return list(itertools.takewhile(parts_of, _numbered(path)))
 
 
 def part_path(path: Path, number: int) -> Path:
-    """The file of a part of the recording whose first part is this file."""
+    """Return the file of a part of the recording whose first part is this file."""
     name = path.name if number == 1 else f"{path.stem}.part{number}{path.suffix}"
     return path.with_name(name)
 
 
 def number_of_part(path: Path) -> int:
-    """1: the first part, or the only one."""
+    """Return the number of a part; 1: the first part, or the only one."""
     found = _PART.search(path.stem)
     return int(found[1]) if found is not None else 1
 
 
 def first_part(path: Path) -> Path:
-    """The file of the first part, which may be gone, of the recording that this is a part of."""
+    """Return the file of the first part, which may be gone, of this part's recording."""
     return path.with_name(_PART.sub("", path.stem) + path.suffix)
 
 
 def parts_of(path: Path) -> list[Path]:
-    """The parts that are there of the recording whose first part is this file, in their order."""
+    """Return the existing parts of the recording whose first part is this file, in order."""
     found = (each for each in path.parent.glob(f"{escape(path.stem)}.part*{path.suffix}"))
     later = [each for each in found if first_part(each) == path]
     return [*([path] if path.exists() else []), *sorted(later, key=number_of_part)]
 
 
 def first_parts(paths: Iterable[Path]) -> list[Path]:
-    """The files of first parts, which may be gone, of the recordings that these belong to."""
+    """Return the files of the first parts, which may be gone, of these files' recordings."""
     return sorted({first_part(path) for path in paths})
 
 
 def observer_files(run_dir: Path) -> list[Path]:
-    """The recordings of a run's observers, all parts, sorted."""
+    """Return the recordings of a run's observers, all parts, sorted."""
     names = (f"{OBSERVERS}{SUFFIX}", f"{OBSERVERS}.*{SUFFIX}")
     return _in_order(path for name in names for path in run_dir.glob(name))
 
 
 def robot_files(run_dir: Path) -> list[Path]:
-    """The recordings of a run's robots, all parts, sorted."""
+    """Return the recordings of a run's robots, all parts, sorted."""
     return _in_order((run_dir / FOLDER).glob(f"*{SUFFIX}"))
 
 

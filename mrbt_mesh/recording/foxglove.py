@@ -1,7 +1,7 @@
-"""Messages by Foxglove's own schemas, which its 3D panel draws: frames and the entities in them.
+"""Messages in Foxglove's own schemas, drawn by its 3D panel: frames and the entities in them.
 
-The schemas are those that Foxglove publishes (`foxglove_schemas/`, with their licence). All fields
-of theirs that are required are there, and no others.
+The schemas are published by Foxglove (`foxglove_schemas/`, with their licence). Messages have all
+of the required fields, and no others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SHAPES = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "tex
 
 
 def robot_frame(robot: str) -> str:
-    """The frame that moves with a robot; none of them is the world's."""
+    """Return the frame that moves with a robot; it never equals the world's frame."""
     return _ROBOT + robot
 
 
@@ -34,19 +34,19 @@ def robot_of(frame: str) -> str:
 
 
 def timestamp(at_ns: int) -> Values:
-    """A time, or a duration, of nanoseconds."""
+    """Return a time, or a duration, given in nanoseconds."""
     return {"sec": at_ns // SECOND_NS, "nsec": at_ns % SECOND_NS}
 
 
 def vector(x: float, y: float, z: float = 0.0) -> Values:
-    """A place, or a size."""
+    """Return a position, or a size."""
     return {"x": float(x), "y": float(y), "z": float(z)}
 
 
 def turned(heading: float) -> Values:
-    """The quaternion of a turn about the z axis, in radians."""
+    """Return the quaternion of a turn about the z axis, in radians."""
     sine, cosine = math.sin(heading / 2), math.cos(heading / 2)
-    # Headings are thousandths; all digits would be a third of the text.
+    # Headings have three decimals; with all digits, this would be a third of the text.
     return {"x": 0.0, "y": 0.0, "z": round(sine, DIGITS), "w": round(cosine, DIGITS)}
 
 
@@ -56,13 +56,13 @@ def heading_of(rotation: Mapping[str, float]) -> float:
 
 
 def color(text: str) -> Values:
-    """The colour of `#rrggbb`."""
+    """Return the colour `#rrggbb`."""
     red, green, blue = (int(text[at : at + 2], 16) / 255 for at in (1, 3, 5))
     return {"r": red, "g": green, "b": blue, "a": 1.0}
 
 
 def frame_transform(frame: str, x: float, y: float, heading: float, at_ns: int) -> Values:
-    """`foxglove.FrameTransform`: where a frame is in the world, from now on."""
+    """Return a `foxglove.FrameTransform`: where a frame is in the world, from now on."""
     return {
         "timestamp": timestamp(at_ns),
         "parent_frame_id": WORLD,
@@ -73,7 +73,7 @@ def frame_transform(frame: str, x: float, y: float, heading: float, at_ns: int) 
 
 
 def scene_update(entities: Sequence[Values], gone: Iterable[str], at_ns: int) -> Values:
-    """`foxglove.SceneUpdate`: these entities, and no longer those of the ids `gone`."""
+    """Return a `foxglove.SceneUpdate` that adds entities and removes those with the ids `gone`."""
     at = timestamp(at_ns)
     deletions = [{"timestamp": at, "type": MATCHING_ID, "id": name} for name in gone]
     return {"deletions": deletions, "entities": list(entities)}
@@ -82,7 +82,7 @@ def scene_update(entities: Sequence[Values], gone: Iterable[str], at_ns: int) ->
 def entity(
     name: str, frame: str, about: Mapping[str, str], at_ns: int, **shapes: Sequence[Values]
 ) -> Values:
-    """`foxglove.SceneEntity`: it goes with its frame, until it is replaced or deleted."""
+    """Return a `foxglove.SceneEntity`: it moves with its frame, until it is replaced or deleted."""
     return {
         "timestamp": timestamp(at_ns),
         "frame_id": frame,
@@ -99,7 +99,7 @@ def _pose(x: float, y: float, z: float = 0.0) -> Values:
 
 
 def arrow(size: float, paint: Values) -> Values:
-    """One around the origin, along the x axis."""
+    """Return an arrow around the origin, along the x axis."""
     return {
         "pose": _pose(-0.8 * size, 0),
         "shaft_length": size,
@@ -111,7 +111,7 @@ def arrow(size: float, paint: Values) -> Values:
 
 
 def disc(x: float, y: float, radius: float, paint: Values) -> Values:
-    """A flat cylinder around a point."""
+    """Return a flat cylinder around a point."""
     return {
         "pose": _pose(x, y),
         "size": vector(2 * radius, 2 * radius, 0.5 * radius),
@@ -124,7 +124,7 @@ def disc(x: float, y: float, radius: float, paint: Values) -> Values:
 def line(
     points: Iterable[Sequence[float]], is_closed: bool, width_pixels: float, paint: Values
 ) -> Values:
-    """A line through points, of constant width on screen."""
+    """Return a line through points, of constant width on screen."""
     return {
         "type": LINE_LOOP if is_closed else LINE_STRIP,
         "pose": _pose(0, 0),
@@ -138,7 +138,7 @@ def line(
 
 
 def label(x: float, y: float, z: float, text: str, paint: Values) -> Values:
-    """A text that faces the viewer, of constant size on screen."""
+    """Return a text that faces the viewer, of constant size on screen."""
     return {
         "pose": _pose(x, y, z),
         "billboard": True,

@@ -1,8 +1,8 @@
 """The bytes of a recording that are not its messages: what a file begins and ends with.
 
 A recording is MCAP (https://mcap.dev): magic, header, schemas and channels, one record of metadata,
-messages, and an end that repeats schemas and channels. All of it but the messages follows from the
-metadata, so that a reader can compare it byte by byte.
+messages, and an end that repeats schemas and channels. Everything except the messages follows from
+the metadata, so a reader can compare it byte by byte.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LIBRARY = "mrbt-mesh"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, METADATA_RECORD, DATA_END = 1, 2, 3, 4, 5, 12, 15
 # Opcode and length of every record.
 FRAME = struct.Struct("<BQ")
-# Of a message: channel, number, log time and publish time, before its data.
+# The fields of a message before its data: channel, number, log time and publish time.
 MESSAGE_FIELDS = struct.Struct("<HIQQ")
 NAMES = {
     0: "zeros",
@@ -42,36 +42,36 @@ NAMES = {
 
 
 def message(channel: int, number: int, at_ns: int, data: bytes) -> bytes:
-    """One message."""
+    """Return one message record."""
     fields = MESSAGE_FIELDS.pack(channel, number, at_ns, at_ns)
     return FRAME.pack(MESSAGE, len(fields) + len(data)) + fields + data
 
 
 def channel_numbers(topics: Iterable[str]) -> dict[str, int]:
-    """Topic -> the number of its channel."""
+    """Return topic -> the number of its channel."""
     return {topic: number for number, topic in enumerate(topics, start=1)}
 
 
 def begin(topics: tuple[str, ...], metadata: Mapping[str, str]) -> bytes:
-    """What a recording with these channels begins with, up to its first message."""
+    """Return the beginning of a recording with these channels, up to its first message."""
     return before_metadata(topics) + _metadata(metadata)
 
 
 @cache
 def before_metadata(topics: tuple[str, ...]) -> bytes:
-    """The beginning that all recordings with these channels have in common."""
+    """Return the beginning that all recordings with these channels share."""
     return MAGIC + _record(HEADER, _text("") + _text(LIBRARY)) + _channels(topics)
 
 
 def end(topics: tuple[str, ...], place: int) -> bytes:
-    """What follows the last message of a recording that was closed, from this byte of the file."""
+    """Return the end of a closed recording, after its last message, at this byte of the file."""
     data_end = _record(DATA_END, bytes(4))
     footer = _record(FOOTER, struct.pack("<QQI", place + len(data_end), 0, 0))
     return data_end + _channels(topics) + footer + MAGIC
 
 
 def read_metadata(content: bytes) -> tuple[str, dict[str, str]]:
-    """Name and values of a record of metadata; raises ValueError for anything else."""
+    """Return name and values of a metadata record. Raises ValueError for anything else."""
     name, rest = _read_text(content)
     pairs, _ = _read_bytes(rest)
     values = {}
@@ -114,7 +114,7 @@ def _text(text: str) -> bytes:
 
 
 def _read_bytes(content: bytes) -> tuple[bytes, bytes]:
-    """(Bytes with their length before them, what follows)."""
+    """Return length-prefixed bytes, and what follows them."""
     if len(content) < 4:
         raise ValueError("a record ends too early")
     end = 4 + int.from_bytes(content[:4], "little")

@@ -1,7 +1,7 @@
 """The messages of a recording: facts and plans as plain data and back, and messages as bytes.
 
-Every message has a check over itself and the check before it, so that a byte that is changed later
-is found, with its place. A team's keys sign checks, and with them all that was recorded before.
+Every message has a check over itself and the previous check, so a byte that is changed later is
+found, with its place. A team's keys sign checks, and so everything recorded before.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STATUS_NAMES = tuple(status.name.lower() for status in Status)
 
 
 def readable(value: Any) -> Any:
-    """A fact's value as JSON can show it; only the fact's packed value is exact."""
+    """Return a fact's value as JSON can show it; only the fact's packed value is exact."""
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, bytes):
@@ -47,7 +47,7 @@ def readable(value: Any) -> Any:
 
 
 def pack_fact(entry: Entry, number: int) -> dict[str, Any]:
-    """A message of the channel of facts."""
+    """Return a fact as a message of the channel of facts."""
     (counter, nonce), sequence = entry.version
     data: dict[str, Any] = {
         "number": number,
@@ -65,8 +65,9 @@ def pack_fact(entry: Entry, number: int) -> dict[str, Any]:
 
 
 def unpack_fact(data: Mapping[str, Any]) -> Entry:
-    """The fact of such a message, made of its packed value; raises ValueError for a malformed one,
-    or one whose other fields do not fit that value.
+    """Return the fact of such a message, made from its packed value.
+
+    Raises ValueError if the message is malformed, or if its other fields do not fit that value.
     """
     try:
         version = data["version"]
@@ -90,7 +91,7 @@ def unpack_fact(data: Mapping[str, Any]) -> Entry:
 
 
 def same(left: Any, right: Any) -> bool:
-    """Whether two plain values are the same, and of the same types: 1 is neither 1.0 nor true."""
+    """Return whether two plain values are equal and of equal types: 1 is neither 1.0 nor true."""
     if type(left) is not type(right):
         return False
     if isinstance(left, dict):
@@ -116,9 +117,10 @@ def read_incarnation(text: str) -> Incarnation:
 def pack_plan(
     plan: Plan, number: int, facts: int, digest: bytes, alive: Mapping[str, Incarnation]
 ) -> dict[str, Any]:
-    """A message of the channel of plans; the statuses of T_G's nodes have their own channel.
+    """Return a plan as a message of the channel of plans.
 
-    `facts`: the number of the last change of facts that it was made from, `digest` that of the map.
+    The statuses of T_G's nodes have their own channel. `facts` is the number of the last change of
+    facts that the plan was made from, `digest` the digest of the facts.
     """
     content = plan.to_json()
     # That is `plan.packed`, used only here.
@@ -136,7 +138,7 @@ def pack_plan(
 
 
 def pack_statuses(statuses: Iterable[int]) -> str:
-    """Statuses of the nodes of a tree in preorder, a letter each."""
+    """Return the statuses of a tree's nodes in preorder, one letter each."""
     return "".join([LETTERS[status] for status in statuses])
 
 
@@ -150,8 +152,9 @@ def _text(data: bytes) -> str:
 
 
 def read_bytes(text: str) -> bytes:
-    """Bytes that are base64 in a message; raises ValueError, also for another text than `_text`
-    makes of them.
+    """Decode base64 of a message.
+
+    Raises ValueError, also for text that `_text` would write differently.
     """
     try:
         found = base64.b64decode(text, validate=True)
@@ -163,7 +166,10 @@ def read_bytes(text: str) -> bytes:
 
 
 def pack_death(fault: MajorFault, now_us: int) -> dict[str, Any]:
-    """A message of the channel of deaths; all its times are durations, so no clock matters."""
+    """Return a message of the channel of deaths.
+
+    All its times are durations, so no clock matters.
+    """
     return {
         "robot": fault.robot,
         "incarnation": str(fault.incarnation),
@@ -187,27 +193,27 @@ def unpack_death(data: Mapping[str, Any], now_us: int) -> tuple[str, Incarnation
 
 
 def pack_head(robot: str, incarnation: Incarnation, head: RecordingHead) -> dict[str, Any]:
-    """A message of the channel of heads."""
+    """Return a message of the channel of heads."""
     said = {"number": head.number, "head": head.check.hex()}
     return {"robot": robot, "incarnation": str(incarnation), **said}
 
 
 def pack_beat(source: str, data: bytes, sent: bool) -> dict[str, Any]:
-    """A message of the channel of heartbeats."""
+    """Return a message of the channel of heartbeats."""
     return {"source": source, "sent": sent, "data": _text(data)}
 
 
 # -- messages as bytes ----------------------------------------------------------------------------
 
-# A signature is over a check: nobody may find other messages that have the same one.
+# A signature is over a check, so nobody may find other messages with the same check.
 CHECK_BYTES = 16
 
-# Plain data as one line of JSON, in ASCII: texts of programs may not be valid Unicode.
+# Plain data as one line of ASCII JSON: texts of programs may be invalid Unicode.
 to_json = json.JSONEncoder(separators=(",", ":")).encode
 
 
 class MessageSink(Protocol):
-    """Where recorders put their messages. Each method may raise OSError, `abandon` excepted."""
+    """Where recorders put their messages. Each method except `abandon` may raise OSError."""
 
     @property
     def epoch_ns(self) -> int:
@@ -217,45 +223,47 @@ class MessageSink(Protocol):
         """Add a message; `data` is not empty and fits the channel's schema."""
 
     def flush(self, now_us: int) -> None:
-        """Hand over what was written; `now_us` as in `write`."""
+        """Pass on what was written; `now_us` is on the same clock as in `write`."""
 
     @property
     def is_full(self) -> bool:
-        """Whether another part is to be begun as soon as that can be."""
+        """True if another part should begin as soon as possible."""
 
     def begin_part(
         self, mission: Mission, facts: Iterable[Entry], about: Mapping[str, Any], now_us: int
     ) -> None:
-        """Begin another part with the present state; `about`: more fields of its message."""
+        """Begin another part with the current state; `about` adds fields to its message."""
 
     def abandon(self) -> None:
-        """Leave it as it is: it could not be written."""
+        """Leave the recording as it is, because it could not be written."""
 
     def close(self) -> None:
-        """No more messages come."""
+        """End the recording: no more messages come."""
 
 
 def first_check(metadata: Mapping[str, str]) -> bytes:
-    """The check before the first message: over the metadata."""
+    """Return the check before the first message, which is over the metadata."""
     text = json.dumps([FORMAT, dict(metadata)], sort_keys=True, ensure_ascii=False)
     return hashlib.blake2b(text.encode(), digest_size=CHECK_BYTES).digest()
 
 
 def next_check(before: bytes, number: int, topic: str, at_ns: int, body: bytes) -> bytes:
-    """The check of a message: over the check before and the whole message."""
+    """Return the check of a message, over the previous check and the whole message."""
     head = f"{number} {topic} {at_ns} ".encode()
     return hashlib.blake2b(before + head + body, digest_size=CHECK_BYTES).digest()
 
 
 def signed_content(number: int, check: bytes, is_end: bool, at_ns: int) -> bytes:
-    """What the signature in a recording is for: all messages up to the one of this number and
-    check, and the time of the signature's own message; `is_end`: nothing follows it.
+    """Return the bytes that a signature in a recording signs.
+
+    They cover all messages up to the one with this number and check, and the time of the
+    signature's own message. `is_end`: nothing follows it.
     """
     return b"mrbt recording\0" + bytes(msgpack.packb([number, check, is_end, at_ns]))
 
 
 class MessageEncoder:
-    """Makes the messages of one recording, in their order. `number`: how many there were."""
+    """Encodes the messages of one recording in order. `number` is how many there were."""
 
     def __init__(self, metadata: RunMetadata) -> None:
         self.number = metadata.after_number
@@ -263,7 +271,7 @@ class MessageEncoder:
         self._check = first_check(metadata.to_values())
 
     def encode(self, topic: str, at_us: int, data: Mapping[str, Any]) -> tuple[int, bytes]:
-        """(Unix time in nanoseconds, text) of a message; `data` is not empty."""
+        """Return (Unix time in nanoseconds, text) of a message; `data` is not empty."""
         self.number += 1
         at_ns = self._unix_ns(at_us)
         body = to_json(data).encode()
@@ -279,8 +287,8 @@ class MessageEncoder:
         return RecordingHead(self.number, self._check)
 
     def sign(self, keys: Keys, is_end: bool, at_us: int) -> dict[str, Any]:
-        """A message of the channel of signatures, to be written at this time, for all messages so
-        far.
+        """Return a message of the channel of signatures for all messages so far, to be written at
+        `at_us`.
         """
         content = signed_content(self.number, self._check, is_end, self._unix_ns(at_us))
         signature = keys.sign(content)

@@ -13,7 +13,7 @@ from mrbt_mesh.core.mission.compiled import compile_mission, mission_from_compil
 from mrbt_mesh.core.mission.mission import Mission
 from mrbt_mesh.recording.channels import FORMAT
 
-# In place of a robot's name, in the recording of an observer.
+# Replaces the robot's name in the recording of an observer.
 OBSERVER = ""
 
 _TRUTH = {"true": True, "false": False}
@@ -21,8 +21,10 @@ _TIMES = tuple(each.name for each in fields(Timing))
 
 
 class NamedRecording(NamedTuple):
-    """What another file says of a recording: it had a message of this number and check (in
-    hexadecimal) then. `name`: of the file of its first part.
+    """What another file says of a recording: at that time it had a message with this number and
+    check.
+
+    The check is in hexadecimal. `name`: the file of its first part.
     """
 
     name: str
@@ -31,23 +33,23 @@ class NamedRecording(NamedTuple):
 
 
 def parse_named(text: str) -> tuple[NamedRecording, ...]:
-    """Some of them as JSON; raises ValueError, TypeError or RecursionError for anything else."""
+    """Parse named recordings from JSON. Raises ValueError, TypeError or RecursionError."""
     rows = [(str(name), int(number), str(check)) for name, number, check in json.loads(text)]
     return tuple(NamedRecording(*row) for row in rows)
 
 
 @dataclass(frozen=True)
 class RunMetadata:
-    """`robot` is empty for an observer's recording; `mission` is the compiled mission's text.
+    """The metadata of a recording.
 
+    `robot` is empty for an observer's recording; `mission` is the compiled mission's text.
     `epoch_ns`: the Unix time at which the clock of the recording's owner was 0, as it was when the
-    recording began; `clock`: which clock that is, empty if that is not known. `has_keys`: facts
-    are signed. `solver`: the robot's own choice, empty for the mission's. `speed`: by how much
-    simulated robots are faster. `is_observed`: what launched the robots records their run too.
-    `has_summary`: this is that record, and its observer writes summary.json at its end.
-
-    `earlier`: the recordings that were there when this one was begun: its owner's earlier ones; of
-    an observer also those of the robots.
+    recording began; `clock`: which clock that is, empty if it is not known. `has_keys`: facts are
+    signed. `solver`: the robot's own choice, empty for the mission's. `speed`: how many times
+    faster simulated robots work. `is_observed`: the launcher of the robots records their run too.
+    `has_summary`: this is that recording, and its observer writes summary.json at its end.
+    `earlier`: the recordings that existed when this one began: its owner's earlier ones, and for an
+    observer also those of the robots.
 
     A long recording has several parts: `part` is the number of this one, `after_number` and
     `after_check` are those of the last message of the part before, and `kept_from` was the first
@@ -83,13 +85,13 @@ class RunMetadata:
     def of(
         mission: Mission, robot: str, run: str, timing: Timing, epoch_ns: int, version: str
     ) -> RunMetadata:
-        """That of a run without keys, with the mission's solver."""
+        """Return the metadata of a run without keys, with the mission's solver."""
         return RunMetadata(
             robot, run, compile_mission(mission), mission.digest, timing, epoch_ns, version
         )
 
     def to_values(self) -> dict[str, str]:
-        """As MCAP has it: text alone."""
+        """Return the metadata as MCAP stores it: only texts."""
         return {
             "format": FORMAT,
             "robot": self.robot,
@@ -109,13 +111,14 @@ class RunMetadata:
             "is_observed": str(self.is_observed).lower(),
             "has_summary": str(self.has_summary).lower(),
             "clock": self.clock,
-            # Not empty, and the last: a reader takes zeros at the end for what was never written.
+            # Last, because it is not empty: a reader takes zeros at the end for what was never
+            # written.
             "earlier": json.dumps(self.earlier),
         }
 
     @staticmethod
     def from_values(values: Mapping[str, str]) -> RunMetadata:
-        """The inverse of `to_values`; raises ValueError for anything else."""
+        """Parse the result of `to_values`. Raises ValueError for anything else."""
         if values.get("format") != FORMAT:
             found = values.get("format", "none")
             raise ValueError(f"its format is {found}, this version of mrbt reads {FORMAT}")
@@ -148,7 +151,10 @@ class RunMetadata:
             raise ValueError(f"its metadata are damaged: {error!r}") from None
 
     def read_mission(self, file: str) -> Mission:
-        """The mission; raises FileError for a damaged text, ValueError for another mission's."""
+        """Return the mission.
+
+        Raises FileError for a damaged text, ValueError for another mission's.
+        """
         mission = mission_from_compiled(self.mission, file)
         if mission.digest != self.mission_digest:
             raise ValueError("the mission in its metadata is not that of its digest")

@@ -1,4 +1,4 @@
-"""Records an observer: all that it hears of the team."""
+"""Records an observer: everything that it hears of the team."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mrbt_mesh.recording.recorder import Recorder
 class ObserverRecorder(Recorder):
     """Call `update` after each `Observer.update`, and `message` with what arrives.
 
-    An observer makes its plan within its update, after it has taken in all facts.
+    An observer computes its plan within its update, after it has processed all facts.
     """
 
     def __init__(self, sink: MessageSink, observer: Observer, *, beats: bool = False) -> None:
@@ -38,7 +38,7 @@ class ObserverRecorder(Recorder):
         self._deaths: dict[int, DeathTimes] = {}
 
     def message(self, kind: MessageKind, source: str, data: bytes, now_us: int) -> None:
-        """A message has arrived. Raises OSError."""
+        """Record a message that has arrived. Raises OSError."""
         if self._beats and kind is MessageKind.HEARTBEAT:
             self._sink.write(channels.BEATS, now_us, pack_beat(source, data, False))
 

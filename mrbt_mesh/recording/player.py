@@ -1,6 +1,6 @@
 """Plays a recording: the state of its owner at any time, and the team as an observer sees it.
 
-The observer gets the records of the recording as it would get messages.
+The observer receives the recording's messages as it would receive live ones.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ from mrbt_mesh.recording.reader import RecordedMessage, Recording, RecordingErro
 from mrbt_mesh.recording.recorded_state import RecordedState
 
 _NO_DIGEST = bytes(8)
-# What is played again before a moment that is far from where the player is: about a second of work.
+# How many records are replayed before a distant moment: about a second of work.
 PLAYED_RECORDS = 2_000
 
 
 class Player:
-    """`state` and `observer` are as they were at `now_us`, which is the time of the recording.
+    """Plays a recording to any time. `state` and `observer` are as they were at `now_us`.
 
-    A torn end, as a power cut leaves it, is the last entry of the observer's timeline. Raises
-    RecordingError where the recording was changed: see `mrbt recording verify`.
+    `now_us` is the time of the recording. A torn end, as left by a power cut, is the last entry of
+    the observer's timeline. Raises RecordingError if the recording was changed: see `mrbt recording
+    verify`.
     """
 
     def __init__(
@@ -45,11 +46,11 @@ class Player:
         engine: Engine = FASTEST,
         known_until_us: int | None = None,
     ) -> None:
-        """`make_observer` makes the observer that gets the recording, which begins with this
-        mission; by default a new one.
+        """`make_observer` makes the observer from the recording's first mission.
 
-        `known_until_us`: it has got another recording of the run until then, and gets the rest of
-        this one. None: it knows nothing yet.
+        By default it is a new observer. `known_until_us`: the observer has received another
+        recording of the run until then, and gets only the rest of this one. None: it knows nothing
+        yet.
         """
         self.recording = recording
         self._known_until_us = known_until_us
@@ -77,37 +78,37 @@ class Player:
 
     def _rewind(self) -> None:
         self.observer = self._make_observer(self.mission)
-        # What the owner of a second recording knew was not the same at each moment.
+        # The owner of a second recording knew different things at each moment.
         is_second = self._known_until_us is not None
         known = self._new_observer(self.mission) if is_second else self.observer
         self.state = RecordedState(known.facts, self.recording.metadata.part)
         self._is_known = self._known_until_us is not None
         self._plan = self._engine.plan_making(default_solver)
-        # Since when lives of robots have been missed: the best known time of their deaths.
+        # Incarnation -> since when it has been missed: the best estimate of its death.
         self._missed_us: dict[tuple[str, Incarnation], int] = {}
         self._next = 0
         self.now_us = self.begin_us
 
     @property
     def begin_us(self) -> int:
-        """When the recording begins."""
+        """The time at which the recording begins."""
         return self.recording.begin_us
 
     @property
     def end_us(self) -> int:
-        """The time of its last record."""
+        """The time of the last record."""
         return max(self._times_us, default=0)
 
     def seek(self, at_us: int) -> None:
-        """Go to a time of the recording, forwards or back."""
+        """Go to a time of the recording, forwards or backwards."""
         for _ in self.play_to(at_us):
             pass
 
     def play_to(self, at_us: int, skips: bool = False) -> Iterator[None]:
-        """Go there record by record: the caller can look at the team after each, or stop.
+        """Play to a time, record by record: the caller can inspect the team after each, or stop.
 
-        With `skips`, of what is more than `PLAYED_RECORDS` away only the state is taken over. The
-        observer then knows the past as one that began to watch so shortly before.
+        With `skips`, only the state is restored for what is more than `PLAYED_RECORDS` away. The
+        observer then knows the past like one that began to watch only shortly before.
         """
         wanted = bisect_right(self._times_us, at_us)
         if skips and not self._next <= wanted <= self._next + 2 * PLAYED_RECORDS:
@@ -120,7 +121,7 @@ class Player:
         self.now_us = at_us
 
     def _skip_to(self, wanted: int) -> None:
-        """Begin anew at the last plan before a record, with what is valid there."""
+        """Restart at the last plan before a record, with the messages that are valid there."""
         records, started_us = self.recording.records, self.observer.record.started_us
         self._rewind()
         while wanted > 0 and records.topics[wanted] != channels.PLANS:
@@ -131,7 +132,7 @@ class Player:
             valid = records.valid_before(wanted)
         except ValueError as error:
             self._refuse(str(error))
-        # A scene has all that are there, so it comes before their positions.
+        # A scene lists all robots, so it comes before their positions.
         scenes = [index for index in valid if records.topics[index] == channels.SCENE]
         record = self.observer.record
         record.watched_from(self.begin_us, None)
@@ -170,7 +171,7 @@ class Player:
             self._missing(record.data, record.at_us)
 
     def _show(self, record: RecordedMessage, entry: Entry | None) -> None:
-        """Give the observer a record, and its fact, if any."""
+        """Pass a record, and its fact if any, to the observer."""
         at_us, data, seen = record.at_us, record.data, self.observer.record
         if entry is not None:
             if self._is_new(entry):
@@ -195,14 +196,16 @@ class Player:
             seen.death_recorded(*unpack_death(data, at_us))
 
     def _is_new(self, entry: Entry) -> bool:
-        """Whether the observer of a second recording lacks a fact of it, which it now has."""
+        """Merge a fact into the observer's facts; return False if it had the fact already."""
         facts = self.observer.facts
         return facts is self.state.facts or bool(facts.map.merge([entry]))
 
     def _take_over(self, at_us: int) -> None:
-        """Give the observer what the owner knows at the end of what was known before."""
+        """Pass what the owner knows to the observer, at the end of the recording that it knew
+        before.
+        """
         self._is_known = False
-        # Others may have a place only in a revision of the mission.
+        # Other facts may be valid only in a revision of the mission, so that comes first.
         known = sorted(self.state.facts.map, key=lambda each: each.parts[0] not in MISSION_KINDS)
         for entry in known:
             if self._is_new(entry):
@@ -233,13 +236,13 @@ class Player:
         observer.follow(plan, at_us, bool(self.state.alive))
 
     def summary(self) -> dict[str, Any]:
-        """The summary of the run as far as it was played, as `mrbt up` prints it."""
+        """Return the summary of the run as far as it was played, as `mrbt up` prints it."""
         peers = self.observer.membership.peers.values()
         result = self.observer.result(anybody_lives=any(peer.state.is_member for peer in peers))
         return run_summary(self.observer, result, self.now_us)
 
     def _placed(self) -> None:
-        """Robots have moved; one that has left stays at its last position."""
+        """Update the robots' positions; a robot that has left stays at its last position."""
         for robot, peer in self.observer.membership.peers.items():
             if peer.state is not State.LEFT:
                 peer.position = self.state.positions.get(robot)
@@ -247,7 +250,7 @@ class Player:
     # -- the robots ---------------------------------------------------------------------------
 
     def _myself(self, at_us: int) -> None:
-        """The robot that recorded is one of the team, too."""
+        """Show the robot that recorded as a member of the team."""
         me, state = self.recording.metadata.robot, self.state
         if not me or me not in state.alive:
             return
@@ -270,7 +273,7 @@ class Player:
 
     def _robot(self, robot: str, data: Mapping[str, Any], at_us: int) -> None:
         incarnation, state = read_incarnation(data["incarnation"]), State(data["state"])
-        # A robot does not record what others report.
+        # A robot does not record what other robots report.
         own = self.state.plan["digest"] if self.state.plan is not None else ""
         digest = bytes.fromhex(data.get("plan", own))
         report = SelfReport(incarnation, 0, digest, data["joined"], int(Status.RUNNING))

@@ -1,8 +1,9 @@
-"""Reads a recording, also one whose writer was killed, and finds bytes that were changed since.
+"""Reads recordings, even of writers that were killed, and finds bytes changed later.
 
-Two kinds of damage differ. A file that ends in the middle of a record, also with zeros behind it as
-after a power cut, is read up to there. Anything else that the writer has not written so is reported
-with the number of its record, or the byte: every byte of a file is compared or covered by a check.
+Two kinds of damage are distinguished. A file that ends in the middle of a record, possibly followed
+by zeros as after a power cut, is read up to there. Anything else that the writer did not write is
+reported with the number of its record, or with the byte: every byte of a file is compared or
+covered by a check.
 """
 
 from __future__ import annotations
@@ -57,16 +58,16 @@ _CHECK = re.compile(rb',"check":"([0-9a-f]{%d})"\}' % (2 * CHECK_BYTES))
 
 
 class RecordingError(InputError):
-    """A file that is no recording, or none that this version reads."""
+    """The file is no recording, or none that this version reads."""
 
 
 class EmptyRecordingError(RecordingError):
-    """A file that its writer had only begun when it, or the machine, was ended."""
+    """The writer, or the machine, ended when the file had only been begun."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """One message: its number in the file, from 1, and its time on the clock of the writer."""
+    """A message with its number in the file, from 1, and its time on the writer's clock."""
 
     number: int
     topic: str
@@ -76,9 +77,9 @@ class RecordedMessage:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Something in a file that its writer did not write so; `number` 0: none of its messages.
+    """Something in a file that its writer did not write. `number` is 0 if it is in no message.
 
-    What the end of a process, or of the power, leaves at the end of a file is none.
+    A torn end, as left by the end of a process or a power cut, is not damage.
     """
 
     number: int
@@ -87,9 +88,11 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """A signature over all messages before it, the last of which is of `until_us` and has the
-    `check`; `content`: what it must be for. `number` is its own. `is_end`: nothing follows it.
-    Without messages before it, `until_us` is its own time, which it signs too.
+    """A signature over all messages before it.
+
+    The last of these has the time `until_us` and the `check`. `content` is what must be signed.
+    `number` is the signature's own number. `is_end`: nothing may follow it. If there is no message
+    before it, `until_us` is its own time, which it signs too.
     """
 
     number: int
@@ -102,7 +105,7 @@ class Signature:
 
 
 class RecordedMessages(Sequence[RecordedMessage]):
-    """The messages of a file, read again each time: only their places and times are in memory.
+    """The messages of a file, read from it on each access: only positions and times are in memory.
 
     A message that fits no schema raises ValueError.
     """
@@ -110,13 +113,13 @@ class RecordedMessages(Sequence[RecordedMessage]):
     def __init__(self, file: BinaryIO | None = None) -> None:
         self.times_us = array("q")
         self.topics: list[str] = []
-        # By the index of the first message that is in it.
+        # Files, by the index of their first message.
         self._files: dict[int, BinaryIO] = {}
         self._places = array("Q")
         self._lengths = array("I")
         self._numbers = array("I")
         self._until: array[int] | None = None
-        # Whose end closes the files.
+        # Keeps the objects alive whose finalizers close the files.
         self._owners: list[RecordedMessages] = []
         if file is not None:
             self._files[0] = file
@@ -124,7 +127,7 @@ class RecordedMessages(Sequence[RecordedMessage]):
 
     @classmethod
     def joined(cls, parts: Sequence[tuple[RecordedMessages, int]]) -> RecordedMessages:
-        """The messages of several files in one order, those of each from an index on."""
+        """Join the messages of several files in order, each from an index on."""
         found = cls()
         found._owners = [each for each, _ in parts]
         for each, begin in parts:
@@ -137,7 +140,7 @@ class RecordedMessages(Sequence[RecordedMessage]):
         return found
 
     def add(self, number: int, topic: str, at_us: int, place: int, length: int) -> None:
-        """Note a message of the file."""
+        """Index a message of the file."""
         self._numbers.append(number)
         self._lengths.append(length)
         self._places.append(place)
@@ -145,7 +148,7 @@ class RecordedMessages(Sequence[RecordedMessage]):
         self.topics.append(topic)
 
     def shifted(self, by_us: int) -> RecordedMessages:
-        """The same messages, later by this."""
+        """Return the same messages, with times later by `by_us`."""
         found = copy(self)
         found._owners = [self]
         found.times_us = array("q", [at_us + by_us for at_us in self.times_us])
@@ -167,11 +170,11 @@ class RecordedMessages(Sequence[RecordedMessage]):
         return RecordedMessage(self._numbers[index], topic, self.times_us[index], data)
 
     def of(self, *topics: str) -> Iterator[RecordedMessage]:
-        """Those of some channels; the others are not read."""
+        """Yield the messages of some channels; others are not read."""
         return (self[index] for index, topic in enumerate(self.topics) if topic in topics)
 
     def check_of(self, number: int) -> str:
-        """The check of the message of this number; empty if it is not there."""
+        """Return the check of the message with this number; empty if there is none."""
         index = bisect_left(self._numbers, number)
         if index == len(self) or self._numbers[index] != number:
             return ""
@@ -186,10 +189,10 @@ class RecordedMessages(Sequence[RecordedMessage]):
         return file.read(self._lengths[index])
 
     def valid_before(self, end: int) -> list[int]:
-        """The indexes of the messages before this one that are still valid there.
+        """Return the indexes of the messages before `end` that are still valid there.
 
-        That is what `Channel.stands_for` says; a dropped fact is not valid any more, and the start
-        and progress of an action are until it ends. Raises ValueError for malformed messages.
+        Validity follows from `Channel.stands_for`. A dropped fact is no longer valid; the start and
+        progress of an action are valid until it ends. Raises ValueError for malformed messages.
         """
         if self._until is None:
             try:
@@ -199,7 +202,7 @@ class RecordedMessages(Sequence[RecordedMessage]):
         return [index for index in range(end) if self._until[index] >= end]
 
     def _ends(self) -> array[int]:
-        """For each message, the index of the one until which it is valid."""
+        """Return for each message the index of the message that ends its validity."""
         never = len(self)
         until, latest = array("I", bytes(4 * never)), dict[tuple[str, ...], int]()
         for index, topic in enumerate(self.topics):
@@ -224,13 +227,13 @@ class RecordedMessages(Sequence[RecordedMessage]):
 
 @dataclass(frozen=True)
 class Recording:
-    """What a file holds. `cut_off_at`: the byte at which it ends in the middle of a record, or
-    without its end; None if it was closed. `torn_bytes`: how many bytes without meaning follow the
-    last whole record, as a power cut or a full disk leaves them.
+    """The content of a recording.
 
-    `parts`: the files, if several parts follow one another; `records` has no states at the
-    beginnings of later ones then, and `metadata` are those of the first. `last`: number and check
-    of the last message.
+    `cut_off_at` is the byte at which it ends in the middle of a record, or without its end; None if
+    it was closed. `torn_bytes` is the number of meaningless bytes after the last whole record, as
+    left by a power cut or a full disk. `parts` are the files if the recording has several parts;
+    then `records` has no states at the beginnings of later parts, and `metadata` are those of the
+    first. `last` is the number and check of the last message.
     """
 
     path: Path
@@ -245,22 +248,23 @@ class Recording:
 
     @property
     def begin_us(self) -> int:
-        """The time of its first message."""
+        """The time of the first message; 0 if there is none."""
         return self.records[0].at_us if self.records else 0
 
     @property
     def name(self) -> str:
-        """How it is called where several are compared."""
+        """Its name where several recordings are compared."""
         return self.path.name
 
     def name_at(self, number: int) -> str:
-        """The name of the file with the message of this number."""
+        """Return the name of the file that has the message with this number."""
         names = (each.name for each in self.parts if each.metadata.after_number < number)
         return [self.name, *names][-1]
 
     def has(self, number: int, check: str) -> bool:
-        """Whether it has the message of this number and check; that before the first one is over
-        the metadata.
+        """Return whether it has a message with this number and check.
+
+        The check before the first message is over the metadata.
         """
         if self.parts:
             return any(part.has(number, check) for part in self.parts)
@@ -270,7 +274,7 @@ class Recording:
 
     @property
     def begins_late(self) -> str:
-        """What is to be said of a recording whose first parts were not kept; empty otherwise."""
+        """A note if the first parts of the recording were not kept; else empty."""
         part = self.metadata.part
         if part == 1:
             return ""
@@ -278,7 +282,7 @@ class Recording:
 
     @property
     def torn(self) -> str:
-        """What is to be said of its damaged end; empty if that is as it was written."""
+        """A note about its damaged end; empty if the end is as it was written."""
         if not self.torn_bytes:
             return ""
         lost = f"its last {self.torn_bytes} bytes are no whole record"
@@ -286,22 +290,24 @@ class Recording:
 
 
 def read_recording(path: Path) -> Recording:
-    """Read the file, and check every message; raises RecordingError for one that is no recording
-    at all. The parts that follow it are read as well; a later part alone is read alone.
+    """Read the file and check every message.
+
+    The parts that follow it are read as well; a later part given alone is read alone. Raises
+    RecordingError if the file is no recording at all.
     """
     return read_recordings(path)[-1]
 
 
 def open_recording(path: Path) -> Recording:
-    """As `read_recording`, in a small part of the time: messages are checked against their schemas
-    only when they are taken.
-    """
+    """Like `read_recording`, but much faster: messages are validated only when accessed."""
     return read_recordings(path, checks_schemas=False)[-1]
 
 
 def read_recordings(path: Path, *, checks_schemas: bool = True) -> list[Recording]:
-    """As `read_recording`; where a part in the middle is missing, or does not follow from the one
-    before it, another recording begins. At least one. Raises RecordingError.
+    """Like `read_recording`, but returns several recordings if a part is missing or does not
+    follow.
+
+    A new recording begins at such a gap. Returns at least one. Raises RecordingError.
     """
     files = (parts_of(path) or [path]) if number_of_part(path) == 1 else [path]
     found: list[list[Recording]] = []
@@ -324,7 +330,7 @@ def _follows(part: Recording, later: Recording) -> bool:
 
 
 def _joined(parts: list[Recording]) -> Recording:
-    """The recording of these parts."""
+    """Return the recording made of these parts."""
     first, last = parts[0], parts[-1]
     if len(parts) == 1:
         return first
@@ -351,14 +357,15 @@ def _joined(parts: list[Recording]) -> Recording:
 
 
 def state_end(records: RecordedMessages) -> int:
-    """The index of the first message that is not of the state at the beginning of a part."""
+    """Return the index of the first message after the state at the beginning of a part."""
     return records.topics.index(PARTS) + 1 if PARTS in records.topics else 0
 
 
 def named(files: Iterable[Path], run: str) -> tuple[NamedRecording, ...]:
-    """How far the recordings with these first parts, which may be gone, have been written; those
-    of other runs, and that hold nothing or cannot be read, are left out. Nothing but their last
-    messages is read.
+    """Return how far the recordings with these first parts have been written.
+
+    The first parts themselves may be gone. Recordings of other runs, and empty or unreadable ones,
+    are skipped. Only the last messages are read.
     """
     found = []
     for path in files:
@@ -389,7 +396,7 @@ def _read_file(path: Path, checks_schemas: bool) -> Recording:
 
 
 def parse_recording(content: bytes, path: Path) -> Recording:
-    """The recording of these bytes; `path` is what messages call it."""
+    """Parse a recording from bytes; `path` names it in error messages."""
     return _read(BytesIO(content), path, True)
 
 
@@ -414,7 +421,7 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
         reading.damage.insert(0, Damage(0, "its metadata are not those that mrbt writes"))
     cut_off = None if reading.is_closed else end
     if has_more:
-        # What was cut off by the end of its writer has no whole message behind it.
+        # A file cut off by the end of its writer has no whole message after the cut.
         reading.note_damage_at(end)
         cut_off = None
     damage, signatures = tuple(reading.damage), tuple(reading.signatures)
@@ -424,8 +431,9 @@ def _read(file: BinaryIO, path: Path, checks_schemas: bool) -> Recording:
 
 
 class _Reading:
-    """One pass through a file, message by message. `size`: its bytes; `is_empty`: it was begun as
-    a recording, and has no metadata yet.
+    """One pass through a file, message by message.
+
+    `size` is its length in bytes. `is_empty`: it was begun as a recording, and has no metadata yet.
     """
 
     def __init__(self, file: BinaryIO, checks_schemas: bool) -> None:
@@ -444,9 +452,9 @@ class _Reading:
         self._check = b""
         self._number = 0
         self._epoch_ns = 0
-        # Whether a signature says that the recording ends with it.
+        # True once a signature says that the recording ends with it.
         self._has_ended = False
-        # Behind this byte there are only zeros.
+        # After this byte there are only zeros.
         self._solid = self._end_of_data()
 
     @property
@@ -466,7 +474,7 @@ class _Reading:
         return 0
 
     def read(self) -> int:
-        """Read as far as it goes; returns the first byte that was not understood."""
+        """Read as far as possible; return the first byte that was not understood."""
         end = self._begin()
         if self.metadata is None:
             return end
@@ -491,7 +499,7 @@ class _Reading:
         return end
 
     def skip(self) -> None:
-        """Go to the last whole message; those before it are not read."""
+        """Go to the last whole message without reading those before it."""
         begin, frame, last = self._begin(), mcap_file.FRAME, (0, 0)
         while self.metadata is not None and begin + frame.size <= self._solid:
             self._file.seek(begin)
@@ -509,13 +517,13 @@ class _Reading:
                 self._check = bytes.fromhex(found[1].decode())
 
     def note_damage_at(self, place: int) -> None:
-        """Nothing is understood from this byte on, though more was written."""
+        """Note that nothing is understood from this byte on, although more was written."""
         found = Damage(self._number + 1, f"the file is damaged at byte {place}")
         if found not in self.damage:
             self.damage.append(found)
 
     def _is_torn_message(self, found: bytes) -> bool:
-        """Whether this may be the beginning of the next message, which was not written whole."""
+        """Return whether this may be an incomplete next message."""
         frame, fields = mcap_file.FRAME.size, mcap_file.MESSAGE_FIELDS
         if found[:1] not in (b"", bytes([mcap_file.MESSAGE])):
             return False
@@ -528,7 +536,7 @@ class _Reading:
         return fits and text.isascii() and text.decode().isprintable()
 
     def _begin(self) -> int:
-        """Read what is before the messages, which follows from the metadata; returns its end."""
+        """Read what precedes the messages, which follows from the metadata; return its end."""
         file, frame, end = self._file, mcap_file.FRAME, len(mcap_file.MAGIC)
         file.seek(0)
         is_mcap = file.read(end) == mcap_file.MAGIC
@@ -563,7 +571,7 @@ class _Reading:
         return end
 
     def _is_begun(self) -> bool:
-        """Whether this may be the beginning of a recording, with nothing but zeros behind it."""
+        """Return whether this may be the beginning of a recording, followed only by zeros."""
         self._file.seek(0)
         content = self._file.read(self._solid)
         known = mcap_file.before_metadata(tuple(CHANNELS))
@@ -575,7 +583,7 @@ class _Reading:
         )
 
     def _end(self, place: int) -> int:
-        """Read the end of a recording that was closed; returns its first byte if it is torn."""
+        """Read the end of a closed recording; return its first byte if it is torn."""
         wanted = mcap_file.end(self._topics, place)
         self._file.seek(place)
         found = self._file.read(len(wanted) + 1)
@@ -595,7 +603,7 @@ class _Reading:
         return self._file.read(max(0, self._solid - place))
 
     def has_message_behind(self, place: int) -> bool:
-        """Whether there is a check of a message behind this byte."""
+        """Return whether a message's check follows this byte."""
         self._file.seek(place)
         before = b""
         # The file may have grown since.
@@ -606,7 +614,7 @@ class _Reading:
         return False
 
     def _record(self, opcode: int, place: int, length: int) -> None:
-        """Take in one record of MCAP: only messages stand between the beginning and the end."""
+        """Read one MCAP record. Only messages are allowed between the beginning and the end."""
         if opcode == mcap_file.MESSAGE:
             self._message(self._file.read(length), place + mcap_file.FRAME.size)
             return
@@ -657,10 +665,10 @@ class _Reading:
         self.records.add(number, topic, at_us, place + mcap_file.MESSAGE_FIELDS.size, len(data))
 
     def _signature(self, content: Mapping[str, Any], number: int, check: bytes, at_ns: int) -> None:
-        """Raises ValueError."""
+        """Add a signature. Raises ValueError."""
         by, is_end, signature = content["by"], content["end"], read_bytes(content["signature"])
         times_us = self.records.times_us
-        # The first signature is over no message: it proves when it was made.
+        # The first signature covers no message: it proves when it was made.
         until_us = times_us[-1] if times_us else (at_ns - self._epoch_ns) // 1_000
         self._has_ended |= is_end
         wanted = signed_content(number - 1, check, is_end, at_ns)
@@ -671,7 +679,7 @@ class _Reading:
 
 
 def _read_message(topic: str, text: bytes) -> Mapping[str, Any]:
-    """A message without its check; raises ValueError for one that does not fit the schema."""
+    """Return a message without its check. Raises ValueError if it does not fit the schema."""
     try:
         content = json.loads(text)
         _validator(topic)(content)
@@ -683,6 +691,8 @@ def _read_message(topic: str, text: bytes) -> Mapping[str, Any]:
 
 @cache
 def _validator(topic: str) -> Callable[[Any], Any]:
-    """What raises ValueError for a message that does not fit the channel's schema."""
+    """Return a function that raises ValueError for a message that does not fit the channel's
+    schema.
+    """
     made: Callable[[Any], Any] = fastjsonschema.compile(dict(CHANNELS[topic].schema))
     return made

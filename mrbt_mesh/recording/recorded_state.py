@@ -1,4 +1,4 @@
-"""The state of a robot at one place of its recording: facts, alive set, plan, action."""
+"""The state of a robot at a point of its recording: facts, alive set, plan, action."""
 
 from __future__ import annotations
 
@@ -23,20 +23,23 @@ from mrbt_mesh.recording.reader import RecordedMessage
 
 
 class NothingNewError(ValueError):
-    """A fact is recorded that changes nothing that was known before it."""
+    """A recorded fact changes nothing that was known before."""
 
 
 class RecordedState:
-    """Apply the records of a recording in their order; it is then the state of its owner.
+    """The state of a recording's owner, after the records applied so far.
 
-    `plan`, `statuses`, `action` and `robots` are the last messages of their channels, `action` None
-    once it has ended, `robots` by name. `changes`: how many changes of facts there were.
-    `positions`: of the robots that are there and report them. `is_skipping`: only those records
-    come that are still valid at the next one, the scene first: so at the beginning of a later part.
+    `plan`, `statuses`, `action` and `robots` are the last messages of their channels; `action` is
+    None once it has ended, `robots` are by name. `changes` counts the changes of facts. `positions`
+    are those of the robots that are present and report them. `is_skipping`: only records still
+    valid at the next one are applied, the scene first, as at the beginning of a later part.
     """
 
     def __init__(self, facts: TeamFacts, part: int = 1) -> None:
-        """`facts` are empty, and of the recording's mission and run; `part`: its first part."""
+        """`facts` must be empty, and of the recording's mission and run.
+
+        `part` is its first part.
+        """
         self.facts = facts
         self.changes = 0
         self.is_skipping = part > 1
@@ -53,8 +56,9 @@ class RecordedState:
         self._drawn: dict[str, bool] = {}
 
     def apply(self, record: RecordedMessage) -> Entry | None:
-        """Take in one record; returns its fact, if any. Raises ValueError if it cannot follow the
-        records before it.
+        """Apply a record and return its fact, if any.
+
+        Raises ValueError if it cannot follow the previous ones.
         """
         data = record.data
         match record.topic:
@@ -84,7 +88,7 @@ class RecordedState:
         return None
 
     def _members(self, topic: str, data: Mapping[str, Any]) -> None:
-        """Who counts for plans, and who not any more."""
+        """Apply a change of the robots that count for plans, or of the revoked ones."""
         if topic == channels.ALIVE:
             alive = data["robots"].items()
             self.alive = {robot: read_incarnation(text) for robot, text in alive}
@@ -106,7 +110,7 @@ class RecordedState:
         robot, there = robot_of(data["child_frame_id"]), data["translation"]
         if robot not in self._drawn:
             if self.is_skipping:
-                return  # it has gone since
+                return  # the robot has gone since
             raise ValueError(f"{robot} is somewhere, but was not there before")
         turn = heading_of(data["rotation"])
         self.positions[robot] = Position(
@@ -139,7 +143,7 @@ class RecordedState:
             self.percent = data["percent"]
 
     def to_json(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """Return the whole state as plain data."""
         return {
             **team_state(self.facts, self.alive, self.plan),
             "revoked": sorted(self.facts.revoked),
@@ -158,7 +162,7 @@ class RecordedState:
 def team_state(
     facts: TeamFacts, alive: Mapping[str, Incarnation], plan: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Facts, alive set and plan, as a recording has them; equal where they are equal."""
+    """Return facts, alive set and plan as recorded; equal states give equal results."""
     rows = [{k: v for k, v in pack_fact(e, 0).items() if k != "number"} for e in facts.map]
     return {
         "facts": rows,

@@ -1,4 +1,4 @@
-"""The common part of the recordings of a robot and of an observer: facts, plans, the scene."""
+"""The common part of a robot's and an observer's recording: facts, plans, the scene."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ TopicMessage: TypeAlias = tuple[str, Mapping[str, Any]]
 
 
 class Recorder:
-    """Keeps the changes of a map of facts in their order, and what happened between them.
+    """Keeps the changes of facts in order, and what happened between them.
 
-    The facts that are there already come first. Messages of facts are made when they are written:
-    the proof of a batch is complete only at its end.
+    The facts that exist already come first. Messages of facts are made when they are written,
+    because the proof of a batch is complete only at its end.
     """
 
     def __init__(self, sink: MessageSink, mission: Mission, facts: TeamFacts) -> None:
@@ -36,19 +36,19 @@ class Recorder:
         self._revoked: frozenset[str] = frozenset()
         self._heads: dict[str, RecordingHead] = {}
         self._changes = 0
-        # Whether the last plan is that of the facts and the alive set as they are.
+        # Whether the last plan was computed from the current facts and alive set.
         self._is_settled = True
         # (topic, number of the change or 0, the fact or the message).
         self._waiting: list[tuple[str, int, Any]] = []
-        # Missions come first, as robots take them in: others may have a place only in a revision.
+        # Missions come first, as in robots: other facts may be valid only in a revision.
         known = sorted(facts.map, key=lambda entry: entry.parts[0] not in MISSION_KINDS)
         self._facts_changed([(None, entry) for entry in known])
         facts.map.subscribe(self._facts_changed)
 
     def _use(self, mission: Mission) -> None:
-        """The mission in force, from now on."""
+        """Use this mission, which is in force from now on."""
         self._mission = mission
-        # The places of the map that conditions describe, and what their states were made from.
+        # The places of the map that conditions describe, and what their states were computed from.
         self._places = told_places(mission)
         self._places_from: tuple[object, ...] = ()
         self._scene = TeamScene(mission, self._sink.epoch_ns)
@@ -64,7 +64,7 @@ class Recorder:
             self._waiting.append((topic, self._changes, new or old))
 
     def _add(self, topic: str, data: Mapping[str, Any]) -> None:
-        """Note a message between the changes of facts around it."""
+        """Add a message between the changes of facts around it."""
         self._waiting.append((topic, 0, data))
 
     def _add_revoked(self) -> None:

@@ -32,7 +32,7 @@ from mrbt_mesh.recording.messages import (
 from mrbt_mesh.recording.recorder import Recorder, TopicMessage
 from mrbt_mesh.recording.writer import RecordingWriter
 
-# Progress is recorded again once it is this much further.
+# Progress is recorded again once it has advanced by this many percent.
 PERCENT_STEP = 10
 
 _TREES = ("T_i", "T_A", "T_G", "T_Li")
@@ -41,10 +41,9 @@ _STATES = tuple(f"robot_{state}" for state in State)
 
 
 class RobotRecorder(Recorder):
-    """Call `step` after each `Agent.handle`, before its effects are carried out: a robot records
-    before it sends.
+    """Records an agent. Call `step` after each `Agent.handle`, before its effects are carried out.
 
-    `beats`: heartbeats are recorded as well.
+    A robot records before it sends. `beats`: heartbeats are recorded as well.
     """
 
     def __init__(
@@ -52,9 +51,10 @@ class RobotRecorder(Recorder):
     ) -> None:
         self._tasks = TaskLog(view.facts.declared)
         self._robot = view.robot
-        # Of its own facts, the last one's.
+        # The version of the last of its own facts.
         self._version_written = Version(Incarnation(0, ""), 0)
-        # Whether an action has ended whose outcome is still to be written; whether one was, now.
+        # Whether an action has ended whose outcome is still to be written, and whether one was
+        # written in this step.
         self._awaits_outcome = self._has_outcome = False
         super().__init__(sink, view.facts.declared, view.facts)
         self._writer, self._view = sink, view
@@ -93,11 +93,11 @@ class RobotRecorder(Recorder):
                 self._has_outcome |= isinstance(new.record, Outcome)
 
     def take_head(self) -> RecordingHead | None:
-        """How far the recording has been signed, once each time: others are to hear it."""
+        """Return how far the recording has been signed, once each time, for the other robots."""
         return self._writer.take_head()
 
     def step(self, event: Input, effects: Sequence[Effect], now_us: int) -> None:
-        """Write what has changed by an input, and what is to be done. Raises OSError."""
+        """Write what an input has changed, and the effects to be carried out. Raises OSError."""
         taken = event.inputs if isinstance(event, InputBatch) else (event,)
         for each in taken:
             self._write(self._inputs(each), now_us)
@@ -128,7 +128,7 @@ class RobotRecorder(Recorder):
         self._awaits_outcome &= not self._has_outcome
         self._has_outcome = False
         if effects:
-            # Inputs without effects can wait.
+            # Inputs without effects need no flush.
             self._sink.flush(now_us)
             if not view.is_joining and not view.is_leaving and not self._awaits_outcome:
                 life, written = view.incarnation, self._version_written
@@ -171,7 +171,7 @@ class RobotRecorder(Recorder):
             yield channels.ACTIONS, {"event": event, **_of(action), **more}
 
     def _see(self, robot: str) -> None:
-        """Another robot may be somewhere else, or may be otherwise."""
+        """Update a robot's state and position in the scene."""
         peer = self._view.peers.get(robot)
         if peer is not None:
             self._scene.see(robot, peer.state, peer.position)

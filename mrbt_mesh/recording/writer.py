@@ -1,8 +1,8 @@
-"""Writes a recording: MCAP without chunks, handed to the system after every step.
+"""Writes a recording: MCAP without chunks, passed to the system after every step.
 
-What was written survives the end of its process, also by SIGKILL. A long recording has several
-parts, each a file that can be read alone: the first messages of a later one are the state at its
-beginning. Its metadata, and so all its checks and signatures, follow from the part before.
+What was written survives the end of the process, even by SIGKILL. A long recording has several
+parts, each a file that can be read alone: a later part begins with the state at its beginning. Its
+metadata, and so all its checks and signatures, continue from the part before.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ from mrbt_mesh.recording.folder import open_new, open_part, part_path
 from mrbt_mesh.recording.messages import MessageEncoder, pack_fact
 from mrbt_mesh.recording.metadata import RunMetadata
 
-# What a killed robot recorded last is signed up to this much before its end.
+# A killed robot's recording is signed up to this long before its end.
 SIGN_US = 1_000_000
-# The limit of a recording is that of so many parts.
+# The number of parts that fit in the limit of a recording.
 PARTS_IN_LIMIT = 8
 _Message: TypeAlias = tuple[str, int, Mapping[str, Any]]
 
 
 class Standing:
-    """The messages that are still valid, facts excepted, by `Channel.stands_for`."""
+    """The messages that are still valid by `Channel.stands_for`, except facts."""
 
     def __init__(self) -> None:
         self._by_key: dict[tuple[object, ...], _Message] = {}
         self._action: list[_Message] = []
 
     def take(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
-        """A message was written."""
+        """Note a message that was written."""
         fields = CHANNELS[topic].stands_for
         if topic == ACTIONS:
             self._acted(topic, at_us, data)
@@ -57,7 +57,10 @@ class Standing:
             self._by_key[topic, *[data[name] for name in fields]] = topic, at_us, data
 
     def _acted(self, topic: str, at_us: int, data: Mapping[str, Any]) -> None:
-        """The start, progress and cancellation of an action are valid until it ends."""
+        """Note a message about an action.
+
+        Start, progress and cancellation are valid until the action ends.
+        """
         event = data["event"]
         if event in ("started", "finished", "stopped"):
             self._action.clear()
@@ -65,23 +68,27 @@ class Standing:
             self._action.append((topic, at_us, data))
 
     def messages(self, now_us: int) -> Iterator[tuple[str, Mapping[str, Any]]]:
-        """All of them. A scene has the robots that are there, so it comes before positions."""
+        """Yield the valid messages.
+
+        A scene lists the robots, so it comes before their positions.
+        """
         order = list(CHANNELS)
         listed = sorted(
             [*self._by_key.values(), *self._action],
             key=lambda each: -1 if each[0] == SCENE else order.index(each[0]),
         )
         for topic, at_us, data in listed:
-            # How long ago a robot died.
+            # A death's age grows with time.
             later = {"ago_us": data["ago_us"] + now_us - at_us} if topic == DEATHS else {}
             yield topic, {**data, **later}
 
 
 class RecordingWriter:
-    """One recording, in a new file: beside another one where that is there already.
+    """Writes one recording to a new file, with another name if the file exists.
 
     `keys` sign it every second, and at the end of each part. With `limit_bytes` it has parts, and
-    the oldest are removed, so that it stays below. Raises OSError where a file cannot be written.
+    the oldest are removed so that it stays below the limit. Raises OSError if a file cannot be
+    written.
     """
 
     def __init__(
@@ -96,19 +103,19 @@ class RecordingWriter:
         self._limit_bytes = limit_bytes
         self._keys = keys
         self._now_us, self._signed_us = 0, -SIGN_US
-        # Signed and handed over, and not told yet.
+        # Signed and flushed, and not yet returned by `take_head`.
         self._head: RecordingHead | None = None
         self._topics = tuple(topic for topic in CHANNELS if beats or topic != BEATS)
         self._channels = mcap_file.channel_numbers(self._topics)
         self._standing = Standing()
-        # The number of a part that was ended and is kept -> its bytes.
+        # Number of each finished part that is kept -> its bytes.
         self._kept: dict[int, int] = {}
         self._file = open_new(path)
         self._first = Path(self._file.name)
         self._begin(metadata)
 
     def _begin(self, metadata: RunMetadata) -> None:
-        """Begin a file, with what is before its messages."""
+        """Begin a file by writing what precedes its messages."""
         self._metadata, self._encoder = metadata, MessageEncoder(metadata)
         self._file.write(mcap_file.begin(self._topics, metadata.to_values()))
         self._file.flush()
@@ -134,7 +141,7 @@ class RecordingWriter:
             )
 
     def flush(self, now_us: int) -> None:
-        """Hand over what was written: the end of this process does not touch it any more."""
+        """Pass what was written to the system, so that it survives the end of this process."""
         self._now_us = now_us
         if now_us >= self._signed_us + SIGN_US:
             self._sign(False)
@@ -145,7 +152,7 @@ class RecordingWriter:
 
     @property
     def is_full(self) -> bool:
-        """Whether another part is to be begun as soon as that can be."""
+        """True if another part should begin as soon as possible."""
         return self._limit_bytes is not None and self._file.tell() > self._part_bytes
 
     @property
@@ -156,8 +163,10 @@ class RecordingWriter:
     def begin_part(
         self, mission: Mission, facts: Iterable[Entry], about: Mapping[str, Any], now_us: int
     ) -> None:
-        """End the file and begin another one with the present state: these facts, and all messages
-        that are still valid. `about`: more fields of the message that ends this state.
+        """End the file and begin another part with the current state.
+
+        The state consists of these facts and all messages that are still valid. `about` adds fields
+        to the message that ends the state.
         """
         self._now_us = now_us
         self._sign(False)
@@ -190,7 +199,10 @@ class RecordingWriter:
             part_path(self._first, each).unlink(missing_ok=True)
 
     def _obsolete(self) -> list[int]:
-        """Parts that are kept no more, so that there is room for another one."""
+        """Remove parts from those kept, oldest first, until another part fits.
+
+        Return their numbers.
+        """
         assert self._limit_bytes is not None
         found = []
         while self._kept and sum(self._kept.values()) + self._part_bytes > self._limit_bytes:
@@ -203,17 +215,17 @@ class RecordingWriter:
         self._file.flush()
 
     def take_head(self) -> RecordingHead | None:
-        """How far the recording has been signed, once each time."""
+        """Return how far the recording has been signed, once each time."""
         head, self._head = self._head, None
         return head
 
     def abandon(self) -> None:
-        """Close the file as it is: it could not be written."""
+        """Close the file as it is, because it could not be written."""
         with contextlib.suppress(OSError):
             self._file.close()
 
     def close(self) -> None:
-        """End the file, unless it was abandoned; readers need nothing of what MCAP adds here."""
+        """End the file, unless it was abandoned. Readers do not need MCAP's end."""
         if self._file.closed:
             return
         try:

@@ -65,17 +65,17 @@ EXPECTED = (
     "or {condition: bool} for success with conditions"
 )
 ProgramEffect: TypeAlias = StartAction | CancelAction | RequestBid | CheckMission | UseMission
-# After so long, code that was cancelled and still runs is named.
+# Cancelled code that still runs after this time is reported.
 CANCEL_LIMIT_S = 5.0
-# No mission waits longer for a bid.
+# The longest that any mission waits for a bid.
 BID_LIMIT_S = MAX_BID_WITHIN_US / MICRO
-# For the travel times between all places of a robot together.
+# Limit for computing the travel times between all places of a robot.
 TRAVEL_TIMES_LIMIT_S = 5.0
 
 
 @dataclass(frozen=True)
 class RobotIdentity:
-    """The robot on which a program runs, as its contexts show it."""
+    """The robot that runs a program, as shown in the program's contexts."""
 
     robot: str
     type: str
@@ -86,7 +86,7 @@ class RobotIdentity:
 
 
 def micro_bid(value: Any) -> int | None:
-    """A bid in micro-units, None for none. Raises ValueError for what is no bid."""
+    """Return a bid in micro-units, or None for no bid. Raises ValueError for an invalid bid."""
     most = MAX_PERFORMANCE // MICRO
     if value is None:
         return None
@@ -97,7 +97,7 @@ def micro_bid(value: Any) -> int | None:
 
 
 def travel_ms(value: Any, function: Callable[..., Any]) -> int | None:
-    """A travel time in ms, None for none. Raises UserCodeError for what is none."""
+    """Return a travel time in ms, or None for none. Raises UserCodeError for an invalid value."""
     if value is None:
         return None
     is_number = isinstance(value, Real) and not isinstance(value, bool)
@@ -108,15 +108,15 @@ def travel_ms(value: Any, function: Callable[..., Any]) -> int | None:
 
 
 async def drives_itself(task: TaskContext, place: str) -> None:
-    """The way of a robot whose program has no function for ways: its local tasks have it."""
+    """Default travel function: do nothing, because the program drives in its local tasks."""
 
 
 class ActionRunner:
-    """Runs actions and bids as tasks of `group`; each ends in exactly one input to the host, bids
-    that end at the same time in a common one.
+    """Runs actions and bids as tasks of `group`.
 
-    `gate` is to be told when the agent has heard something. `drive`: goes to places where the
-    program has no function for that. `stretch`: by which factor a local task takes longer than the
+    Each action ends in exactly one input to the host; bids that end at the same time share one.
+    `gate` must be told when the agent has heard something. `drive` travels to places if the program
+    has no travel function. `stretch` returns the factor by which a local task takes longer than the
     mission says.
     """
 
@@ -133,7 +133,7 @@ class ActionRunner:
     ) -> None:
         self._drive = drive
         self._stretch = stretch
-        # What the robot is there for and has not begun, as its events have it.
+        # The task that the robot has travelled for and not begun, for its events.
         self._set_out: TaskContext | None = None
         self._group = group
         self._program = program
@@ -143,17 +143,17 @@ class ActionRunner:
         self._host = host
         self.gate = StepGate(host.take_news, host.may_step)
         self._scopes: dict[int, anyio.CancelScope] = {}
-        # With the ticket of the action for which they run; None: for none.
+        # Calls that run, with the ticket of their action; None if they belong to no action.
         self._calls: dict[UserCall, int | None] = {}
-        # Those that were cancelled long ago, as the team has been told.
+        # Calls still running long after their cancellation, as reported to the team.
         self._lingering: set[UserCall] = set()
         self._bids: list[BidMade] = []
-        # How many of the program's sensors run.
+        # How many of the program's background functions run.
         self.backgrounds = 0
         self._are_times_old = asyncio.Event()
 
     def carry_out(self, effect: ProgramEffect) -> None:
-        """Do what the agent wants of the program."""
+        """Carry out an effect that concerns the program."""
         match effect:
             case StartAction(ticket):
                 scope = self._scopes[ticket] = anyio.CancelScope()
@@ -177,7 +177,7 @@ class ActionRunner:
         self._host.submit(MissionChecked(mission.digest, text))
 
     def _use(self, mission: Mission) -> None:
-        """What begins from now on is of this revision of the mission."""
+        """Use this revision of the mission for everything that begins from now on."""
         is_new_to_places = self._mission.travel is None and mission.travel is not None
         self._mission, known = mission, mission.robots.get(self._identity.robot)
         if known is not None:
@@ -188,7 +188,7 @@ class ActionRunner:
         self._are_times_old.set()
 
     def start_background(self) -> None:
-        """Start the program's sensors, and the evaluation of its travel times."""
+        """Start the program's background functions and the evaluation of its travel times."""
         if self._mission.travel is not None:
             self._group.start_soon(self._publish_travel_times)
         for number, background in enumerate(self._functions.backgrounds):
@@ -196,7 +196,7 @@ class ActionRunner:
             self._group.start_soon(self._background, background, f"background {number}")
 
     async def _run(self, effect: StartAction, scope: anyio.CancelScope) -> None:
-        # A way has no outcome with which conditions could be set.
+        # A way has no result that could set conditions.
         ticket = None if effect.travel_to else effect.ticket
         port = self._port(ticket, self._job_of(effect))
         end: Input = ActionStopped(effect.ticket)
@@ -207,7 +207,7 @@ class ActionRunner:
         self._host.submit(end)
 
     async def _call(self, effect: StartAction, port: AgentPort) -> ActionFinished:
-        """Call the program's function; whatever it does wrong is a failure of this local task."""
+        """Call the program's function. Any error in it is a failure of this local task."""
         name, arguments = split_call(effect.called["local_task"])
         stretch = self._stretch(effect.local_task)
         context = self._context(effect, name, arguments, port, stretch)
@@ -236,21 +236,23 @@ class ActionRunner:
         return ActionFinished(effect.ticket, success, conditions, error, reason)
 
     def _first_event(self, context: TaskContext, place: str) -> str:
-        """How the events name what begins: `begin` where the robot has set out for it before."""
+        """Return the name of the first event: `begin` if the robot has already travelled for this
+        task.
+        """
         before, self._set_out = self._set_out, None
         if before is None:
             return "start"
         names = ("incarnation", "activation", "local_task")
         if not place and all(getattr(before, n) == getattr(context, n) for n in names):
             return "begin"
-        _record(before, "cancel")  # it was given something else when it was there
+        _record(before, "cancel")  # it was assigned another task on arrival
         return "start"
 
     def _user_call(self, name: str, function: Callable[..., Any], *arguments: Any) -> UserCall:
         return UserCall(name, function, partial(function, *arguments), self._tell_problem)
 
     async def _watched(self, call: UserCall, run: Awaitable[_T], ticket: int | None = None) -> _T:
-        """Run a call; what it raises while it is cancelled goes to the log."""
+        """Await a call. What it raises while it is being cancelled is logged."""
         self._calls[call] = ticket
         try:
             return await run
@@ -267,7 +269,10 @@ class ActionRunner:
                 self._host.submit(ProblemFound(type_name(call.name), ""))
 
     def _function(self, effect: StartAction, name: str, port: AgentPort) -> TaskFunction | None:
-        """The program's function for a local task; of one that is a tree in a file, its run."""
+        """Return the program's function for a local task.
+
+        For a local task that is a tree in a file, it is a function that runs the tree.
+        """
         found = program_tree(self._mission, effect.local_task)
         if found is None:
             return self._functions.local_task(name)
@@ -301,7 +306,7 @@ class ActionRunner:
             self._group.start_soon(self._tell_bids)
 
     async def _tell_bids(self) -> None:
-        # One message has all bids that end now.
+        # One message carries all bids that end at this moment.
         await anyio.lowlevel.checkpoint()
         bids, self._bids = tuple(self._bids), []
         self._host.submit(BidsMade(bids))
@@ -328,10 +333,10 @@ class ActionRunner:
     # -- travel times -------------------------------------------------------------------------
 
     async def _publish_travel_times(self) -> None:
-        """Have them evaluated now, and again when the program asks for it."""
+        """Evaluate and publish the travel times now, and again whenever the program asks for it."""
         function = self._functions.travel_time
         if function is None:
-            # An earlier life may have published some, with another program.
+            # An earlier incarnation may have published some, with another program.
             self._host.submit(TravelTimesMade(NO_TRAVEL_TIMES))
             return
         while True:
@@ -342,7 +347,7 @@ class ActionRunner:
             await self._are_times_old.wait()
 
     async def _travel_times(self, function: ProgramFunction) -> tuple[TravelTimes, str]:
-        """Those between all places that this robot may need, or none and the problem."""
+        """Return the times between all places that this robot may need, or none and the problem."""
         travel, robot, context = self._mission.travel, self._identity, self.robot_context()
         assert travel is not None
         kinds = self._mission.jobs.values()
@@ -387,11 +392,14 @@ class ActionRunner:
         return AgentPort(self._host, self._mission, ticket, self._renew_travel_times, job)
 
     def _job_of(self, effect: StartAction) -> str:
-        """The job whose blackboard entries the task sets and reads; empty: none."""
+        """Return the job whose blackboard entries the task reads and sets.
+
+        Empty if there is none.
+        """
         return parse_activation(effect.activation).job if self._mission.has_blackboard else ""
 
     def robot_context(self) -> RobotContext:
-        """A context that belongs to no task."""
+        """Return a context that belongs to no task."""
         return RobotContext(**self._robot(self._port(None)))
 
     async def _background(self, background: BackgroundFunction, source: str) -> None:
@@ -409,12 +417,12 @@ class ActionRunner:
             self.backgrounds -= 1
 
     def _tell_problem(self, what: str, call: UserCall, failure: UserCodeError) -> None:
-        """Tell the team, and the log with the traceback."""
+        """Report a problem to the team, and log it with its traceback."""
         self._host.log("error", "program_failed", what=what, code=call.name, error=failure.details)
         self._host.submit(ProblemFound(type_name(call.name), f"{what}: {failure.reason}"))
 
     def _look_whether_stopped(self, ticket: int) -> None:
-        """Tell of code that goes on long after it was cancelled."""
+        """Report code that is still running long after it was cancelled."""
         for call, of in self._calls.items():
             if of == ticket:
                 self._lingering.add(call)
@@ -427,7 +435,7 @@ class ActionRunner:
                 self._tell_problem("cancelled", call, UserCodeError(text))
 
     def abandon(self) -> None:
-        """End all code of the program that shields itself from its cancellation."""
+        """End all program code that shields itself from cancellation."""
         for call in list(self._calls):
             call.abandon()
 
@@ -455,7 +463,7 @@ class ActionRunner:
         )
 
     def _robot(self, port: AgentPort, work: float = 0.0, duration_s: float = 0.0) -> dict[str, Any]:
-        """What every context shows."""
+        """Return the fields that all contexts share."""
         robot = self._identity
         return {
             "robot": robot.robot,
@@ -470,12 +478,11 @@ class ActionRunner:
 async def perform(
     call: UserCall, task: TaskContext, port: AgentPort, first: str, place: str = ""
 ) -> bool:
-    """Whether the local task, or the way to `place` before it, has succeeded, by its function's
-    result.
+    """Run the local task, or the way to `place` before it, and return True if it succeeded.
 
-    `first`: the name of its first event; it, and the end or cancellation of the whole, are lines of
-    the run's events. Empty: they are not. Raises UserCodeError for whatever the function raised,
-    and for a result that means nothing.
+    `first` names its first event. That event and the end or cancellation of the whole task are
+    written to the run's events; nothing is written if `first` is empty. Raises UserCodeError for
+    whatever the function raised, and for an invalid result.
     """
     outcome = None
     if first:
@@ -486,7 +493,7 @@ async def perform(
     except UserCodeError:
         outcome = "failure"
         raise
-    except Exception as error:  # of a result that cannot even be looked at
+    except Exception as error:  # the result cannot even be inspected
         outcome = "failure"
         raise failure_of(error, call.function) from None
     finally:
@@ -496,7 +503,10 @@ async def perform(
 
 
 def _succeeded(result: Any, function: Callable[..., Any], port: AgentPort, is_way: bool) -> bool:
-    """What a result means; sets the conditions of a mapping. Raises UserCodeError."""
+    """Return the success that a result means, and set the conditions of a mapping.
+
+    Raises UserCodeError.
+    """
     if result is None:
         return True
     truth = truth_of(result)

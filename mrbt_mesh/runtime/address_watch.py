@@ -1,4 +1,4 @@
-"""Looks whether the addresses at which a robot hears others are still those of its machine."""
+"""Checks whether the addresses at which a robot listens still belong to its machine."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _ANY = ("0.0.0.0", "::")
 
 
 class AddressWatch:
-    """Call `look` regularly.
+    """Detects lost addresses. Call `look` regularly.
 
-    A session goes on listening when an address goes away, and is reached there again when it is
-    back. Neither Zenoh nor a socket reports that.
+    A session continues to listen when an address goes away, and is reached there again when the
+    address is back. Neither Zenoh nor a socket reports that.
     """
 
     def __init__(self, config: TransportConfig) -> None:
@@ -22,12 +22,12 @@ class AddressWatch:
         self._before = _others(interfaces)
         hosts = [_host(endpoint) for endpoint in config.listen]
         scouts = [name.strip() for name in (config.multicast_interface or "").split(",")]
-        # A name that is no address of the machine now, as a host's name, cannot go away.
+        # A name that is not an address of the machine now, such as a host name, cannot go away.
         self._watched = [name for name in (*hosts, *scouts) if _has(interfaces, name)]
         self._is_everywhere = AUTO in scouts or any(host in _ANY for host in hosts)
 
     def look(self) -> str:
-        """What has gone away, for people; empty if nothing has."""
+        """Return a message about lost addresses; empty if there are none."""
         interfaces = own_addresses()
         gone = [name for name in self._watched if not _has(interfaces, name)]
         if gone:
@@ -46,17 +46,17 @@ class AddressWatch:
 
 
 def _has(interfaces: Mapping[str, list[str]], name: str) -> bool:
-    """Whether there is this address, or an interface of this name with one."""
+    """Return whether this address exists, or an interface of this name with an address."""
     return bool(interfaces.get(name)) or any(name in each for each in interfaces.values())
 
 
 def _others(interfaces: Mapping[str, list[str]]) -> set[str]:
-    """The addresses at which other machines may reach this one."""
+    """Return the addresses at which other machines may reach this one."""
     found = {address for each in interfaces.values() for address in each}
     return {address for address in found if not ipaddress.ip_address(address).is_loopback}
 
 
 def _host(endpoint: str) -> str:
-    """The address in a locator, as in `tcp/10.0.0.7:7450#iface=eth0`."""
+    """Return the address in a locator, as in `tcp/10.0.0.7:7450#iface=eth0`."""
     place = endpoint.partition("/")[2].partition("#")[0].partition("?")[0]
     return place.rpartition(":")[0].strip("[]").partition("%")[0]

@@ -1,7 +1,7 @@
 """Runs the background functions of a robot's program: sensors, watchdogs, connections.
 
-One that fails costs the robot the capabilities that it was registered with, and is started again.
-All waiting is done by the event loop, so that a simulation has it in virtual time.
+A function that fails costs the robot the capabilities that it was registered with, and is
+restarted. The event loop does all waiting, so that a simulation can run it in virtual time.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from mrbt_mesh.core.mission.failure_reasons import MAX_REASON
 from mrbt_mesh.runtime.task_port import Host
 from mrbt_mesh.runtime.user_code import UserCodeError
 
-# Before it is started again: doubled at each failure.
+# The pause before a restart: doubled at each failure.
 FIRST_PAUSE_S = 1.0
 MAX_PAUSE_S = 60.0
 
 
 class BackgroundRunner:
-    """One background function, called by `call` until it returns.
+    """Runs one background function, called by `call`, until it returns.
 
-    `costs`: the capabilities that are lost from a failure on. They come back when the function has
-    run again for as long as the pause before was. When it has run for MAX_PAUSE_S more, the pause
-    is FIRST_PAUSE_S again. Without `costs` a failure is reported as a problem.
+    `costs`: the capabilities that are lost after a failure. They come back when the function has
+    run again for as long as the last pause. After MAX_PAUSE_S more, the pause is FIRST_PAUSE_S
+    again. Without `costs` a failure is reported as a problem.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class BackgroundRunner:
         self._pause_s = 0.0
 
     async def run(self) -> None:
-        """Until the function returns, which is no fault."""
+        """Run until the function returns, which is not a fault."""
         while (failure := await self._failure()) is not None:
             self._pause_s = min(max(FIRST_PAUSE_S, 2 * self._pause_s), MAX_PAUSE_S)
             self._tell(failure)
@@ -54,7 +54,7 @@ class BackgroundRunner:
             self._restore()
 
     async def _failure(self) -> UserCodeError | None:
-        """Call the function once; why it has failed, None if it has returned."""
+        """Call the function once; return why it has failed, or None if it has returned."""
         failure = None
         async with anyio.create_task_group() as group:
             if self._pause_s:
@@ -67,7 +67,7 @@ class BackgroundRunner:
         return failure
 
     async def _recover(self) -> None:
-        """The function runs again."""
+        """Restore the capabilities, and later the first pause, while the function runs again."""
         await anyio.sleep(self._pause_s)
         self._restore()
         await anyio.sleep(MAX_PAUSE_S)
@@ -98,7 +98,7 @@ class BackgroundRunner:
 
 
 def failure_text(before: str, reason: str, pause_s: float) -> str:
-    """A failure in one line; what is cut is in the middle of `reason`."""
+    """Return a failure in one line; if it is too long, the middle of `reason` is cut."""
     after = f", restarted in {pause_s:g} s"
     text, bracket, place = reason.rpartition(" (")
     place = f"{bracket}{place}" if text else ""

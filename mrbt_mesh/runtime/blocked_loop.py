@@ -1,4 +1,4 @@
-"""Reports what blocks a robot's event loop: at once on its computer, afterwards to the team."""
+"""Reports what blocks a robot's event loop: at once on its machine, afterwards to the team."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ from mrbt_mesh.runtime.task_port import Host
 from mrbt_mesh.runtime.user_code import UserCall
 
 SUBJECT = "event loop"
-# Code that keeps the event loop for so long is named.
+# Code that blocks the event loop for this long is reported.
 BLOCK_LIMIT_S = 1.0
 
 
 def loop_watchdog(
     host: Host, config: AgentConfig, run_dir: RunDir | None, step: Callable[[], int | None]
 ) -> LoopWatchdog:
-    """What names the code that blocks a robot's event loop, before its team declares it dead."""
+    """Return a watchdog that names the code blocking a robot's loop before its team declares it
+    dead.
+    """
     limit_s = min(BLOCK_LIMIT_S, config.timing.detection_us / 2 / MICRO)
     loop = asyncio.get_running_loop()
 

@@ -1,8 +1,8 @@
-"""commands.jsonl: what operators commanded by commands and views, for reports.
+"""commands.jsonl: the commands that operators gave by commands and views, for reports.
 
-Each line has a hash of the line before it. In a team with keys the operator whose key is in the run
-directory signs it, so that no line can be added, changed, or taken out of the middle without that
-key; how many lines there are in the end is signed with the summary.
+Each line has a hash of the line before it. In a team with keys, the operator whose key is in the
+run directory signs each line, so no line can be added, changed, or removed from the middle without
+that key; the number of lines at the end is signed with the summary.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ DOWN = "mrbt down"
 
 @dataclass(frozen=True)
 class NotedCommand:
-    """One line. `signer`: who signed it, empty if nobody is shown to; `problem`: why it does not
-    follow the line before it, or is not what was signed; `unix_s` is None for a line that is none.
+    """One line of the file.
+
+    `signer` is who signed it, empty if the signature is not proved. `problem` says why it does not
+    follow the line before it, or is not what was signed. `unix_s` is None for a malformed line.
     """
 
     number: int
@@ -43,9 +45,9 @@ class NotedCommand:
 
 
 def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = None) -> None:
-    """An operator has commanded something, by default now: by which command or view, and what.
+    """Note an operator's command: the command or view that gave it, what it was, and when (now).
 
-    Raises RunDirError if that cannot be noted; the command itself was carried out.
+    Raises RunDirError if it cannot be noted; the command itself was carried out.
     """
     path = run_dir.path / COMMANDS_FILE
     data = {"unix_s": unix_s or time.time(), "by": by, "command": command}
@@ -53,7 +55,7 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
         keys = _operator(run_dir)
         run = run_dir.info().run if keys is not None else ""
         with open(path, "a+b", opener=private_opener) as file:
-            # Commands are given by several processes.
+            # Several processes give commands.
             fcntl.flock(file, fcntl.LOCK_EX)
             file.seek(0)
             lines = file.read().splitlines(keepends=True)
@@ -66,8 +68,10 @@ def note_command(run_dir: RunDir, by: str, command: str, unix_s: float | None = 
 
 @dataclass(frozen=True)
 class TeamEnd:
-    """An operator has ended the team by `mrbt down`: in words, when, and when the next command was
-    given, which may have had it go on; None: none was.
+    """An operator has ended the team by `mrbt down`.
+
+    `text` describes it; `until_unix_s` is when the next command was given, which may have continued
+    the team; None if there was none.
     """
 
     text: str
@@ -76,7 +80,7 @@ class TeamEnd:
 
 
 def team_ends(run_dir: RunDir) -> list[TeamEnd]:
-    """All times that the team was ended by a command, in order."""
+    """Return all ends of the team by a command, in order."""
     try:
         content = (run_dir.path / COMMANDS_FILE).read_bytes()
     except OSError:
@@ -91,29 +95,35 @@ def team_ends(run_dir: RunDir) -> list[TeamEnd]:
 
 
 def last_end(run_dir: RunDir) -> TeamEnd | None:
-    """Who has ended the team by `mrbt down`; None: nobody, or it has gone on since."""
+    """Return the last end by `mrbt down`.
+
+    None if there is none, or if a command was given since.
+    """
     ends = team_ends(run_dir)
     return ends[-1] if ends and ends[-1].until_unix_s is None else None
 
 
 def read_commands(path: Path) -> bytes | None:
-    """The file as it is; None if there is none. Raises OSError."""
+    """Return the content of the file, or None if there is none. Raises OSError."""
     return path.read_bytes() if path.exists() else None
 
 
 def head_of(content: bytes | None) -> str:
-    """The hash of the last line, which depends on all before; empty without any."""
+    """Return the hash of the last line, which depends on all lines before.
+
+    Empty if there is none.
+    """
     lines = (content or b"").splitlines()
     return _hash(lines[-1]) if lines else ""
 
 
 def heads(content: bytes | None) -> list[str]:
-    """Those that the file had while it grew, from the empty one on."""
+    """Return all heads that the file had while it grew, starting with the empty one."""
     return ["", *map(_hash, (content or b"").splitlines())]
 
 
 def noted_commands(content: bytes, run: str, manifest: Manifest | None) -> Iterator[NotedCommand]:
-    """The lines of the file; `manifest` checks their signatures."""
+    """Yield the lines of the file; `manifest` checks their signatures."""
     before = b""
     for number, line in enumerate(content.splitlines(), start=1):
         yield _noted(number, line, before, run, manifest)
@@ -121,12 +131,13 @@ def noted_commands(content: bytes, run: str, manifest: Manifest | None) -> Itera
 
 
 def _operator(run_dir: RunDir) -> MemberKeys | None:
-    """The keys of the operator in the run directory; None in a team without keys, or without his
-    key here.
+    """Return the operator's keys in the run directory.
+
+    None without keys, or without an operator's.
     """
     if not run_dir.keys_path.is_dir():
         return None
-    # Only here: a signal to a robot is not to wait for what signs.
+    # Imported here, so that a signal to a robot does not wait for the signing library.
     from mrbt_mesh.runtime.key_folder import KeyFolder
 
     folder = KeyFolder(run_dir.keys_path)

@@ -1,4 +1,4 @@
-"""What the functions of a robot's program are given: the robot, and the task that it performs."""
+"""The arguments of a robot program's functions: the robot, and the task that it performs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Simulation:
 
     `speed`: how many times faster than the mission file says they work. `pid`: the robot's process;
     in virtual time, a number for each life of a robot. `is_virtual`: time is virtual, and all
-    robots share one process and event loop. Of a task: `work`, the nominal work of the local task,
+    robots share one process and event loop. For a task: `work`, the nominal work of the local task,
     and `duration_s`, the seconds that this robot needs for it: work / (performance * speed).
     """
 
@@ -32,9 +32,9 @@ class Simulation:
 
 @dataclass(frozen=True)
 class RobotContext:
-    """The robot that a function belongs to: for sensors and other background functions.
+    """The robot to which a function belongs: for sensors and other background functions.
 
-    `parameters` are the mission file's parameters. `capabilities`: the local tasks (types or
+    `parameters` are the mission file's parameters. `capabilities` are the local tasks (types or
     ground) that the mission gives this robot.
     """
 
@@ -46,7 +46,7 @@ class RobotContext:
     _port: AgentPort = field(repr=False)
 
     def can(self, local_task: str) -> bool:
-        """Whether the mission gives this robot a local task (a type or ground), lost or not."""
+        """Return whether the mission gives this robot a task (type or ground), lost or not."""
         kind = type_name(local_task)
         return any(type_name(name) == kind for name in self.capabilities)
 
@@ -61,23 +61,25 @@ class RobotContext:
         self._port.set_condition(name, value, at_once)
 
     def read_condition(self, name: str) -> bool:
-        """The value of a condition as this robot knows it now; `per: robot`, that of this robot."""
+        """Return the value of a condition as this robot knows it now.
+
+        For a condition that is `per: robot`, it is this robot's value.
+        """
         return self._port.read_condition(name)
 
     def set_value(
         self, name: str, value: str | int | float | None, *, at_once: bool = False
     ) -> None:
-        """Set an entry of the team's blackboard, e.g. `found`; None: it is not set any more.
+        """Set an entry of the team's blackboard, e.g. `found`; None unsets it.
 
         It takes effect as in `set_condition`. An entry that is `per: robot` is set for this robot,
-        one that is `per: job` for the job that the task is of. A number is rounded to the entry's
-        decimals. Raises ValueError for an entry that is not declared, and for a value that its type
-        does not have.
+        one that is `per: job` for the task's job. A number is rounded to the entry's decimals.
+        Raises ValueError for an entry that is not declared, and for a value outside its type.
         """
         self._port.set_value(name, value, at_once)
 
     def read_value(self, name: str) -> str | int | float | None:
-        """The value of an entry as this robot knows it now; None: it is not set."""
+        """Return the value of an entry as this robot knows it now; None: it is not set."""
         return self._port.read_value(name)
 
     def report_position(self, x: float, y: float, heading: float | None = None) -> None:
@@ -105,10 +107,10 @@ class RobotContext:
         self._port.lose_capability(local_task, reason, is_watched)
 
     def defer_capability(self, local_task: str, reason: str) -> None:
-        """Declare that this robot cannot do `local_task` yet, e.g. since a driver is starting.
+        """Declare that this robot cannot do `local_task` yet, e.g. because a driver is starting.
 
-        The plan treats it as a lost capability, but it is shown as pending and is no fault.
-        Raises ValueError as `lose_capability` does.
+        The plan treats it as a lost capability, but it is shown as pending and is no fault. Raises
+        ValueError as `lose_capability` does.
         """
         self._check_own(local_task, ALL)
         self._port.defer_capability(local_task, reason)
@@ -116,8 +118,8 @@ class RobotContext:
     def restore_capability(self, local_task: str) -> None:
         """Declare that this robot can do `local_task` again, or now.
 
-        It ends what the robot's program has declared, not what an operator has declared or a failed
-        background function costs. Raises ValueError as `lose_capability` does.
+        It ends only what the robot's program has declared, not a fault declared by an operator or
+        caused by a failed background function. Raises ValueError as `lose_capability` does.
         """
         self._check_own(local_task, ALL)
         self._port.restore_capability(local_task)
@@ -133,7 +135,7 @@ class RobotContext:
         self._port.report_performance(local_task, performance)
 
     def update_travel_times(self) -> None:
-        """Have the program's `travel_time` called again, e.g. since a road is closed.
+        """Have the program's `travel_time` called again, e.g. because a road is closed.
 
         Raises ValueError in a program without one.
         """
@@ -151,7 +153,7 @@ class RobotContext:
         self._port.record_event(event)
 
     def unix_time_s(self) -> float:
-        """Seconds since 1970; in the simulator, virtual seconds since the launch."""
+        """Return seconds since 1970; in the simulator, virtual seconds since the launch."""
         return self._port.unix_time_s()
 
 
@@ -172,5 +174,5 @@ class TaskContext(RobotContext):
     performance: float
 
     def report_progress(self, fraction: float) -> None:
-        """Show observers how far the task is, 0 to 1."""
+        """Show observers the progress of the task, from 0 to 1."""
         self._port.report_progress(fraction)

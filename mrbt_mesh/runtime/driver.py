@@ -1,4 +1,4 @@
-"""The thin shell around an agent: real clock, Zenoh, actions, log. It decides nothing."""
+"""The I/O shell around an agent: real clock, Zenoh, actions and log. It makes no decisions."""
 
 from __future__ import annotations
 
@@ -95,30 +95,30 @@ CLOSE_TIMEOUT_S = 1.0
 LEAVE_TIMEOUT_S = 3.0
 WATCH_S = 0.25
 LOOKS_PER_LEASE = 8
-# An answer is awaited for this many times the pause before the next question.
+# The timeout for an answer, as a multiple of the pause before the next question.
 LATE_ANSWERS = 4
 REOPEN_RETRY_S = 0.1
-# How long a search goes on before a pause.
+# How long a search runs before it pauses, and the pause.
 SEARCH_S, SEARCH_PAUSE_S = 0.001, 0.0005
-# Inputs from others wait no longer than this to be taken in together.
+# The longest that received inputs wait to be processed together.
 MAX_SPACING_US = 20_000
-# A link is silent when this many beats are missing, but not before a dead one lost its lease.
+# A link is silent after this many missed beats, but never before its lease would have expired.
 SILENT_BEATS = 5
-# The exit status of a robot that has stopped because of a bug of its own: sysexits.h, EX_SOFTWARE.
+# Exit status of a robot stopped by a bug of its own: EX_SOFTWARE of sysexits.h.
 BROKEN = 70
 
 
 class BrokenRobotError(RuntimeError):
-    """A bug: code of the robot itself, not of its program, has raised, so that it has stopped."""
+    """The robot's own code, not its program, has raised: a bug. The robot has stopped."""
 
 
 @dataclass(frozen=True)
 class RobotSetup:
     """The parts of a robot's process. Without a run directory it keeps no journal and no events.
 
-    `meter` counts inputs and effects, and serves the counts. `log`: with its levels as methods,
-    None: the robot's. `is_guest`: it lives inside another program, whose process, signals and
-    memory are not its own.
+    `meter` counts inputs and effects, and serves the counts. `log` is an object with a method per
+    level; None means the robot's own log. `is_guest` is true if the robot lives inside another
+    program, which owns the process, its signals and its memory.
     """
 
     mission: Mission
@@ -134,10 +134,10 @@ class RobotSetup:
 
 
 def make_known_to_anyio() -> None:
-    """Let anyio find the event loop in callbacks that this task, or one that it starts, asks for.
+    """Let anyio find the event loop in callbacks scheduled by this task or by tasks that it starts.
 
-    Where sniffio is installed, anyio asks it, and it knows tasks only: in a callback neither a
-    task could be started nor a cancel scope made. anyio sets this variable too, in `anyio.run`.
+    If sniffio is installed, anyio asks it, and sniffio recognizes only tasks: a callback could
+    neither start a task nor open a cancel scope. `anyio.run` sets this variable too.
     """
     with contextlib.suppress(ImportError):
         import sniffio
@@ -172,42 +172,42 @@ class Driver:
             setup.options, setup.mission, setup.config, self._agent.view, self._recording_ended
         )
         self._run_dir = RunDir(setup.options.run_dir) if setup.options.run_dir else None
-        # When it fires, on `boottime_us`.
+        # When the timer fires, on `boottime_us`.
         self._timer: asyncio.TimerHandle | None = None
         self._timer_us = 0
         self._stop: Stop | None = None
         self._broken: Exception | None = None
-        # That of its tasks, once they run.
+        # The context variables of the robot's tasks, once they run.
         self._context = contextvars.copy_context()
         self._is_ready = False
-        # When the agent had its last input, and when those of others were taken in last.
+        # Times of the agent's last input, and of the last processing of received inputs.
         self._last_us = self._drained_us = 0
-        # What the wall clock shows more than `boottime_us`, as the agent knows it; in missions with
+        # The wall clock minus `boottime_us`, as last given to the agent; only in missions with
         # jobs.
         self._wall_clock_offset_us: int | None = None
-        # Set once it hears its team.
+        # Set once the robot hears its team.
         self.begun = asyncio.Event()
 
     @property
     def view(self) -> AgentView:
-        """The agent, to be looked at."""
+        """A read-only view of the agent."""
         return self._agent.view
 
     @property
     def stop(self) -> Stop | None:
-        """Why it has stopped, None while it has not."""
+        """Why the robot has stopped; None while it runs."""
         return self._stop
 
     def context(self) -> RobotContext:
-        """What the program's background functions receive."""
+        """Return the context that the program's background functions receive."""
         return self._runner.robot_context()
 
     def run(self, launcher: LauncherWatch | None = None) -> Stop:
-        """Run until the agent stops; raises TransportError if the session cannot be opened,
-        InputError if metrics cannot be served, BrokenRobotError.
+        """Run until the agent stops, or until its `launcher` has ended: then the robot leaves.
 
-        The robot leaves when its `launcher` has ended. The session is closed in the background at
-        the end: end the process with `os._exit`.
+        Raises TransportError if the session cannot be opened, InputError if metrics cannot be
+        served, and BrokenRobotError. The session is closed in the background at the end: end the
+        process with `os._exit`.
         """
         selector = FencingSelector(self._config.timing.fence_us)
         selector.on_gap = self._after_gap
@@ -215,10 +215,10 @@ class Driver:
         return anyio.run(self._main, launcher, selector, backend_options=options)
 
     async def run_as_guest(self) -> Stop:
-        """Run in the running event loop of another program, until the agent stops or is cancelled.
+        """Run in another program's event loop, until the agent stops or the task is cancelled.
 
-        Raises TransportError if the session cannot be opened, InputError in a loop in which a
-        robot cannot fence itself off, BrokenRobotError.
+        Raises TransportError if the session cannot be opened, InputError in a loop in which a robot
+        cannot fence itself off, and BrokenRobotError.
         """
         loop, limit_us = asyncio.get_running_loop(), self._config.timing.fence_us
         note_threads(loop)
@@ -226,7 +226,7 @@ class Driver:
             return await self._live(None, selector)
 
     def _after_gap(self) -> None:
-        """The process was stopped, perhaps before the robot was ready: then nothing is lost."""
+        """Wake the agent after the process was suspended, unless the robot is not ready yet."""
         if self._is_ready:
             self._call(self._submit, TimerFired())
 
@@ -274,7 +274,7 @@ class Driver:
                     with loop_watchdog(self, config, self._run_dir, selector.step):
                         await self._stopped.wait()
                 finally:
-                    # A task of the group may have raised: the robot is silent from now on, also
+                    # A task of the group may have raised: the robot is silent from now on, even
                     # while its program is still being stopped.
                     self._is_ready = False
                     self._loop.call_later(LEAVE_TIMEOUT_S, self._runner.abandon)
@@ -304,20 +304,20 @@ class Driver:
     # -- inputs ---------------------------------------------------------------------------
 
     def submit(self, event: Input) -> None:
-        """Hand one input to the agent and carry out what comes back.
+        """Pass an input to the agent and carry out the effects that it returns.
 
-        No input is taken before everything that effects need has been started.
+        Inputs are ignored until everything that effects need has been started.
         """
         self._guarded(self._submit, event)
 
     def _call(self, call: Callable[..., None], *arguments: Any) -> None:
-        """`_guarded` for what does not come from the robot's own tasks and timers."""
+        """Like `_guarded`, for calls that do not come from the robot's own tasks and timers."""
         self._context.run(self._guarded, call, *arguments)
 
     def _guarded(self, call: Callable[..., None], *arguments: Any) -> None:
-        """Run what the event loop, or the program, has called: if it raises, the robot stops.
+        """Run a callback of the event loop or of the program; if it raises, the robot stops.
 
-        The event loop would only log it, and half a step would have been done.
+        The event loop would only log the exception, after half a step.
         """
         if self._broken is None:
             try:
@@ -326,14 +326,19 @@ class Driver:
                 self._break(error)
 
     async def _guarded_task(self, task: Callable[..., Awaitable[None]], *arguments: Any) -> None:
-        """The same for a task: it is silent at once, not when the event loop ends its tasks."""
+        """Like `_guarded`, for a task.
+
+        The robot falls silent at once, before its tasks are cancelled.
+        """
         try:
             await task(*arguments)
         except Exception as error:
             self._break(error)
 
     def _break(self, error: Exception) -> None:
-        """Stop as if killed: nothing more is sent or handed over, and the others take over."""
+        """Stop as if killed: send nothing more, hand nothing over, and let the other robots take
+        over.
+        """
         if self._broken is not None:
             return
         while isinstance(error, ExceptionGroup):
@@ -356,7 +361,7 @@ class Driver:
         self._set_timer()
 
     def _take_quiet_beats(self) -> None:
-        """Take in heartbeats without news."""
+        """Process heartbeats that carry no news."""
         if self._is_ready:
             for events in together(self._inbox.take_quiet(self._last_us)):
                 self._step(events, boottime_us())
@@ -371,7 +376,7 @@ class Driver:
             self._meter.take(event)
         effects = self._agent.handle(event, now_us)
         if self._recording is not None:
-            # Recorded before it is sent, whatever becomes of this process.
+            # Recorded before anything is sent, so it survives a crash of this process.
             self._recording.do(lambda recorder: recorder.step(event, effects, now_us))
         for effect in effects:
             if self._meter is not None:
@@ -387,25 +392,26 @@ class Driver:
 
     def _recording_ended(self, reason: str) -> None:
         self.log("error", "recording_ended", reason=reason)
-        # In the middle of a step, whose effects are still to be carried out.
+        # Called in the middle of a step, whose effects are still to be carried out.
         self._from_thread(self.submit, RecordingReported(f"{NOT_RECORDED}: {reason}"))
 
     def _read_wall_clock(self, now_us: int) -> None:
-        """Give the agent the wall clock, once and again after it was set."""
+        """Give the agent the wall clock once, and again whenever it has been set."""
         offset_us, before_us = time.time_ns() // 1_000 - boottime_us(), self._wall_clock_offset_us
         if before_us is None or abs(offset_us - before_us) >= READ_AGAIN_US:
             self._wall_clock_offset_us = offset_us
             self._step(WallClockRead(offset_us), now_us)
 
     def _from_thread(self, call: Callable[..., None], *arguments: Any) -> None:
-        """Have the event loop call this; for other threads."""
-        # A loop that is closed: the process is about to end.
+        """Schedule a call in the event loop from another thread."""
+        # The loop is closed if the process is about to end.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._call, call, *arguments)
 
     def _wake(self, inbox: Inbox, gate: FloodGate) -> None:
-        """Take in what others have sent, in a large team what comes shortly after one another
-        together.
+        """Process received inputs.
+
+        In a large team, inputs that arrive shortly after one another are processed together.
         """
         spacing_us = min(MAX_SPACING_US, self._agent.view.spacing_us)
         wait_us = self._drained_us + spacing_us - boottime_us()
@@ -416,7 +422,7 @@ class Driver:
 
     def _drain(self, inbox: Inbox, gate: FloodGate) -> None:
         if not self._is_ready:
-            return  # what has come stays there until it can be taken
+            return  # received inputs stay in the inbox until the robot is ready
         if inbox.dropped:
             self._logger.warning("inbox_overflow", dropped=inbox.dropped)
             if self._meter is not None:
@@ -427,7 +433,7 @@ class Driver:
         self._drained_us = boottime_us()
 
     def _set_timer(self) -> None:
-        """See that the timer fires in time. One that fires early finds out when to fire next."""
+        """Make sure that the timer fires in time. If it fires early, it is set again."""
         if self._stop is not None:
             return
         now_us = boottime_us()
@@ -459,15 +465,15 @@ class Driver:
             self._group.start_soon(self._guarded_task, self.leave)
 
     async def leave(self) -> None:
-        """Hand the work over and stop; at most LEAVE_TIMEOUT_S."""
+        """Hand over the work and stop, within `LEAVE_TIMEOUT_S`."""
         self.submit(LeaveRequested())
         with anyio.move_on_after(LEAVE_TIMEOUT_S):
             await self._stopped.wait()
         self._carry_out(Stop(0, "left without waiting for its action to stop"))
 
     async def _look_regularly(self) -> None:
-        """Show a sign of life, measure how late the loop is, take in heartbeats without news, take
-        over changes of the members.
+        """Periodically mark the robot alive, measure the loop's lag, process quiet heartbeats, and
+        apply changes of the manifest.
         """
         while True:
             if self._run_dir is not None:
@@ -489,7 +495,7 @@ class Driver:
                 self.log("info", "manifest_taken_over")
 
     async def _watch_links(self) -> None:
-        """Log which links fall silent and come back; reopen a session that is split."""
+        """Log links that fall silent or recover, and reopen a split session."""
         lease_us = self._setup.transport.lease_ms * 1_000
         watch = LinkWatch(max(lease_us, SILENT_BEATS * self._config.timing.heartbeat_us))
         addresses, problem, looks = AddressWatch(self._setup.transport), "", 0
@@ -524,14 +530,16 @@ class Driver:
                 watch.reopened(boottime_us())
 
     async def _require_threads(self) -> None:
-        """Stop if the session could not start the threads of its first link: it would be deaf."""
+        """Stop if the process cannot start the threads of the session's first link: it would hear
+        nothing.
+        """
         try:
             await anyio.to_thread.run_sync(require_threads, abandon_on_cancel=True)
         except TransportError as error:
             self._carry_out(Stop(2, str(error)))
 
     async def _reopen(self) -> None:
-        """Open a new session; the old one may hold its port for some time."""
+        """Open a new session, retrying while the old one still holds its port."""
         reopen, problem = self._transport.reopen, ""
         while True:
             try:
@@ -554,7 +562,7 @@ class Driver:
             case Persist() | Forget():
                 self._journal.carry_out(effect)
             case Ask(peer, data):
-                # An answer that comes late holds as much as any other.
+                # A late answer is as useful as any other.
                 timeout_s = LATE_ANSWERS * self._config.timing.ask_timeout_us / 1e6
                 self._transport.ask(peer, MessageKind.PULL, data, timeout_s)
             case AskRouter():
@@ -576,7 +584,7 @@ class Driver:
                 self._stopped.set()
 
     def _save_revision(self, effect: ProgramEffect) -> None:
-        """Robots that are started from the run directory begin with the revision in force."""
+        """Save the revision in force for robots that are started from the run directory."""
         if isinstance(effect, UseMission) and self._run_dir is not None:
             try:
                 self._run_dir.save_revision(effect.mission)
@@ -587,16 +595,18 @@ class Driver:
         try:
             plan = await anyio.to_thread.run_sync(effect.make, abandon_on_cancel=True)
         except Exception:
-            # A robot that was fenced off meanwhile wants no plan, and has changed its facts.
+            # A robot that was fenced off meanwhile has changed its facts and no longer needs the
+            # plan.
             if self._agent.view.awaited_plan == effect.number:
                 raise
         else:
             if effect.number == 1 and not self._setup.is_guest:
-                gc.freeze()  # as at the start: now the facts of the team are there too
+                gc.freeze()  # as at the start, now including the team's facts
             self.submit(PlanMade(effect.number, plan))
 
     def _search_schedule(self, effect: SearchSchedule) -> None:
-        # A thread keeps the interpreter for 5 ms, for which the loop would wait each time.
+        # A busy thread holds the interpreter for up to 5 ms, and the loop would wait for it each
+        # time.
         schedule: Schedule = ()
         begun_s = time.monotonic()
         try:
@@ -635,7 +645,7 @@ class Driver:
         try:
             append(path, line.encode(), self._setup.options.keep_bytes)
         except OSError as error:
-            # What the robot has done it has done: the log keeps it, if it can be written.
+            # The work has been done, so the log keeps a record of it if it can be written.
             reason = error.strerror or str(error)
             self.log("error", "event_not_written", reason=reason, physical=dict(event))
 

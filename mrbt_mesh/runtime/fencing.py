@@ -1,11 +1,11 @@
-"""A selector that notices when this process was stopped, before anything else runs.
+"""A selector that notices that the process was suspended, before anything else runs.
 
 After SIGSTOP and SIGCONT, or a suspend, asyncio would first run every timer that came due
-meanwhile: an action's last step would be carried out although another robot has long taken
-over. So the clock is read right after every wait, and `on_gap` cancels actions first.
+meanwhile: an action's last step would be carried out although another robot has long taken over. So
+the clock is read right after every wait, and `on_gap` cancels actions first.
 
-A robot inside another program shares that program's event loop: `fenced` puts the look at the clock
-into it for as long as the robot is there.
+A robot inside another program shares that program's event loop: `fenced` adds the check of the
+clock to it for as long as the robot is there.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ _CLOCK = time.CLOCK_BOOTTIME if sys.platform == "linux" else time.CLOCK_MONOTONI
 
 
 def boottime_us() -> int:
-    """Microseconds on a clock that also runs while the system is suspended, where there is one."""
+    """Return microseconds of a clock that, where possible, also runs during a suspend."""
     return time.clock_gettime_ns(_CLOCK) // 1_000
 
 
 class FencingSelector(selectors.BaseSelector):
-    """The default selector, plus a look at the clock after each wait.
+    """The default selector, plus a check of the clock after each wait.
 
-    `on_gap()` is called if more than `limit_us` have passed since the wait before. An agent
-    wakes for every beat, so that only happens if the process did not run.
+    `on_gap()` is called if more than `limit_us` have passed since the previous wait. An agent wakes
+    for every beat, so that happens only if the process did not run.
     """
 
     def __init__(self, limit_us: int, inner: selectors.BaseSelector | None = None) -> None:
@@ -44,7 +44,10 @@ class FencingSelector(selectors.BaseSelector):
         self._waits = False
 
     def step(self) -> int | None:
-        """The number of the loop's turn, None while it waits. May be asked from another thread."""
+        """Return the number of the loop's turn, None while it waits.
+
+        May be called from another thread.
+        """
         return None if self._waits else self._turns
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
@@ -75,8 +78,8 @@ class FencingSelector(selectors.BaseSelector):
 
 
 def selector_of(loop: asyncio.AbstractEventLoop) -> selectors.BaseSelector:
-    """The selector of a loop; raises InputError for a loop without one."""
-    # asyncio has no public way to it; the attribute is as old as asyncio's loops.
+    """Return the selector of a loop. Raises InputError for a loop without one."""
+    # asyncio has no public API for this; the attribute is as old as asyncio's loops.
     found: selectors.BaseSelector | None = getattr(loop, "_selector", None)
     if not isinstance(loop, asyncio.SelectorEventLoop) or found is None:
         raise InputError(
@@ -90,9 +93,9 @@ def selector_of(loop: asyncio.AbstractEventLoop) -> selectors.BaseSelector:
 def fenced(
     loop: asyncio.AbstractEventLoop, limit_us: int, on_gap: Callable[[], None]
 ) -> Iterator[FencingSelector]:
-    """Have `on_gap` called in a running loop as `FencingSelector` does; several may do so at once.
+    """Call `on_gap` in a running loop like `FencingSelector` does; several may be nested.
 
-    Raises InputError for a loop without a selector: nothing would notice there in time.
+    Raises InputError for a loop without a selector, where a gap would not be noticed in time.
     """
     mine = FencingSelector(limit_us, selector_of(loop))
     mine.on_gap = on_gap
@@ -104,7 +107,7 @@ def fenced(
 
 
 def _take_out(loop: asyncio.AbstractEventLoop, mine: FencingSelector) -> None:
-    """Others may have come after it, and stay."""
+    """Remove a selector from the chain; those added after it stay."""
     above, each = None, loop._selector  # type: ignore[attr-defined]
     while each is not mine:
         above, each = each, each.inner

@@ -1,13 +1,13 @@
 """Stops a flood: messages that no member of the team has sealed do not pass.
 
-It works before the inbox, on Zenoh's threads, so that a robot has time left for its own. Tags are
-checked here, those of published messages once and for all. Signatures take a hundred times as long:
-a limited number a second is let through for each source, and the agent checks them. Whatever passes
-is opened by the agent, with all its other rules.
+It works before the inbox, on Zenoh's threads, so that a robot has time left for its own messages.
+Tags are checked here, and for published messages only here. Signatures take a hundred times as
+long: a limited number per second passes for each source, and the agent checks them. The agent opens
+whatever passes, with all its other rules.
 
-What is beyond that is not only dropped: the thread that brought it waits a little. Zenoh reads each
-link on a thread of its own, so this slows down the link over which the flood comes, and no other;
-the sender's side of it fills up and drops the rest, at no cost here.
+What exceeds the limits is not only dropped: the thread that brought it waits a little. Zenoh reads
+each link on a separate thread, so this slows down only the link over which the flood comes; the
+sender's side of it fills up and drops the rest, at no cost here.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from mrbt_mesh.runtime.fencing import boottime_us
 
 
 class Budget:
-    """Lets `at_once` through, then `per_s` in each second. Times are in us."""
+    """Lets `at_once` through, then `per_s` per second. Times are in us."""
 
     def __init__(self, at_once: int, per_s: int, now_us: int) -> None:
         self._at_once = at_once
@@ -45,7 +45,7 @@ class Budget:
         self._at_us = now_us
 
     def takes(self, now_us: int, amount: int = 1) -> bool:
-        """Whether so much more may pass now."""
+        """Take `amount` from the budget now; return whether it was available."""
         gained = max(0, now_us - self._at_us) * self._per_s / 1e6
         self._left, self._at_us = min(self._at_once, self._left + gained), now_us
         if self._left < amount:
@@ -54,18 +54,18 @@ class Budget:
         return True
 
 
-# What each source may have checked in a second, and at once after a pause.
+# Checks per second for each source, and at once after a pause.
 CHECKS_PER_S = 100
 CHECKS_AT_ONCE = 200
-# And of all together, in bytes.
+# The same for all sources together, in bytes.
 BYTES_AT_ONCE = BYTES_PER_S = MAX_MESSAGE_BYTES
-# The number of sources that are counted apart until the counts are taken.
+# How many sources and reasons are counted separately until the counts are taken.
 MAX_REFUSED = 100
-# Whose message it is that comes under no member's name.
+# Sources of messages that carry no member's name.
 NO_SOURCE, AN_ANSWER, NOBODY = "a query", "an answer", "a stranger"
 TOO_MUCH = "too much to check"
-# How long a thread waits that has brought too much, and how many may wait at once: fewer than Zenoh
-# has (`ZENOH_RUNTIME` in `session_config`), or the links of the others would not be read.
+# How long a thread waits after bringing too much, and how many may wait at once: fewer than Zenoh
+# has (`ZENOH_RUNTIME` in `session_config`), or other links would not be read.
 HOLD_S = 0.005
 MAX_HELD = 12
 
@@ -73,11 +73,11 @@ Deliver = Callable[[Input, str | None], bool]
 
 
 class FloodGate:
-    """Hands on to `deliver` what may be authentic, and counts the rest by source and reason. In a
-    team without `keys` every message may be.
+    """Passes what may be authentic to `deliver`, and counts the rest by source and reason.
 
-    Its methods may be called from any thread. `hold` makes a thread wait for a number of seconds;
-    never where a flood would come over the same link as the team's own messages (`is_link_shared`).
+    In a team without `keys` every message may be authentic. Methods may be called from any thread.
+    `hold` makes a thread wait for a number of seconds, but never if a flood would come over the
+    same link as the team's own messages (`is_link_shared`).
     """
 
     def __init__(
@@ -103,10 +103,10 @@ class FloodGate:
         self._refused: dict[tuple[str, str], int] = {}
 
     def deliver(self, event: Input, slot: str | None) -> bool:
-        """Hand on an input, or count it. For `slot` see `Inbox.put`.
+        """Pass an input on, or count it. For `slot` see `Inbox.put`.
 
-        Returns, of a message, whether it is shown to come from the member that it names; of
-        others, whether it was handed on.
+        Returns True if a message is authenticated as coming from the named member, or if another
+        input was passed on.
         """
         keys = self._keys
         match event:
@@ -116,7 +116,7 @@ class FloodGate:
                 envelope = _checked(keys, data)
                 if envelope is not None and self._is_news_of(source, envelope):
                     return self._deliver(MessageReceived(kind, source, data, envelope), slot)
-                # What is not checked yet must not take the place of anything.
+                # An unchecked message must not replace anything.
                 name = source if keys.role_of(source) is not None else NOBODY
                 if self._is_in_budget(name, data):
                     self._deliver(event, None)
@@ -131,15 +131,15 @@ class FloodGate:
         return False
 
     def take_refused(self) -> list[InputRefused]:
-        """What has been refused since the last call."""
+        """Return what has been refused since the last call."""
         with self._lock:
             found, self._refused = self._refused, {}
         return [InputRefused(*key, count) for key, count in found.items()]
 
     def _is_news_of(self, source: str, envelope: Envelope) -> bool:
-        """Whether `source` has sealed this for this run, and it was not heard before.
+        """Return whether `source` has sealed this for this run, and it was not heard before.
 
-        Old messages must not take the place of newer ones that wait.
+        Old messages must not replace newer ones that wait.
         """
         if envelope.sender != source or envelope.run != self._run:
             return False
@@ -160,7 +160,7 @@ class FloodGate:
         return False
 
     def _refuse(self, source: str, reason: str, count: int = 1) -> None:
-        """Count it, and slow down the link that it came over."""
+        """Count a refused input, and slow down its link."""
         key = source, reason
         with self._lock:
             if key not in self._refused and len(self._refused) >= MAX_REFUSED:
@@ -174,7 +174,7 @@ class FloodGate:
 
 
 def _checked(keys: Keys, data: bytes) -> Envelope | None:
-    """The envelope, if a tag shows that a member has sealed it."""
+    """Return the envelope if its tag proves that a member has sealed it."""
     try:
         envelope = parse_envelope(data)
     except ForgedError:

@@ -1,8 +1,8 @@
-"""The bridge from Zenoh's threads into the event loop: bounded, ordered, one wake-up at a time.
+"""Passes inputs from Zenoh's threads to the event loop: bounded, ordered, one wake-up at a time.
 
-Zenoh calls back on its own threads. Posting every message to the loop would grow without
-bound while the loop is busy, so messages wait here, and at most one wake-up is pending. Most
-heartbeats bring no news: they do not wake the loop, which looks for them now and then.
+Zenoh calls back on its own threads. Posting every message to the loop would grow without bound
+while the loop is busy, so messages wait here, and at most one wake-up is pending. Most heartbeats
+carry no news: they do not wake the loop, which takes them now and then.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from mrbt_mesh.core.membership.wire import MessageKind, urgent_part
 from mrbt_mesh.runtime.fencing import boottime_us
 
 MAX_WAITING, MAX_WAITING_BYTES = 10_000, 16 << 20
-# How many heartbeats without news may wait.
+# The maximum number of waiting heartbeats without news.
 MAX_QUIET = 1_000
 
 
 class Inbox:
     """Inputs from other threads, in order of arrival.
 
-    A newer input under the same `key` replaces the one that waits (a beat outdates the beat
-    before it). Beyond `MAX_WAITING` inputs or `MAX_WAITING_BYTES` the oldest are dropped and
+    A newer input under the same `key` replaces a waiting one (a beat makes the beat before it
+    obsolete). Beyond `MAX_WAITING` inputs or `MAX_WAITING_BYTES`, the oldest are dropped and
     counted; facts lost that way are repaired by the digests in the beats. `are_beats_quiet`:
-    whether heartbeats without news wait for `take_quiet`; it may be changed from the loop.
+    heartbeats without news wait for `take_quiet`; it may be changed from the loop.
     """
 
     def __init__(
@@ -54,16 +54,16 @@ class Inbox:
         self._number = 0
         self._pending = False
         self.are_beats_quiet = are_beats_quiet
-        # By key: heartbeats that do not wake the loop, and when they came; the urgent part of the
-        # newest heartbeat.
+        # By key: heartbeats that do not wake the loop, with their arrival times; the urgent part of
+        # the newest heartbeat.
         self._quiet: dict[str, tuple[int, MessageReceived]] = {}
         self._urgent: dict[str, tuple[Any, ...] | None] = {}
         self.dropped = 0
 
     def put(self, event: Input, key: str | None = None) -> bool:
-        """Add an input; may be called from any thread, never blocks for long, never raises.
+        """Add an input. May be called from any thread, never blocks for long, never raises.
 
-        Returns True: messages are not checked here.
+        Always returns True, because messages are not checked here.
         """
         with self._lock:
             if key is not None and self.are_beats_quiet:
@@ -72,7 +72,7 @@ class Inbox:
                     return True
                 self._quiet.pop(key, None)
             if isinstance(event, TokenChanged):
-                # What came before the change must not seem to have come after it.
+                # A beat from before the change must not seem to have come after it.
                 before = f"beat/{event.robot}"
                 if before in self._quiet:
                     _, beat = self._quiet.pop(before)
@@ -87,13 +87,15 @@ class Inbox:
             if self._pending:
                 return True
             self._pending = True
-        # A loop that is closed: the process is about to end.
+        # The loop is closed if the process is about to end.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._wake)
         return True
 
     def _is_quiet(self, event: MessageReceived, key: str) -> bool:
-        """Whether it is a heartbeat without news, and none with news waits under its key."""
+        """Return whether it is a heartbeat without news, and no heartbeat with news waits under its
+        key.
+        """
         if event.kind is not MessageKind.HEARTBEAT:
             return False
         part = urgent_part(event.data if event.envelope is None else event.envelope.data)
@@ -102,8 +104,9 @@ class Inbox:
         return part is not None and part == before and key not in self._waiting and has_room
 
     def take_quiet(self, since_us: int) -> list[MessageReceived]:
-        """The heartbeats without news, with the times at which they arrived, none before
-        `since_us`; call it from the loop.
+        """Return the heartbeats without news, with their arrival times but none before `since_us`.
+
+        Call it from the loop.
         """
         if not self._quiet:
             return []
@@ -113,11 +116,11 @@ class Inbox:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing waits; what other threads add just now may be missed."""
+        """True if nothing waits; an input that another thread is just adding may be missed."""
         return not self._waiting and not self._quiet
 
     def take(self) -> list[Input]:
-        """All inputs that wait, oldest first; call it from the loop."""
+        """Return all waiting inputs, oldest first. Call it from the loop."""
         with self._lock:
             self._pending = False
             events = list(self._waiting.values())
@@ -127,7 +130,7 @@ class Inbox:
 
 
 def _size(event: Input | None) -> int:
-    """The bytes of a message."""
+    """Return the size of a message in bytes; 0 for other inputs."""
     match event:
         case MessageReceived(_, _, data) | QueryReceived(_, _, data) | AnswerReceived(_, data):
             return len(data or b"")

@@ -1,6 +1,6 @@
-"""What a client makes of requests about jobs, before any robot is asked.
+"""Checks and encodes a client's requests about jobs, before any robot is asked.
 
-All that these functions raise is JobRefusedError.
+These functions raise only JobRefusedError.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.local_time import moment_of
 from mrbt_mesh.runtime.operator_call import CommandRefusedError
 
-# What a fact can hold of a Unix time, far after any that robots take.
+# The largest Unix time that a fact can hold, far beyond any that robots accept.
 MAX_UNIX_US = 1 << 53
 # Change of a job -> its field and value.
 _CHANGES: Mapping[str, tuple[str, Any]] = {
@@ -41,8 +41,9 @@ class JobRefusedError(CommandRefusedError):
 
 
 def arguments_of(mission: Mission, kind: str, given: Arguments) -> list[str]:
-    """The arguments of a job as texts in the order of its type's parameters, of texts and whole
-    numbers by position or by the parameters' names.
+    """Return a job's arguments as texts, in the order of its type's parameters.
+
+    They are given as texts and whole numbers, by position or by the parameters' names.
     """
     try:
         return ordered_arguments(job_type(mission, kind), given)
@@ -53,20 +54,20 @@ def arguments_of(mission: Mission, kind: str, given: Arguments) -> list[str]:
 def check_job(
     mission: Mission, kind: str, arguments: Sequence[str], job_id: str, priority: int | None
 ) -> JobType:
-    """The type of a job; raises for what any robot would refuse."""
+    """Return the type of a job; raises for what any robot would refuse."""
     found = job_type(mission, kind)
     if not is_job_id(job_id):
         text = f"{job_id!r:.80} is not an id: 1 to 64 letters, digits, _, ., + or -, not . or .."
         raise JobRefusedError(text)
     if not all(map(is_argument, arguments)) and (problem := found.problem(arguments)):
-        raise JobRefusedError(problem)  # robots say it of other values, by their own mission
+        raise JobRefusedError(problem)  # for other values robots report it, by their own mission
     if priority is not None:
         check_priority(priority)
     return found
 
 
 def job_type(mission: Mission, kind: str) -> JobType:
-    """A type of a mission."""
+    """Return a mission's job type by name."""
     types = job_types(mission)
     if kind not in types:
         raise JobRefusedError(f"no job type {kind!r:.80}" + nearest(kind, types))
@@ -74,14 +75,14 @@ def job_type(mission: Mission, kind: str) -> JobType:
 
 
 def job_types(mission: Mission) -> Mapping[str, JobType]:
-    """The types of a mission that has some."""
+    """Return the job types of a mission, which must have some."""
     if not mission.jobs:
         raise JobRefusedError(f"mission {mission.name} has no types of jobs (jobs: in its file)")
     return mission.jobs
 
 
 def check_priority(priority: Any) -> None:
-    """Raises for what is no priority."""
+    """Raise for an invalid priority."""
     if isinstance(priority, bool) or not isinstance(priority, int) or abs(priority) > MAX_PRIORITY:
         text = f"a priority is a whole number from -{MAX_PRIORITY} to {MAX_PRIORITY}"
         raise JobRefusedError(text)
@@ -90,7 +91,7 @@ def check_priority(priority: Any) -> None:
 def needs_now(
     kind: JobType, not_before: datetime | timedelta | None, deadline: datetime | timedelta | None
 ) -> bool:
-    """Whether the times of a job of this type depend on when it is submitted."""
+    """Return whether the times of a job of this type depend on when it is submitted."""
     usual = timedelta() if kind.deadline_us is not None else None
     return any(isinstance(when, timedelta) for when in (not_before, deadline or usual))
 
@@ -103,8 +104,10 @@ def job_value(
     deadline: datetime | timedelta | None,
     now_us: int,
 ) -> list[Any]:
-    """The value of the field JOB, as plain data. `now_us`: the Unix time by the team's clocks, from
-    which a timedelta counts; it matters only if the job `needs_now`.
+    """Return the value of the field JOB as plain data.
+
+    `now_us` is the Unix time by the team's clocks, the reference of a timedelta; it matters only if
+    the job `needs_now`.
     """
     found = kind.priority if priority is None else priority
     content = [kind.name, *arguments], found, _as_given(not_before), _as_given(deadline)
@@ -117,7 +120,10 @@ def job_value(
 
 
 def _as_given(when: datetime | timedelta | None) -> str | None:
-    """A time as it was asked for: how long from now, or when; the same in each request."""
+    """Return a time as it was asked for, relative or absolute.
+
+    The same in each repeated request.
+    """
     if when is None:
         return None
     if isinstance(when, datetime):
@@ -126,8 +132,9 @@ def _as_given(when: datetime | timedelta | None) -> str | None:
 
 
 def _unix_us(field: str, when: datetime | timedelta | None, now_us: int) -> int:
-    """A time, or how long from now, as a Unix time in microseconds, 0: none; `field`: what it is
-    of.
+    """Return a time, or a duration from now, as a Unix time in microseconds; 0: none.
+
+    `field` names it in error messages.
     """
     if when is None:
         return 0
@@ -147,8 +154,9 @@ def _unix_us(field: str, when: datetime | timedelta | None, now_us: int) -> int:
 
 
 def job_change(job_id: str, change: str, priority: int | None = None) -> tuple[str, Any]:
-    """The field of a change and its value: `cancel`, `hold`, `hold_now`, `release`, or `priority`,
-    which takes the new one.
+    """Return the field of a change and its value.
+
+    `change` is `cancel`, `hold`, `hold_now`, `release`, or `priority`, which takes the new one.
     """
     if not is_job_id(job_id):
         raise JobRefusedError(f"no job {job_id!r:.80} is known", UNKNOWN)

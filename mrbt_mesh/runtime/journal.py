@@ -1,8 +1,8 @@
-"""A robot's journal: the facts that it must not lose, in its run directory.
+"""A robot's journal: the facts that it must not lose, stored in its run directory.
 
-SQLite in WAL mode: a format that survives a crash at any byte, in the standard library. SQLite
-does not notice a bit that has changed on the disk, so each row has a digest, and `meta` has the
-digest of all rows together: what is read is what was written, or the journal is damaged.
+SQLite in WAL mode survives a crash at any byte and is in the standard library. It does not notice a
+bit that has changed on the disk, so each row has a digest, and `meta` has the digest of all rows
+together. Changed or missing rows are reported as damage.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ SUFFIX = ".journal"
 BUSY_TIMEOUT_S = 1.0
 PAGE_BYTES = 4096
 
-# What is to be written of an author's name: an entry, or that it is to be dropped.
+# Author and name -> the entry to write, or None to delete it.
 Changes: TypeAlias = Mapping[tuple[str, str], Entry | None]
 
 
 def changes_of(effect: Persist | Forget) -> dict[tuple[str, str], Entry | None]:
-    """The changes of a journal that an agent wants."""
+    """Return an effect as changes to the journal."""
     if isinstance(effect, Persist):
         return {(entry.author, entry.name): entry for entry in effect.entries}
     return dict.fromkeys(effect.keys)
@@ -51,7 +51,7 @@ _TABLES = {
         "PRIMARY KEY (author, counter, nonce, sequence)) WITHOUT ROWID"
     ),
 }
-# Proofs of batches of which no entry is left are dropped now and then.
+# Proofs of batches without remaining entries are deleted now and then.
 _UNUSED_PROOFS = """
 FROM proofs WHERE (author, counter, nonce, sequence) NOT IN
     (SELECT author, counter, nonce, sequence FROM entries)
@@ -64,7 +64,7 @@ _REASONS = {
     sqlite3.SQLITE_BUSY: "it is locked by another process",
     sqlite3.SQLITE_CANTOPEN: "it cannot be opened",
 }
-# What keeps a journal from being read or written now; it may go by, and is no damage.
+# Errors that prevent reading or writing now. They may be temporary, and are no damage.
 JOURNAL_ERRORS = (sqlite3.Error, OSError)
 
 
@@ -73,11 +73,11 @@ LOST = "what no other robot knows of it is lost"
 
 
 class DamagedError(Exception):
-    """The journal does not hold what was written to it, or is that of another run."""
+    """The journal does not hold what was written to it, or belongs to another run."""
 
 
 def reason_of(error: Exception) -> str:
-    """Why a journal cannot be read or written, for people."""
+    """Return why a journal cannot be read or written, as readable text."""
     if isinstance(error, sqlite3.Error):
         return _REASONS.get(_code(error), str(error))
     return getattr(error, "strerror", None) or str(error) or type(error).__name__
@@ -102,7 +102,7 @@ class Journal:
         self._commits = 0
         self._database: sqlite3.Connection | None = None
         self._file: tuple[int, int] | None = None
-        # For people, of the last file that held nothing or could not be used; else empty.
+        # Message about the last file that was empty or unusable; empty if there was none.
         self.set_aside_text = ""
 
     @property
@@ -110,10 +110,10 @@ class Journal:
         return self._database is not None
 
     def begin(self) -> tuple[tuple[Entry, ...], str]:
-        """Open the journal if possible; returns what it holds, and why it cannot be written, if so.
+        """Open the journal if possible. Returns its entries, and why it cannot be written, if so.
 
-        One that cannot be opened now is read from a copy: a disk that is full or read-only, or
-        another process's lock, does not keep it from being read.
+        A journal that cannot be opened now is read from a copy, so a full or read-only disk, or
+        another process's lock, does not prevent reading.
         """
         try:
             return self.open(), ""
@@ -125,10 +125,10 @@ class Journal:
             return (), reason
 
     def open(self) -> tuple[Entry, ...]:
-        """Open or create the journal; returns what it holds.
+        """Open or create the journal. Returns its entries.
 
-        Raises JOURNAL_ERRORS where that is not possible now. A journal that is damaged, or of
-        another run, is set aside, and a new one is begun.
+        Raises JOURNAL_ERRORS if that is not possible now. A journal that is damaged, or belongs to
+        another run, is set aside and replaced by a new one.
         """
         try:
             return self._open()
@@ -144,7 +144,7 @@ class Journal:
         written = _frames(self._beside("-wal"))
         try:
             if not os.path.lexists(self.path):
-                # For its owner alone; SQLite gives the files beside it the same mode.
+                # Readable only by its owner; SQLite gives the files beside it the same mode.
                 with contextlib.suppress(OSError):  # SQLite says why
                     os.close(os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
             self._database = database = sqlite3.connect(
@@ -158,7 +158,7 @@ class Journal:
             tables = dict(database.execute("SELECT name, sql FROM sqlite_master"))
             if tables:
                 entries = self._read(database, tables)
-            # A crash while it was being made leaves nothing, or SQLite's header page alone.
+            # A crash during creation leaves an empty file, or only SQLite's header page.
             elif size not in (0, PAGE_BYTES):
                 raise DamagedError("damaged: it has no tables")
             else:
@@ -222,14 +222,16 @@ class Journal:
             raise DamagedError(f"damaged: {error}") from None
 
     def _check_tail(self, database: sqlite3.Connection, written: int) -> None:
-        """Say if SQLite has dropped the end of the write-ahead log, as after a crash in a write."""
+        """Log if SQLite has dropped the end of the write-ahead log, as after a crash during a
+        write.
+        """
         with contextlib.suppress(sqlite3.Error):  # a disk that is full
             _, found, _ = database.execute("PRAGMA wal_checkpoint").fetchone()
             if 0 <= found < written:
                 self._log("warning", "journal_end_dropped", pages=written - found)
 
     def _set_aside(self, reason: str) -> None:
-        """Move a journal that cannot be used out of the way, for people to look at."""
+        """Rename an unusable journal, and keep it for inspection."""
         number = 1
         while (aside := self._beside(f".aside-{number}")).exists():
             number += 1
@@ -243,7 +245,7 @@ class Journal:
         return self.path.with_name(self.path.name + suffix)
 
     def has_moved(self) -> bool:
-        """Whether the file that is open is no longer the one of its name: it was deleted."""
+        """True if the open file no longer has its name, because it was deleted or replaced."""
         try:
             found = self.path.stat()
         except OSError:
@@ -251,9 +253,9 @@ class Journal:
         return (found.st_dev, found.st_ino) != self._file
 
     def write(self, changes: Changes) -> None:
-        """Write and sync, all or nothing, with the journal open.
+        """Write and sync the changes, all or nothing. The journal must be open.
 
-        Raises JOURNAL_ERRORS, and DamagedError if it turns out to be damaged.
+        Raises JOURNAL_ERRORS, and DamagedError if the journal turns out to be damaged.
         """
         database = self._database
         assert database is not None
@@ -303,7 +305,7 @@ class Journal:
         database.execute("UPDATE meta SET value = ? WHERE key = 'digest'", (str(digest),))
 
     def close(self) -> None:
-        """Close the file; it can be opened again."""
+        """Close the file. It can be opened again."""
         database, self._database = self._database, None
         if database is not None:
             with contextlib.suppress(sqlite3.Error):
@@ -315,13 +317,14 @@ def _digests(database: sqlite3.Connection, where: str, values: tuple[Any, ...]) 
 
 
 def _digest(columns: Iterable[Any]) -> int:
-    """Of a row, whatever is in it, in SQLite's integers."""
+    """Return the digest of a row of any values, as an integer that SQLite can store."""
     said = repr([each.encode() if isinstance(each, str) else each for each in columns])
     return int.from_bytes(hashlib.blake2b(said.encode(), digest_size=7).digest(), "big")
 
 
 def _frames(wal: Path) -> int:
-    """How many pages of the write-ahead log are of its present use, whole or not.
+    """Return the number of pages, complete or not, in the current generation of the write-ahead
+    log.
 
     Source: https://www.sqlite.org/fileformat.html#the_write_ahead_log
     """
@@ -343,12 +346,12 @@ def _entry(row: tuple[Any, ...], proof: BatchProof | None) -> Entry:
 
 
 def journal_path(run_dir: Path, robot: str) -> Path:
-    """Where a robot keeps its journal."""
+    """Return the path of a robot's journal."""
     return run_dir / f"{robot}{SUFFIX}"
 
 
 def _read_copy(journal: Journal) -> tuple[Entry, ...]:
-    """What a journal holds that is left as it is: SQLite would repair and shorten its files.
+    """Read a journal without touching it: SQLite would repair and shorten its files.
 
     Raises JOURNAL_ERRORS, DamagedError.
     """
@@ -375,10 +378,10 @@ def read_journals(
     run: str,
     on_problem: Callable[[str], None] = lambda _: None,
 ) -> dict[str, tuple[Entry, ...]]:
-    """Robot -> the entries in its journal; one that is missing or cannot be used holds none.
+    """Return robot -> the entries in its journal; none if it is missing or cannot be used.
 
-    They are read from copies: their robots repair them. `on_problem` is told of each that cannot be
-    used, or is missing or empty though its robot has run.
+    The journals are read from copies, because their robots repair them. `on_problem` is called for
+    each that cannot be used, or is missing or empty although its robot has run.
     """
     found: dict[str, tuple[Entry, ...]] = dict.fromkeys(robots, ())
     for robot in found:

@@ -1,5 +1,7 @@
-"""Writes a robot's facts to its journal, in a thread: a disk may take a second for a sync, and the
-robot must beat meanwhile. All that waits is written and synced together.
+"""Writes a robot's facts to its journal in a thread.
+
+A disk may take a second for a sync, and the robot must beat meanwhile. All waiting facts are
+written and synced together.
 """
 
 from __future__ import annotations
@@ -16,13 +18,13 @@ from mrbt_mesh.core.agent.inputs import JournalOpened, JournalReported, JournalS
 from mrbt_mesh.core.facts.store import Entry
 from mrbt_mesh.runtime.journal import Journal, changes_of, reason_of
 
-# How long facts that other robots have as well may wait.
+# How long facts may wait that other robots have as well.
 LAZY_COMMIT_S = 0.1
 RETRY_S = 1.0
-# How often a journal is looked for that nothing is written to.
+# How often to check that an idle journal still exists.
 LOOK_S = 1.0
-# A write that takes longer is reported, until none was for SLOW_FOR_S: each report is news for the
-# whole team.
+# A longer write is reported; the report ends after SLOW_FOR_S without one, because each change of
+# it is sent to the whole team.
 SLOW_S = 0.25
 SLOW_FOR_S = 30.0
 SLOW = f"journal is slow: writes take more than {SLOW_S} s"
@@ -33,13 +35,13 @@ JournalNews: TypeAlias = JournalSynced | JournalReported | JournalOpened
 
 
 class Durations(Protocol):
-    """Observes how long each of something took."""
+    """Observes durations."""
 
     def observe(self, seconds: float) -> None: ...
 
 
 class JournalWriter:
-    """Writes to a journal; without one it does nothing.
+    """Writes to a journal; does nothing without one.
 
     `tell` is called in the writer's thread, with inputs for the agent. `problem`: why the journal
     could not be opened at the start, empty if it is open. `synced_s` observes how long each write
@@ -67,14 +69,14 @@ class JournalWriter:
         self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
 
     def start(self) -> None:
-        """Begin to write; until then what is put waits."""
+        """Start writing; until then, changes wait."""
         if self._journal is not None:
             self._thread.start()
 
     def carry_out(self, effect: Persist | Forget) -> None:
-        """Write entries, or drop them, together with all that waits: at once, or a little later.
+        """Write or drop entries together with all that wait, at once or a little later.
 
-        JournalSynced reports when they and all before them are on disk, if the effect has a number.
+        If the effect has a number, JournalSynced reports when they and all before them are on disk.
         """
         if self._journal is None:
             return
@@ -89,9 +91,9 @@ class JournalWriter:
                 self._changed.notify()
 
     def close(self) -> int:
-        """Write what waits and close the journal; returns how many entries are not on disk.
+        """Write what waits and close the journal; return how many entries are not on disk.
 
-        Blocks until they are, or for CLOSE_TIMEOUT_S.
+        Blocks until all are, at most for `CLOSE_TIMEOUT_S`.
         """
         if self._journal is None:
             return 0
@@ -123,7 +125,7 @@ class JournalWriter:
         self._journal.close()
 
     def _write(self, journal: Journal) -> None:
-        """Write what waits, and open the journal anew if need be; what fails is tried again."""
+        """Write what waits, reopening the journal if necessary; failures are retried."""
         with self._changed:
             changes, number = dict(self._pending), self._number
             self._due_s = None
@@ -134,7 +136,7 @@ class JournalWriter:
                 journal.write(changes)
                 if journal.has_moved():
                     raise FileNotFoundError(errno.ENOENT, DELETED)
-        except Exception as error:  # nothing that goes wrong here may go unsaid
+        except Exception as error:  # every error here must be reported
             self._failed(error)
             return
         took_s = max(0.0, time.monotonic() - processor_wait_s() - began_s)
@@ -152,7 +154,7 @@ class JournalWriter:
             self._report(f"journal {DELETED}", is_failing=True)
             journal.close()
         if not journal.is_open:
-            # Whatever was on disk may be there no more: the agent writes all that it knows.
+            # What was on disk may be gone: the agent writes everything that it knows.
             self._tell(JournalOpened(journal.open()))
 
     def _failed(self, error: Exception) -> None:
@@ -182,8 +184,10 @@ class JournalWriter:
 
 
 def processor_wait_s() -> float:
-    """How long this thread and the event loop's have waited for a processor so far; 0.0 where the
-    system does not say. A machine that is too busy makes no disk slow.
+    """Return how long this thread and the event loop's have waited for a processor so far.
+
+    0.0 if the system does not say. It is subtracted so that a busy machine does not look like a
+    slow disk.
     """
     try:
         files = ("/proc/thread-self/schedstat", "/proc/self/schedstat")

@@ -1,11 +1,11 @@
-"""A folder of keys: what `mrbt keys` makes and changes, and what a member reads.
+"""A folder of keys, made and changed by `mrbt keys` and read by members.
 
 manifest.json   the public keys and roles of all members, signed
-team.secret     the team's own key, which signs the manifest; robots need none
-NAME.key        one member's private key, with the team's public one and both their certificates
+team.secret     the team's own key, which signs the manifest; robots do not need it
+NAME.key        one member's private key, with the team's public key and both certificates
 
-A robot's machine needs manifest.json and its own NAME.key, nothing else. Files with private keys
-can only be read by their owner.
+A robot's machine needs only manifest.json and its own NAME.key. Files with private keys are
+readable only by their owner.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ OPERATOR = "operator"
 
 
 class KeysError(InputError):
-    """Keys that are missing, damaged or not to be changed; the message has the remedy."""
+    """Keys are missing, damaged, or cannot be changed; the message has the remedy."""
 
 
 class KeyFolder:
@@ -57,14 +57,14 @@ class KeyFolder:
 
     @property
     def manifest_path(self) -> Path:
-        """Where the manifest is."""
+        """The path of the manifest."""
         return self.path / MANIFEST_FILE
 
     # -- making and changing ------------------------------------------------------------------
 
     @classmethod
     def create(cls, path: Path, members: Mapping[str, Role]) -> KeyFolder:
-        """Make the keys of a new team."""
+        """Create the keys of a new team."""
         found = cls(path)
         check_folder(path, "the folder of keys")
         if found.manifest_path.exists():
@@ -82,7 +82,7 @@ class KeyFolder:
         return found
 
     def add(self, members: Mapping[str, Role], *, replaces: bool = False) -> Manifest:
-        """Give keys to new members; `replaces`: also to those that have one, or had.
+        """Give keys to new members; with `replaces`, also to members that have or had one.
 
         Facts that a member signed with a replaced key remain valid.
         """
@@ -102,7 +102,7 @@ class KeyFolder:
         return self._save(manifest, made)
 
     def revoke(self, names: Iterable[str]) -> Manifest:
-        """Let these members' keys count no more."""
+        """Revoke these members' keys."""
         manifest = self.manifest()
         changed = {}
         for name in names:
@@ -116,7 +116,7 @@ class KeyFolder:
     def _new_keys(
         self, members: Mapping[str, Role], authority: bytes, team_secret: bytes
     ) -> dict[str, PublicKeys]:
-        # Robots never make certificates, and the library is large.
+        # Imported here, because robots never make certificates and the library is large.
         from mrbt_mesh.runtime.member_certificates import member_certificate, team_certificate
 
         made, trusted = {}, team_certificate(team_secret)
@@ -147,7 +147,7 @@ class KeyFolder:
     # -- reading ------------------------------------------------------------------------------
 
     def manifest(self, authority: bytes | None = None) -> Manifest:
-        """The manifest; raises ManifestError if it is not signed by this authority."""
+        """Return the manifest. Raises ManifestError if it is not signed by this authority."""
         try:
             with open_regular(self.manifest_path) as file:
                 text = file.read().decode()
@@ -161,7 +161,7 @@ class KeyFolder:
             raise ManifestError(f"{self.manifest_path}: {error}") from error
 
     def keys_of(self, name: str) -> MemberKeys:
-        """What a member needs to take part."""
+        """Return the keys that a member needs to take part."""
         check_folder(self.path, "the folder of keys")
         path = self.path / f"{name}{KEY_SUFFIX}"
         authority = _read_secret(path, "authority", PUBLIC_BYTES)
@@ -175,7 +175,7 @@ class KeyFolder:
         return MemberKeys(name, secret, manifest)
 
     def certificates_of(self, name: str) -> Certificates:
-        """What a member shows on links that are encrypted."""
+        """Return the certificates that a member shows on encrypted links."""
         path = self.path / f"{name}{KEY_SUFFIX}"
         private = link_key(_read_secret(path, "private"))
         pem = private.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()).decode()
@@ -187,11 +187,11 @@ class KeyFolder:
             raise KeysError(f"{path} is of an older version, {text}") from None
 
     def reader(self) -> str:
-        """The name to watch with: an operator whose key is here, else an observer."""
+        """Return the name to watch with: an operator whose key is here, else an observer."""
         return self._holder("operator's and no observer's", Role.OPERATOR, Role.OBSERVER)
 
     def router(self) -> str:
-        """The router whose key is here."""
+        """Return the name of the router whose key is here."""
         return self._holder("router's", Role.ROUTER)
 
     def _holder(self, what: str, *roles: Role) -> str:
@@ -205,7 +205,7 @@ class KeyFolder:
 
 
 def _write_secret(path: Path, data: Mapping[str, str]) -> None:
-    """A new file that only its owner can read, in place of an earlier one."""
+    """Write or replace a file that only its owner can read."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -239,7 +239,7 @@ def _read_secret(path: Path, key: str, size: int = SECRET_BYTES) -> bytes:
 
 
 class ManifestWatch:
-    """Looks whether the manifest in a folder has changed. `problem`: why it was not taken over."""
+    """Checks whether the manifest in a folder has changed. `problem` is why it was not applied."""
 
     def __init__(self, folder: KeyFolder, keys: MemberKeys) -> None:
         self.problem = ""
@@ -249,11 +249,11 @@ class ManifestWatch:
 
     @property
     def is_revoked(self) -> bool:
-        """Whether this member is none any more, or has another key by now."""
+        """True if this member's key has been revoked or replaced."""
         return self._keys.is_outdated
 
     def look(self) -> bool:
-        """Whether there was something new: it has been taken over, or there is a `problem`."""
+        """Apply a changed manifest, or set `problem`. Returns True if it had changed."""
         stamp = self._stamp()
         if stamp is None or stamp == self._seen:
             return False

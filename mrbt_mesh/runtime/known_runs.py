@@ -1,4 +1,4 @@
-"""The runs of this machine, and which of them a command means when it names none."""
+"""The runs on this machine, and which of them a command means if it names none."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from mrbt_mesh.errors import nearest
 from mrbt_mesh.runtime.launcher_lock import is_launched
 from mrbt_mesh.runtime.run_dir import RUN_FILE, RunDir, RunDirError, state_dir, write_atomically
 
-# The number of runs that are listed; older ones only while they run.
+# How many runs are listed; older ones only while they run.
 MOST_KNOWN = 50
 HOW_TO_NAME = "--run-dir TEAM"
 
 
 def remember(run_dir: RunDir) -> None:
-    """Make this the newest run of this machine; raises RunDirError."""
+    """Register this run as the newest on this machine. Raises RunDirError."""
     path = os.fsencode(run_dir.path.resolve())
     try:
         _folder().mkdir(mode=0o700, parents=True, exist_ok=True)
-        # Bytes: what a folder is called does not depend on the locale of a command.
+        # Bytes, because the name of a folder does not depend on a command's locale.
         entry = _folder() / hashlib.sha256(path).hexdigest()[:16]
         write_atomically(entry, path.decode(errors="surrogateescape"))
     except OSError as error:
@@ -32,20 +32,20 @@ def remember(run_dir: RunDir) -> None:
 
 
 def known_runs() -> list[RunDir]:
-    """The runs whose folders exist, the newest first."""
+    """Return the runs whose folders exist, newest first."""
     return [run_dir for _, run_dir in _entries() if (run_dir.path / RUN_FILE).is_file()]
 
 
 def is_running(run_dir: RunDir) -> bool:
-    """Whether the run has a launcher or a robot on this machine."""
+    """Return whether the run has a launcher or a robot on this machine."""
     return is_launched(run_dir) or any(run_dir.process(robot) for robot in run_dir.robots())
 
 
 def find_run(named: Path | None, how: str = HOW_TO_NAME) -> RunDir:
-    """The run of a folder, or of a team or mission with that name; None: the one that runs.
+    """Find a run by its folder, or by the name of its team or mission; None: the running one.
 
-    If none runs, the newest one is meant. `how`: how the command line names a run. Raises
-    RunDirError if there is no such run, or if it may be one of several.
+    If several match and none runs, it is the newest one. `how`: how the command line names a run.
+    Raises RunDirError if there is no such run, or if several of them run.
     """
     if named is not None and (named / RUN_FILE).is_file():
         return RunDir(named)
@@ -68,12 +68,12 @@ def find_run(named: Path | None, how: str = HOW_TO_NAME) -> RunDir:
 
 
 def team_name(run_dir: RunDir) -> str:
-    """The name of the run's team, that of its folder if the run is damaged."""
+    """Return the name of the run's team, or of its folder if the run is damaged."""
     return next(iter(names_of(run_dir)), run_dir.path.name)
 
 
 def names_of(run_dir: RunDir) -> tuple[str, ...]:
-    """What the run may be called by: its team, its mission. None if it is damaged."""
+    """Return the names of a run: its team and its mission; empty if it is damaged."""
     with contextlib.suppress(RunDirError):
         info = run_dir.info()
         return info.team, info.mission_name
@@ -85,7 +85,7 @@ def _folder() -> Path:
 
 
 def _entries() -> list[tuple[Path, RunDir]]:
-    """(file that names a run, the run), the newest first."""
+    """Return (file that names a run, the run), newest first."""
     found: list[tuple[int, Path, RunDir]] = []
     for entry in _folder().glob("[!.]*"):
         with contextlib.suppress(OSError):  # another process has removed it

@@ -1,7 +1,7 @@
-"""How robots are started as processes of their own: endpoints, command lines, one by exec.
+"""Starts robots as separate processes: endpoints, command lines, and starting one by exec.
 
-A whole team is forked (`robot_forks`), from a process that never opened a Zenoh session: that would
-not survive it.
+A whole team is forked (`robot_forks`), from a process that never opened a Zenoh session: a session
+would not survive the fork.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from mrbt_mesh.runtime.settings import (
 from mrbt_mesh.runtime.team_address import AddressError
 
 HOST = "127.0.0.1"
-# Whether a connection on loopback comes about at all.
+# Timeout for a test connection on loopback.
 LOOPBACK_S = 2.0
 PORT = 7447
-# Below the ports that Linux, macOS and Windows give to sockets that dial.
+# Below the ports that Linux, macOS and Windows give to dialling sockets.
 DATAGRAM_PORTS = range(10_000, 32_768)
 
 
 def free_endpoints(count: int, protocol: str) -> list[str]:
-    """Loopback endpoints that are free now.
+    """Return loopback endpoints that are free now.
 
-    On Linux no other launcher gets the ports while this process lives: robots take a while to
-    start, and teams may start side by side. Raises OSError where none is free, AddressError where
-    nothing is heard there: each robot would take itself for the only one, and do all the work.
+    On Linux no other launcher gets the ports while this process lives, because robots take a while
+    to start, and teams may start side by side. Raises OSError if none is free, and AddressError if
+    loopback does not work: then each robot would think that it is alone, and do all the work.
     """
     _check_loopback()
     if protocol in PROTOCOLS[WIRED]:
@@ -76,7 +76,8 @@ def _stream_ports(count: int) -> list[int]:
         ports = [item.getsockname()[1] for item in sockets]
         if sys.platform == "linux":
             for item in sockets:
-                # Zenoh sets this as well, and so may listen; who asks for any port may not have it.
+                # Zenoh sets this option too, so it may listen here; a socket that asks for any port
+                # does not get this one.
                 item.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
                 item.detach()  # it stays open until this process ends
             sockets = []
@@ -87,10 +88,10 @@ def _stream_ports(count: int) -> list[int]:
 
 
 def _datagram_port() -> int:
-    """A UDP port, reserved among launchers by the TCP port of the same number.
+    """Return a UDP port, reserved among launchers by the TCP port of the same number.
 
-    A bound UDP port cannot be left to the robot, and a free one among those for sockets that dial
-    might be taken by any robot that dials until then.
+    A bound UDP port cannot be passed to the robot, and a free port in the range for dialling
+    sockets might be taken by any robot that dials meanwhile.
     """
     for port in random.sample(DATAGRAM_PORTS, 1000):
         reservation = socket.socket()
@@ -107,7 +108,7 @@ def _datagram_port() -> int:
 
 
 def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
-    """Make the keys that a robot of this run lacks, and an operator's; raises KeysError."""
+    """Make keys for a robot of this run, and for an operator, where missing. Raises KeysError."""
     if info.options.insecure:
         return
     from mrbt_mesh.runtime.key_folder import OPERATOR, KeyFolder
@@ -124,18 +125,18 @@ def ensure_keys(run_dir: RunDir, info: RunInfo, robot: str) -> None:
 
 
 class StartedRobot(Protocol):
-    """A robot's process as its launcher sees it."""
+    """A robot's process as seen by its launcher."""
 
     @property
     def pid(self) -> int: ...
 
     @property
     def returncode(self) -> int | None:
-        """None as long as it runs, or is not known to have ended; negative for a signal."""
+        """None while it runs, or is not known to have ended; negative for a signal."""
 
 
 def agent_command(info: RunInfo, robot: str, arguments: Sequence[str]) -> list[str]:
-    """The command line of one robot's process, at its place."""
+    """Return the command line of a robot's process at its place."""
     place = info.places.get(robot)
     command = [*place.prefix] if place is not None else []
     return [*command, sys.executable, "-m", "mrbt_mesh", *arguments]
@@ -148,7 +149,7 @@ def agent_arguments(
     robot_type: str | None = None,
     takeover: bool = False,
 ) -> list[str]:
-    """The arguments of `mrbt` that make a robot of this run, which leaves with its launcher."""
+    """Return the `mrbt` arguments for a robot of this run, which leaves with its launcher."""
     has_router = bool(info.options.routers)
     options = replace(
         info.options,
@@ -158,7 +159,7 @@ def agent_arguments(
         type=robot_type,
         expect=info.robots,
         gather_s=max(DEFAULT_GATHER_S, START_S_PER_ROBOT * len(info.robots)),
-        # All robots are started here: one that is not heard has ended.
+        # All robots are started here, so a robot that is not heard has ended.
         alone_after_s=0.0,
         run_dir=run_dir.path,
         takeover=takeover,
@@ -172,13 +173,13 @@ def agent_arguments(
 
 
 def lower_dials(robots: Iterable[str]) -> dict[str, list[str]]:
-    """Who dials whom in a team that starts together: each robot those of lower id."""
+    """Return who dials whom in a team that starts together: each robot dials those of lower id."""
     ordered = sorted(robots)
     return {robot: ordered[:index] for index, robot in enumerate(ordered)}
 
 
 def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
-    """The run with a robot at a new endpoint: it dials all others, and none dials it.
+    """Return the run with a robot at a new endpoint: it dials all others, and none dials it.
 
     Raises RunDirError if the run has places, and none for this robot.
     """
@@ -187,7 +188,7 @@ def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
     dials = {r: [o for o in others if o != robot] for r, others in info.dials.items()}
     ports = dict(info.metrics_ports)
     if ports:
-        # One that is replaced while it runs still holds its old port.
+        # A robot that is replaced while it runs still holds its old port.
         ports[robot] = max(ports.values()) + 1
     return replace(
         info,
@@ -198,7 +199,7 @@ def with_newcomer(info: RunInfo, robot: str) -> RunInfo:
 
 
 def _next_endpoint(info: RunInfo, robot: str) -> str:
-    """A robot that is replaced while it runs still holds its old endpoint."""
+    """Return a new endpoint: a robot that is replaced while it runs still holds its old one."""
     if info.options.routers:
         return ""
     protocol = next(iter(info.endpoints.values())).partition("/")[0]
@@ -212,9 +213,9 @@ def _next_endpoint(info: RunInfo, robot: str) -> str:
 async def start_robot(
     run_dir: RunDir, robot: str, command: list[str], environment: Mapping[str, str]
 ) -> anyio.abc.Process:
-    """Start a robot in a session of its own, so that it outlives the terminal.
+    """Start a robot in its own session, so that it outlives the terminal.
 
-    `environment` are variables that it gets besides those of this process.
+    `environment` has variables that are added to those of this process.
     """
     with run_dir.opened_output(run_dir.output_path(robot)) as output:
         return await anyio.open_process(
@@ -228,7 +229,7 @@ async def start_robot(
 
 
 def wait_for_exit(pid: int) -> int:
-    """Block until a process ends; returns when, on `boottime_us`. It need not be a child."""
+    """Block until a process ends, which need not be a child; return when, on `boottime_us`."""
     if hasattr(os, "pidfd_open"):
         try:
             descriptor = os.pidfd_open(pid)

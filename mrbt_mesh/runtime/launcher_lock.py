@@ -1,7 +1,7 @@
 """The lock by which robots know that their launcher lives: it holds the lock, they wait for it.
 
-The kernel frees the lock (flock) however the launcher ends, so no process compares pids or looks
-again and again; and a robot that joins a run waits for the run's launcher, not for what started it.
+The kernel frees the lock (flock) however the launcher ends, so no process needs to compare pids or
+to poll. A robot that joins a run waits for the run's launcher, not for the process that started it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 if TYPE_CHECKING:
     import psutil
 
-# A robot that has not left after so long never will, such as one whose program blocks it.
+# A robot that has not left by then never will, e.g. because its program blocks it.
 LEAVE_LIMIT_S = 10.0
 LOOKS, LOCK_TRIES, LOOK_S = 100, 10, 0.01
 
 
 @contextlib.contextmanager
 def launched_from_here(run_dir: RunDir) -> Iterator[None]:
-    """Robots of this run that are started within leave as soon as this process has ended.
+    """Robots of this run that are started in this context leave as soon as this process ends.
 
-    Raises RunDirError if another process has launched them, or the file cannot be locked.
+    Raises RunDirError if another process has launched them, or if the file cannot be locked.
     """
     path = run_dir.launcher_lock_path
     try:
@@ -57,7 +57,7 @@ def launched_from_here(run_dir: RunDir) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> None:
-    """Lock the file. `is_launched` in another process may hold the lock for a moment."""
+    """Lock the file. Retries, since `is_launched` in another process may hold the lock briefly."""
     for tries_left in reversed(range(LOCK_TRIES)):
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -69,7 +69,7 @@ def _lock(descriptor: int) -> None:
 
 
 def is_launched(run_dir: RunDir) -> bool:
-    """Whether the run has a launcher that lives; a detached one has none."""
+    """Return whether the run has a living launcher; a detached run has none."""
     try:
         descriptor = os.open(run_dir.launcher_lock_path, os.O_RDONLY)
     except FileNotFoundError:
@@ -84,11 +84,11 @@ def is_launched(run_dir: RunDir) -> bool:
 
 
 def launcher_of(run_dir: RunDir) -> psutil.Process | None:
-    """The process that launched the run's robots, if it lives and is of this machine."""
+    """Return the process that launched the run's robots, if it lives on this machine."""
     for _ in range(LOOKS):
         if not is_launched(run_dir):
             break
-        # It writes who it is right after it has locked the file.
+        # The launcher writes its identity right after it has locked the file.
         if process := process_in(run_dir.launcher_lock_path):
             return process
         time.sleep(LOOK_S)
@@ -98,7 +98,7 @@ def launcher_of(run_dir: RunDir) -> psutil.Process | None:
 class LauncherWatch:
     """Reports when no process holds the lock on `file` any more, even if the event loop is blocked.
 
-    Raises OSError if the file cannot be opened. The process ends `limit_s` later at the latest.
+    The process ends at most `limit_s` later. Raises OSError if the file cannot be opened.
     """
 
     def __init__(self, file: Path, limit_s: float = LEAVE_LIMIT_S) -> None:
@@ -108,7 +108,7 @@ class LauncherWatch:
         threading.Thread(target=self._wait, name="launcher watch", daemon=True).start()
 
     def call_when_gone(self, tell: Callable[[], None]) -> None:
-        """Call `tell`, on a thread of its own, once the launcher has ended, or now if it has."""
+        """Call `tell` in another thread once the launcher has ended; at once if it already has."""
         self._gone.add_done_callback(lambda _: tell())
 
     def _wait(self) -> None:

@@ -1,5 +1,7 @@
-"""Files that grow to a limit: then the file becomes `<name>.1`, in place of an earlier one, and a
-new one is begun. A disk that is full costs lines, never the process that writes them.
+"""Files with a size limit: a full file becomes `<name>.1`, replacing an earlier one, and a new one
+begins.
+
+A full disk costs lines, never the process that writes them.
 """
 
 from __future__ import annotations
@@ -21,9 +23,9 @@ LINE_END = b"\n"
 
 
 def append(path: Path, line: bytes, limit_bytes: int) -> None:
-    """Add a line, with its end, in one write: those of several processes do not mix.
+    """Append a line, with its end, in one write, so that lines of several processes do not mix.
 
-    Raises OSError if the line is not in the file, or not as a whole.
+    Raises OSError if the line is not, or not completely, in the file.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
     try:
@@ -33,7 +35,7 @@ def append(path: Path, line: bytes, limit_bytes: int) -> None:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
             size = 0
         if size and os.pread(descriptor, 1, size - 1) != LINE_END:
-            line = LINE_END + line  # the disk was full in the middle of the line before
+            line = LINE_END + line  # the disk was full in the middle of the previous line
         if os.write(descriptor, line) < len(line):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     finally:
@@ -41,7 +43,7 @@ def append(path: Path, line: bytes, limit_bytes: int) -> None:
 
 
 def _set_aside(path: Path, descriptor: int) -> bool:
-    """Rename a file that is full, unless another process is doing so at this moment."""
+    """Rename a full file, unless another process is doing so at this moment."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.fstat(descriptor).st_ino == path.stat().st_ino:
@@ -52,7 +54,7 @@ def _set_aside(path: Path, descriptor: int) -> bool:
 
 
 class NewLines:
-    """The lines of a file that grows to a limit, for those who follow it. Each is read once."""
+    """Follows a file with a size limit; returns each line once."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -60,7 +62,10 @@ class NewLines:
         self._at = 0
 
     def take(self) -> Iterator[str]:
-        """The lines since the last call, at first those of the file before it too."""
+        """Yield the lines since the last call.
+
+        The first call includes those of the previous file.
+        """
         before = self._path.with_name(f"{self._path.name}.1")
         with contextlib.suppress(OSError):
             if self._path.stat().st_ino != self._file_number:
@@ -70,7 +75,7 @@ class NewLines:
             yield from self._rest(self._path)
 
     def _rest(self, path: Path) -> Iterator[str]:
-        """The whole lines that are not read yet."""
+        """Yield the complete lines that were not read yet."""
         with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
             file.seek(self._at)
             for line in file:
@@ -81,7 +86,7 @@ class NewLines:
 
 
 class LimitedLog:
-    """Where a log writes its lines: a file that fails costs lines.
+    """A log file with a size limit. Lines that cannot be written are dropped.
 
     `lost` makes a line of their number and the reason once the file can be written again.
     """
@@ -105,11 +110,11 @@ class LimitedLog:
             self._reason = error.strerror or str(error)
 
     def flush(self) -> None:
-        """Every line is handed to the system as it comes."""
+        """Do nothing: every line is passed to the system at once."""
 
 
 class _Output(io.RawIOBase):
-    """Standard output or error that never fails, and is limited where it is the file `path`."""
+    """Standard output or error that never fails, limited in size if it is the file `path`."""
 
     def __init__(self, descriptor: int, path: Path | None, limit_bytes: int) -> None:
         self._descriptor = descriptor
@@ -135,7 +140,7 @@ class _Output(io.RawIOBase):
 
 
 def _limit_output(path: Path, more_bytes: int, limit_bytes: int) -> None:
-    """Begin the file of a robot's output anew if it is full, for all who write to it here."""
+    """Start the file of a robot's output anew if it is full, for standard output and error."""
     found = os.fstat(1)
     if found.st_size + more_bytes <= limit_bytes or found.st_ino != path.stat().st_ino:
         return
@@ -147,9 +152,9 @@ def _limit_output(path: Path, more_bytes: int, limit_bytes: int) -> None:
 
 
 def protect_output(path: Path | None, limit_bytes: int) -> None:
-    """From now on what is printed never fails: what cannot be written is dropped.
+    """Make printing never fail from now on: what cannot be written is dropped.
 
-    `path`: the file that a robot's standard output and error go to if a launcher started it.
+    `path`: the file to which a robot's standard output and error go if a launcher started it.
     """
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         raw = _Output(descriptor, path, limit_bytes)

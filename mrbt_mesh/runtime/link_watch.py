@@ -1,8 +1,8 @@
-"""Watches the links of one robot: which fell silent, which came back, which are split.
+"""Watches the links of one robot: which fall silent, recover, or are split.
 
-A link is *split* when its transport looks alive and nothing comes over it: Zenoh can do that
-for good (see `zenoh_transport`), and nothing but a new session repairs it. A process that
-hangs looks the same from here, but then no robot has news of it.
+A link is *split* when its transport looks alive and nothing arrives over it. Zenoh can stay like
+that for good (see `zenoh_transport`), and only a new session repairs it. A process that hangs looks
+the same from here, but then no robot has news of it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
-    """One robot as it is seen now. Times on one clock, None: never.
+    """One robot as seen now. Times are on one clock; None: never.
 
-    `heard_us`: its last beat over its own link; `news_us`: the last of it over any way.
+    `heard_us`: its last beat over its own link; `news_us`: the last news of it by any way.
     """
 
     heard_us: int | None
@@ -25,8 +25,10 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class LinkEvent:
-    """`what` is link_up (heard for the first time), link_silent, link_heard (again), or
-    link_unwatched: silent, of a robot that is no neighbour any more.
+    """A change of a link.
+
+    `what` is `link_up` (heard for the first time), `link_silent`, `link_heard` (again), or
+    `link_unwatched` (silent, of a robot that is no longer a neighbour).
     """
 
     what: str
@@ -38,16 +40,16 @@ class LinkEvent:
 class _Link:
     heard_us: int | None
     is_silent: bool = False
-    # Since when there has been a transport, and nothing came over it.
+    # Since when there has been a transport over which nothing came.
     mute_us: int | None = None
 
 
 class LinkWatch:
-    """Call `look` regularly, then `split`.
+    """Detects changes of links. Call `look` regularly, then `split`.
 
-    After `lease_us` of silence a link is reported as silent; it must be long enough for a dead
-    one to have lost its transport. After two leases with a transport and without a beat it is
-    split, if others have news of the robot; after five and more if none has. Each further
+    After `lease_us` of silence a link is reported as silent; the lease must be long enough for a
+    dead link to have lost its transport. After two leases with a transport and without a beat, it
+    is split if other robots have news of the robot; after five or more if none has. Each further
     reopening must wait twice as long, until no link is split.
     """
 
@@ -58,7 +60,7 @@ class LinkWatch:
         self._not_before_us = 0
 
     def look(self, robots: Mapping[str, Sighting], now_us: int) -> list[LinkEvent]:
-        """Take in how the links are now; returns what has changed."""
+        """Update the links; return what has changed."""
         events = []
         for gone in [robot for robot in self._links if robot not in robots]:
             link = self._links.pop(gone)
@@ -91,9 +93,9 @@ class LinkWatch:
         return None
 
     def split(self, robots: Mapping[str, Sighting], rank: int, now_us: int) -> str | None:
-        """A robot from which this one is split, so that the session must be reopened now.
+        """Return a robot from which this one is split, if the session must be reopened now.
 
-        `rank`: this robot's place among all, so that not all reopen at once.
+        `rank` is this robot's position among all, so that not all reopen at once.
         """
         mute = {
             robot: now_us - link.mute_us
@@ -112,7 +114,7 @@ class LinkWatch:
         return None
 
     def reopened(self, now_us: int) -> None:
-        """The session is a new one: all links start anew."""
+        """Reset all links, because the session is a new one."""
         for link in self._links.values():
             link.mute_us = None
         self._not_before_us = now_us + self._patience_us

@@ -1,4 +1,4 @@
-"""Times of day as people write them, without an offset: which moment is meant, if it is one."""
+"""Interprets local times without an offset, and refuses those that are not a unique moment."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ import re
 import zoneinfo
 from datetime import MAXYEAR, MINYEAR, UTC, datetime
 
-# Zones that are written out, as in `CET-1CEST`; POSIX.
+# Zones written out, as in `CET-1CEST` (POSIX).
 _WRITTEN_OUT = re.compile(r"([A-Za-z]{3,}|<[A-Za-z0-9+-]{3,}>)[+-]?\d.*|UTC|GMT", re.ASCII)
 
 
 def moment_of(when: datetime) -> datetime:
-    """A time with an offset: as it is; one without: of the machine's time zone.
+    """Return a time with an offset unchanged; interpret one without in the machine's time zone.
 
-    Raises ValueError for a time that the clocks there skip or show twice, for a zone that this
-    machine does not know, which the system takes for UTC, or that is none, and for the first and
-    the last of all years, of which other zones have no times.
+    Raises ValueError for a time that the clocks there skip or show twice; for a zone unknown to
+    this machine, which the system would treat as UTC, or 24 hours or more from UTC; and for the
+    first and the last possible year, whose times may not exist in other zones.
     """
     if when.year >= MAXYEAR:
         raise ValueError("give a time that is at most a year from now")
@@ -39,7 +39,7 @@ def moment_of(when: datetime) -> datetime:
         ) from None
     if early.utcoffset() == late.utcoffset():
         return early
-    # What is skipped comes back as another time of day.
+    # A skipped time converts back to another time of day.
     is_skipped = early.astimezone(UTC).astimezone().replace(tzinfo=None, fold=0) != when
     what = "is skipped by the clocks" if is_skipped else "comes twice"
     raise ValueError(

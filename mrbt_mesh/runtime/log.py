@@ -1,4 +1,4 @@
-"""A robot's log: lines of JSON in its file, readable ones on a terminal."""
+"""A robot's log: JSON lines in its file, readable lines on a terminal."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import Any
 from mrbt_mesh.runtime.limited_file import DEFAULT_KEEP_BYTES, LimitedLog
 from mrbt_mesh.runtime.run_dir import RunDir
 
-# Events with a `reason` that are printed as well.
+# Events whose `reason` is also printed.
 SHOWN = ("no_other_robot_heard", "address_changed")
 EVENT_COLUMNS = 30
 
 
 class RobotLog:
-    """Each method writes one event with its fields; `fields` go with all of them."""
+    """Writes events with their fields, one per call; `fields` are added to all of them."""
 
     def __init__(self, fields: Mapping[str, Any]) -> None:
         self._fields = dict(fields)
 
     def bind(self, **fields: Any) -> RobotLog:
-        """The same log, with more fields in each line."""
+        """Return the same log with more fields in each line."""
         return RobotLog(self._fields | fields)
 
     def debug(self, event: str, **fields: Any) -> None:
@@ -46,10 +46,11 @@ class RobotLog:
 
 
 def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KEEP_BYTES) -> None:
-    """JSON lines to the run directory's `<robot>.log`, or readable lines to the terminal.
+    """Log JSON lines to the run directory's `<robot>.log`, or readable lines to the terminal.
 
-    Lines that cannot be written are dropped, and counted in the file once it can be written again.
-    That a robot does not hear others is printed as well: who starts it looks there first.
+    Lines that cannot be written are dropped, and their number is logged once the file can be
+    written again. That a robot does not hear any other is also printed, because whoever starts it
+    looks there first.
     """
     global _sink
     if run_dir is None:
@@ -73,7 +74,7 @@ def configure_log(robot: str, run_dir: Path | None, keep_bytes: int = DEFAULT_KE
 
 
 def _show(said: Mapping[str, Any]) -> None:
-    """A line on standard error."""
+    """Print a line on standard error."""
     own = ("event", "level", "timestamp")
     fields = " ".join(f"{name}={_shown(value)}" for name, value in said.items() if name not in own)
     line = f"{said['timestamp']} [{said['level']:<7}] {said['event']:<{EVENT_COLUMNS}} {fields}"
@@ -81,7 +82,7 @@ def _show(said: Mapping[str, Any]) -> None:
 
 
 def _shown(value: object) -> str:
-    """Words as they are, a text with spaces in quotes."""
+    """Return a single word as it is, and a text with spaces in quotes."""
     is_word = isinstance(value, str) and value.isprintable() and value.split() == [value]
     return str(value) if is_word else repr(value)
 
@@ -94,12 +95,12 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
-# What is done with a line; until a process has configured it, it is shown.
+# Where lines go; until a process configures it, they are shown.
 _sink: Callable[[Mapping[str, Any]], None] = _show
 
 
 class StandardLog:
-    """A robot's log inside another program: that of `logging` with the name `mrbt_mesh.ROBOT`."""
+    """A robot's log inside another program: the `logging` logger named `mrbt_mesh.ROBOT`."""
 
     def __init__(self, robot: str) -> None:
         import logging
@@ -116,5 +117,5 @@ class StandardLog:
 
 
 def robot_logger(robot: str) -> RobotLog:
-    """The log of one robot."""
+    """Return the log of one robot."""
     return RobotLog({"robot": robot})

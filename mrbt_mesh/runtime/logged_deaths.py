@@ -1,4 +1,4 @@
-"""The times of deaths as the robots themselves logged what they did."""
+"""The times of deaths from the robots' own logs."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mrbt_mesh.runtime.limited_file import NewLines
 from mrbt_mesh.runtime.run_dir import RunDir
 
 SUSPECTED, DEAD, BEGUN = EVENTS = "robot_suspect", "robot_dead", "local_task_started"
-# The end of a process may be noticed here this much later than robots have lost its token.
+# The end of a process may be noticed here this much later than robots lost its token.
 LATE_US = 1_000_000
 
 
 class LoggedDeaths:
-    """Follows the logs of the robots of a run. Logs are read once, as they grow."""
+    """Follows the logs of a run's robots. Each line is read once, as the logs grow."""
 
     def __init__(self, run_dir: RunDir) -> None:
         self._run_dir = run_dir
@@ -30,7 +30,7 @@ class LoggedDeaths:
         self._starts: defaultdict[tuple[str, str, str], list[int]] = defaultdict(list)
 
     def look(self) -> None:
-        """Take in what was logged since."""
+        """Read what was logged since the last call."""
         for path in self._run_dir.path.glob("*.log"):
             for line in self._logs.setdefault(path.stem, NewLines(path)).take():
                 if any(event in line for event in EVENTS):
@@ -46,9 +46,9 @@ class LoggedDeaths:
             self._about[event, row["robot"]].append(at_us)
 
     def times_of(self, fault: MajorFault, now_us: int) -> DeathTimes:
-        """The logged times of a death; where nothing was logged, those that the fault has.
+        """Return the logged times of a death; where nothing was logged, those of the fault.
 
-        `now_us`: the time of the fault's clock now.
+        `now_us`: the current time on the fault's clock.
         """
         epoch_us, times, held = round(time.time() * 1e6) - now_us, fault.times, fault.held
         since_us = times.at_us - LATE_US * times.exact

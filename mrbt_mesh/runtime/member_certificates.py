@@ -1,6 +1,6 @@
-"""X.509 certificates for links that are encrypted: one of the team, which signs its members'.
+"""X.509 certificates for encrypted links: one of the team, which signs those of its members.
 
-All of it follows from the secrets in a folder of keys. A member's common name is its name, so that
+All of them follow from the secrets in a folder of keys. A member's common name is its name, so that
 Zenoh's access control knows the member at the other end of a link.
 """
 
@@ -22,7 +22,7 @@ VALID_UNTIL = datetime(9999, 12, 31, 23, 59, 59, tzinfo=UTC)
 
 
 def team_certificate(team_secret: bytes) -> str:
-    """The team's own certificate, in PEM: always the same for the same secret."""
+    """Return the team's own certificate in PEM; it is the same for the same secret."""
     key = certifying_key(team_secret)
     builder = _builder(key.public_key(), _team_name(key), _team_name(key), 1)
     usage = x509.BasicConstraints(ca=True, path_length=0)
@@ -30,7 +30,7 @@ def team_certificate(team_secret: bytes) -> str:
 
 
 def member_certificate(team_secret: bytes, name: str, member_secret: bytes) -> str:
-    """A member's certificate, signed by the team, in PEM."""
+    """Return a member's certificate in PEM, signed by the team."""
     team, key = certifying_key(team_secret), link_key(member_secret)
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     builder = _builder(key.public_key(), subject, _team_name(team), x509.random_serial_number())
@@ -38,14 +38,14 @@ def member_certificate(team_secret: bytes, name: str, member_secret: bytes) -> s
     builder = (
         builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
-        # TLS wants one; it is not compared with anything.
+        # TLS requires one; it is not compared with anything.
         .add_extension(x509.SubjectAlternativeName([x509.DNSName("mrbt-member")]), critical=False)
     )
     return _signed(builder, team)
 
 
 def _team_name(key: Ed25519PrivateKey) -> x509.Name:
-    """Different for each team, so that its certificate is not taken for another one's."""
+    """Return a name that differs for each team, so that certificates of teams are not confused."""
     text = f"{TEAM} {key.public_key().public_bytes_raw().hex()[:16]}"
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
 

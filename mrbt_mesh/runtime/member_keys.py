@@ -1,11 +1,11 @@
-"""The keys of a team's members: the manifest that names them, and one member's keys at work.
+"""The keys of a team's members: the manifest that lists them, and one member's keys.
 
 The manifest has the public keys and roles of all members, signed by the team's own key: one JSON
-file, the same for all, and no secret. Each change makes a greater version, so that a running team
-can take over a newer one and refuse an older one.
+file, the same for all, and no secret. Each change increases its version, so that a running team can
+apply a newer one and refuse an older one.
 
-A member has Ed25519 signatures, and tags by keys agreed with X25519. Both private keys come from
-one secret of 32 bytes. The key for the tags of two members is agreed without a message: each
+A member has Ed25519 signatures, and tags by keys agreed with X25519. Both private keys are derived
+from one secret of 32 bytes. The key for the tags of two members is agreed without a message: each
 combines its own private key with the public key of the other.
 """
 
@@ -30,15 +30,15 @@ MAX_MEMBERS = 10_000
 
 
 class ManifestError(InputError):
-    """A manifest that cannot be used; the message has the reason."""
+    """A manifest cannot be used; the message has the reason."""
 
 
 @dataclass(frozen=True)
 class PublicKeys:
-    """Those of one member: `sign` (Ed25519) and `agree` (X25519), 32 bytes each.
+    """The public keys of one member: `sign` (Ed25519) and `agree` (X25519), 32 bytes each.
 
-    `former`: keys that it signed with before. `is_revoked`: its messages are refused; facts that
-    it wrote before remain valid.
+    `former`: keys that it signed with before. `is_revoked`: its messages are refused; facts that it
+    wrote before remain valid.
     """
 
     role: Role
@@ -50,7 +50,7 @@ class PublicKeys:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The members of a team by name. `authority`: the public key that its signature belongs to."""
+    """The members of a team by name. `authority` is the public key that verifies its signature."""
 
     version: int
     authority: bytes
@@ -58,12 +58,12 @@ class Manifest:
     signature: bytes = b""
 
     def signed(self, authority: Ed25519PrivateKey) -> Manifest:
-        """The same with its signature."""
+        """Return a signed copy."""
         signature = authority.sign(_content(self))
         return Manifest(self.version, self.authority, self.members, signature)
 
     def to_text(self) -> str:
-        """As a file."""
+        """Return the content of the manifest's file."""
         data = _plain(self) | {"signature": self.signature.hex()}
         return json.dumps(data, indent=1, sort_keys=True) + "\n"
 
@@ -92,9 +92,9 @@ def _content(manifest: Manifest) -> bytes:
 
 
 def parse_manifest(text: str, authority: bytes | None = None) -> Manifest:
-    """A manifest from its file, its signature checked; raises ManifestError.
+    """Parse a manifest and check its signature. Raises ManifestError.
 
-    `authority`: the key that must have signed it; None: the one that it names.
+    `authority`: the key that must have signed it; None: the key that it names.
     """
     try:
         data = json.loads(text)
@@ -157,22 +157,22 @@ def _private_keys(secret: bytes) -> tuple[Ed25519PrivateKey, X25519PrivateKey]:
 
 
 def signing_key(secret: bytes) -> Ed25519PrivateKey:
-    """The key that a secret signs with: a member's, or the team's."""
+    """Return the key that a secret signs with: a member's, or the team's."""
     return _private_keys(secret)[0]
 
 
 def certifying_key(secret: bytes) -> Ed25519PrivateKey:
-    """The key by which a team's secret signs certificates."""
+    """Return the key by which a team's secret signs certificates."""
     return Ed25519PrivateKey.from_private_bytes(_derived(secret, b"mrbt certify"))
 
 
 def link_key(secret: bytes) -> Ed25519PrivateKey:
-    """The key of a member's certificate."""
+    """Return the key of a member's certificate."""
     return Ed25519PrivateKey.from_private_bytes(_derived(secret, b"mrbt link"))
 
 
 def public_member(secret: bytes, role: Role) -> PublicKeys:
-    """The entry of the manifest for the holder of this secret."""
+    """Return the manifest's entry for the holder of this secret."""
     sign, agree = _private_keys(secret)
     return PublicKeys(
         role, sign.public_key().public_bytes_raw(), agree.public_key().public_bytes_raw()
@@ -188,7 +188,7 @@ class MemberKeys:
         self.replace(manifest)
 
     def replace(self, manifest: Manifest) -> None:
-        """Go by this manifest from now on."""
+        """Use this manifest from now on."""
         self.manifest = manifest
         self._members = {
             name: member
@@ -204,7 +204,7 @@ class MemberKeys:
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the manifest has revoked this very key, or put another one in its place."""
+        """True if the manifest has revoked or replaced this member's key."""
         member = self._members.get(self._name)
         return member is None or member.sign != self._sign.public_key().public_bytes_raw()
 
@@ -234,7 +234,7 @@ class MemberKeys:
             try:
                 agreed = self._agree.exchange(X25519PublicKey.from_public_bytes(member.agree))
             except ValueError:
-                return None  # no point of the curve that a secret could come of
+                return None  # a point of the curve that yields no secret
             key = self._shared[name] = _derived(agreed, b"mrbt tag")
         return hashlib.blake2b(data, key=key, digest_size=TAG_BYTES).digest()
 
@@ -242,8 +242,9 @@ class MemberKeys:
 def was_signed(
     manifest: Manifest, name: str, data: bytes, signature: bytes, role: Role = Role.ROBOT
 ) -> bool:
-    """Whether a member with this role signed this, with any key that it has or had: see
-    `Keys.was_signed`.
+    """Return whether a member with this role signed this, with any present or former key.
+
+    See `Keys.was_signed`.
     """
     member = manifest.members.get(name)
     if member is None or member.role is not role:

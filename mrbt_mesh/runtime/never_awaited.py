@@ -1,7 +1,7 @@
-"""Finds coroutines that a program makes and never awaits: a forgotten `await`.
+"""Finds coroutines that a program creates and never awaits: a forgotten `await`.
 
-Python warns of each when it is deleted, with the name alone. Here the call of the program that made
-it is told, so that it fails instead of having succeeded after no time.
+Python warns of each when it is deleted, with its name only. Here the program's call that created it
+is told, so that it fails instead of succeeding at once.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-# How far to look back for the line of the program that made a coroutine.
+# How many frames to record, to find the program's line that created a coroutine.
 DEPTH = 5
 
 Frames = list[tuple[str, int]]
@@ -22,10 +22,10 @@ _is_collecting = False
 
 
 def tell_of_never_awaited(tell: Callable[[str, Frames], bool]) -> None:
-    """Call `tell` with the name of each such coroutine and where it was made, the outermost first.
+    """Call `tell` with each such coroutine's name and its frames of creation, outermost first.
 
-    Python warns as usual where `tell` returns False, and of what is only found by the collector of
-    garbage, in whichever call that runs.
+    Python warns as usual if `tell` returns False, and for coroutines found only by the garbage
+    collector, which may run in any call.
     """
 
     def warn(coroutine: Any) -> None:
@@ -48,7 +48,7 @@ def _here() -> Frames:
 
 @contextmanager
 def noting_where_coroutines_are_made() -> Iterator[None]:
-    """For coroutines that are made within."""
+    """Track the origin of coroutines that are created in this context."""
     before = sys.get_coroutine_origin_tracking_depth()
     sys.set_coroutine_origin_tracking_depth(max(before, DEPTH))
     try:

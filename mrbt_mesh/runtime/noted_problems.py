@@ -1,5 +1,6 @@
-"""What robots' processes note in the run directory because they cannot tell the team: what blocks
-their event loops, and why they have died.
+"""Problems that robots' processes note in the run directory because they cannot tell the team.
+
+These are what blocks their event loops, and why they have died.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from mrbt_mesh.runtime.run_dir import RunDir
 
 
 def take_noted_problems(run_dir: RunDir, record: RunRecord, now_us: int) -> bool:
-    """Put them into the record of a run; returns whether there are any."""
+    """Add them to the record of a run; return whether there are any."""
     blocked = {robot: run_dir.blocked(robot) for robot in run_dir.blocked_robots()}
     died = {robot: run_dir.last_words(robot) for robot in run_dir.died_robots()}
     found = [(robot, SUBJECT, text) for robot, text in blocked.items() if text]

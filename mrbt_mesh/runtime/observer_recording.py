@@ -20,10 +20,10 @@ from mrbt_mesh.runtime.recording import GuardedRecorder, cannot_record, metadata
 
 @dataclass(frozen=True)
 class RecordTo:
-    """Where an observer records; with `beats` also every heartbeat.
+    """Where an observer records; with `beats`, every heartbeat as well.
 
-    `speed`: how many times faster simulated robots work. `limit_bytes`: the recording ends there.
-    `has_summary`: the observer writes summary.json at the end of the run.
+    `speed`: how many times faster simulated robots work. `limit_bytes`: the size at which the
+    recording ends. `has_summary`: the observer writes summary.json at the end of the run.
     """
 
     path: Path
@@ -39,7 +39,7 @@ def observer_recording(
     run: str,
     keys: Keys | None,
 ) -> GuardedRecorder[ObserverRecorder]:
-    """Begin to record what an observer hears; raises InputError if that cannot be."""
+    """Begin to record what an observer hears. Raises InputError if that is impossible."""
     metadata = replace(
         observer_metadata(observer, run, keys is not None),
         speed=to.speed,
@@ -59,7 +59,7 @@ def observer_recording(
 def to_observers_record(
     recorder: ObserverRecorder, observer: Observer
 ) -> GuardedRecorder[ObserverRecorder]:
-    """A recording whose end is an entry of the observer's own record."""
+    """Guard a recorder; the end of its recording becomes an entry of the observer's record."""
 
     def report(reason: str) -> None:
         observer.record.say(boottime_us(), f"nothing is recorded any more: {reason}")
@@ -68,6 +68,6 @@ def to_observers_record(
 
 
 def observer_metadata(observer: Observer, run: str, has_keys: bool) -> RunMetadata:
-    """The metadata of an observer's recording."""
+    """Return the metadata of an observer's recording."""
     found = metadata_of(observer.mission, OBSERVER, run, observer.membership.timing)
     return replace(found, has_keys=has_keys)

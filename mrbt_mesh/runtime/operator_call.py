@@ -1,8 +1,8 @@
-"""How an operator's client commands a team: to all robots at once, until enough of them have it.
+"""How an operator's client commands a team: it asks all robots at once, until enough have it.
 
-Acknowledged means that the journals of enough robots hold the command, and the answer tells what
-its subject has become. A robot that keeps no journal counts if it has the command, unless that is
-about a job. Refused means that it is not in force.
+A command is acknowledged once the journals of enough robots hold it; the answer tells the new state
+of its subject. A robot that keeps no journal counts if it has the command, unless the command is
+about a job. A refused command is not in force.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from mrbt_mesh.core.facts.records import JOB_KINDS
 from mrbt_mesh.core.facts.store import Entry, Version
 from mrbt_mesh.errors import InputError
 
-# A robot that does not answer for so long is asked again; late answers count too.
+# A robot is asked again after this time without an answer; late answers count too.
 ANSWER_S = 1.0
 CALL_TIMEOUT_S = 10.0
 AGAIN_S = 0.1
-# For so long the rest of the robots may answer, if those that do not are to be named.
+# How long the remaining robots may answer, where silent ones are named.
 REST_S = 0.3
 ID_BYTES = 8
-# A cause of a refusal: no robot of the team is heard.
+# Cause of a refusal: no robot of the team is heard.
 NOT_HEARD = "not_heard"
 
 
 class CommandRefusedError(InputError):
-    """A team has refused a command; the text says why, and what its subject is.
+    """A team has refused a command; the message says why, and the state of its subject.
 
-    `cause`: `invalid`, `unknown` (there is no such subject), `conflict` (the field has another
-    value for good), `ended` (it is too late), `out_of_range` (a time), `full`, or `not_heard`
-    (no robot is).
+    `cause` is `invalid`, `unknown` (no such subject), `conflict` (the field already has another,
+    final value), `ended` (too late), `out_of_range` (a time), `full`, or `not_heard` (no robot is
+    heard).
     """
 
     def __init__(self, text: str, cause: str) -> None:
@@ -54,8 +54,10 @@ class CommandRefusedError(InputError):
 
 @dataclass(frozen=True)
 class Acknowledged:
-    """A command is in force. `state`: what its subject has become. `robots`: those whose journals
-    hold it; `silent`: those that have not answered, both sorted.
+    """A command is in force.
+
+    `state` is the new state of its subject. `robots` are those whose journals hold it, `silent`
+    those that have not answered; both are sorted.
     """
 
     state: dict[str, Any]
@@ -63,7 +65,7 @@ class Acknowledged:
     silent: tuple[str, ...]
 
     def text(self, what: str) -> str:
-        """`what`, and which robots do not have it yet."""
+        """Return `what`, followed by the robots that do not have the command yet."""
         return f"{what}; {_not_answered(self.silent)}" if self.silent else what
 
 
@@ -71,11 +73,12 @@ class Acknowledged:
 class OperatorCall:
     """One command to a team.
 
-    `make`: the command's entry with a version. `ask`: a robot's answer to a step of it, which it
-    passes on or not; None if there is none. `robots`: those that are heard; `team`: all of the
-    mission. `wanted`: how many journals are to hold it; `needs`: which in any case.
-    `is_checked_first`: robots may refuse it.
-    `rest_s`: how long it waits for the rest of the robots once enough have the command.
+    `make` returns the command's entry for a version. `ask` returns a robot's answer to a step of
+    it, or None; its last argument says whether the robot passes the command on. `robots` returns
+    the robots that are heard; `team` are all of the mission. `wanted` is the number of journals
+    that must hold it; `needs` are robots that must have it in any case. `is_checked_first`: robots
+    may refuse it. `rest_s` is how long it waits for the remaining robots once enough have the
+    command.
     """
 
     make: Callable[[Version], Entry]
@@ -88,13 +91,13 @@ class OperatorCall:
     rest_s: float = 0.0
     timeout_s: float = CALL_TIMEOUT_S
     _unkept: set[str] = field(default_factory=set)  # Robots that have a job but no journal for it.
-    # Those that would take the command when they were asked to check it.
+    # Robots that would take the command when asked to check it.
     _answering: set[str] = field(default_factory=set)
     _may_be_written: bool = False
     _id: str = field(default_factory=lambda: secrets.token_hex(ID_BYTES))
 
     async def carry_out(self, stamp: int) -> Acknowledged:
-        """Give the command, with this stamp at first. Raises CommandRefusedError, TimeoutError."""
+        """Give the command, starting with this stamp. Raises CommandRefusedError, TimeoutError."""
         entry, keepers = self.make(command_version(stamp, self._id)), dict[str, dict[str, Any]]()
         is_checked = not self.is_checked_first
         with anyio.move_on_after(self.timeout_s):
@@ -117,7 +120,7 @@ class OperatorCall:
         return Acknowledged(latest["state"], tuple(sorted(keepers)), tuple(sorted(silent)))
 
     def _shortage(self, keepers: Collection[str]) -> str:
-        """Which robots have it, and of each other one why it does not count."""
+        """Say which robots have the command, and why each other one does not count."""
         heard = {*self.team, *self.needs, *self.robots()}
         if lacking := sorted({*self.needs} - {*keepers} - self._answering):
             verb = "have" if len(lacking) > 1 else "has"
@@ -143,8 +146,10 @@ class OperatorCall:
         return len(robots) >= self.wanted and all(robot in robots for robot in self.needs)
 
     async def _check(self, entry: Entry) -> int | None:
-        """Have enough robots check the command, so that nothing of one that is refused is written;
-        returns as `_round`. If another client commands the same at the same time, one gives up.
+        """Let enough robots check the command, so that nothing is written of a refused one.
+
+        Returns the same as `_round`. If another client gives a command for the same subject at the
+        same time, one of them gives up.
         """
         try:
             return await self._round(CommandStep.CHECK, entry, {})
@@ -156,7 +161,7 @@ class OperatorCall:
         return entry.version.incarnation.counter
 
     async def _give_up(self, entry: Entry) -> None:
-        """Free what robots have reserved."""
+        """Release what robots have reserved."""
 
         async def ask(robot: str) -> None:
             await self.ask(robot, CommandStep.GIVE_UP, entry, False)
@@ -169,8 +174,9 @@ class OperatorCall:
     async def _round(
         self, step: CommandStep, entry: Entry, takers: dict[str, dict[str, Any]]
     ) -> int | None:
-        """Ask all robots until enough have taken the step; None then, or the newest stamp that is
-        known if another command has been given since.
+        """Ask all robots until enough have taken the step. Returns None then.
+
+        If another command has been given since, returns the newest known stamp.
         """
         refused: dict[str, CommandRefusedError] = {}
         final = set[str]()  # Those that refuse it for good.
@@ -220,13 +226,17 @@ class OperatorCall:
         return max(later) if later else None
 
     def _passes_on(self, robot: str, entry: Entry) -> bool:
-        """Of the many commands about jobs one robot passes each on, others all do."""
+        """Return whether a robot passes the command on.
+
+        Commands about jobs, of which there are many, are passed on by one robot; other commands by
+        all.
+        """
         robots = sorted(self.robots())
         first = robots[crc32(entry.name.encode()) % len(robots)] if robots else robot
         return entry.parts[0] not in JOB_KINDS or robot == first
 
     async def _rest(self, asked: Collection[str], takers: Collection[str]) -> None:
-        """Give the others a moment to answer, so that only those are named that do not."""
+        """Give the remaining robots a moment to answer, so that only silent ones are named."""
         with anyio.move_on_after(self.rest_s):
             while any(robot not in takers for robot in asked):
                 await anyio.sleep(REST_S / 30)
@@ -259,18 +269,21 @@ class OperatorCall:
 
 
 def _how_new(answer: dict[str, Any]) -> tuple[bool, Any, int]:
-    """A robot that has a change of a job before the job itself knows no more of it than its id."""
+    """Sort key of answers.
+
+    A robot that has a job's change before the job itself knows only its id.
+    """
     return len(answer["state"]) > 1, answer["newest"] or [0, ""], answer["stamp"]
 
 
 def _is_put_off(answer: dict[str, Any], step: CommandStep) -> bool:
-    """Whether the robot may take the step a moment later."""
+    """True if the robot may take the step a moment later."""
     cause = answer.get("cause")
     return cause == NOT_READY or (cause == CONTENDED and step is CommandStep.WRITE)
 
 
 def _is_final(refusal: dict[str, Any], step: CommandStep) -> bool:
-    """Whether the robot will not take the step, even if another one has."""
+    """True if the robot will never take the step, even if another one has."""
     is_lost = refusal["cause"] == CONFLICT and not refusal.get("may_win")
     return is_lost or step is CommandStep.CHECK
 
@@ -280,13 +293,13 @@ def _not_answered(robots: Sequence[str]) -> str:
 
 
 def _listed(robots: Collection[str]) -> str:
-    """`2 robots (A, B)`."""
+    """Return `2 robots (A, B)`."""
     count = "1 robot" if len(robots) == 1 else f"{len(robots)} robots"
     return f"{count} ({', '.join(sorted(robots)) or 'nobody'})"
 
 
 def _checked(answer: dict[str, Any] | None) -> dict[str, Any] | None:
-    """An answer with all that belongs to it, None if it lacks some."""
+    """Return a complete answer, or None if parts are missing."""
     if answer is None:
         return None
     wanted = {"taken", "kept", "newest", "stamp", "state"}

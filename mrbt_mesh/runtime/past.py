@@ -1,4 +1,4 @@
-"""What happened in a run before somebody came to watch it, from the recordings in its folder."""
+"""Tells what happened in a run before an observer came, from the recordings in its folder."""
 
 from __future__ import annotations
 
@@ -16,23 +16,22 @@ from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.process_identity import is_this_clock
 from mrbt_mesh.runtime.solver_loader import chosen_engine
 
-# Recordings that begin so much later than another one count as begun with it.
+# Recordings that begin within this time of the first count as beginning with it.
 BEGINS_WITHIN_US = 1_000_000
-# If others hold what happened so much later, an observer has ended.
+# If other recordings extend this much later, the observer has ended.
 STILL_WRITTEN_US = 10_000_000
 
 
 def tell_past(
     observer: Observer, run_dir: Path, started_unix_s: float, living: Collection[str]
 ) -> int | None:
-    """Tell an observer that hears nothing yet what was recorded of its run, which began then.
+    """Feed an observer that hears nothing yet with the recordings of its run.
 
-    Returns until when it was recorded, in microseconds of this machine's clock; None: not at all.
-
-    `living`: the robots whose processes run now; what they and who launched them record is whole
-    until now, also where nothing has happened for a while. Where one recording ends, as that of a
-    robot that died, another one goes on. What no recording holds, from the start of the run until
-    now, is noted as not watched.
+    Returns until when the run was recorded, in microseconds of this machine's clock; None if it was
+    not recorded at all. `living` are the robots whose processes run now; recordings by them and by
+    their launcher are complete until now, even if nothing has happened for a while. Where one
+    recording ends, e.g. that of a robot that died, another one continues. Gaps between
+    `started_unix_s` and now that no recording covers are noted as not watched.
     """
     record = observer.record
     found, problem = _recordings(observer, run_dir, living)
@@ -54,7 +53,7 @@ def tell_past(
 
 @dataclass(frozen=True)
 class _Told:
-    """One recording of the run. `until_us`: so far it is whole."""
+    """One recording of the run, complete until `until_us`."""
 
     recording: Recording
     end_us: int
@@ -62,7 +61,7 @@ class _Told:
 
     @property
     def is_observers(self) -> bool:
-        """An observer has heard all robots, and knows when processes ended."""
+        """True for an observer's recording: it heard all robots, and knows when processes ended."""
         return not self.recording.metadata.robot
 
 
@@ -74,7 +73,7 @@ def _epoch_us() -> int:
 def _recordings(
     observer: Observer, run_dir: Path, living: Collection[str]
 ) -> tuple[list[_Told], str]:
-    """The recordings of the run, and why one cannot be read."""
+    """Return the recordings of the run, and why one cannot be read."""
     found, problem, wanted = [], "", (observer.facts.run, observer.mission.team_digest)
     for path in first_parts([*observer_files(run_dir), *robot_files(run_dir)]):
         try:
@@ -85,7 +84,7 @@ def _recordings(
         said = recording.metadata
         if (said.run, said.team_digest) != wanted or not recording.records:
             continue
-        # It may be of another machine, or of before this one was started again.
+        # It may be from another machine, or from before this one rebooted.
         is_same = is_this_clock(said.clock)
         ahead_us = 0 if is_same else said.epoch_ns // 1_000 - _epoch_us()
         records = recording.records.shifted(ahead_us)
@@ -95,7 +94,7 @@ def _recordings(
 
 
 def _until_now(told: _Told, found: Sequence[_Told], living: Collection[str]) -> _Told:
-    """A recording that is still written is whole until now; one of an earlier process ends."""
+    """Extend a recording that is still written until now; one of an earlier process has ended."""
     robot = told.recording.metadata.robot
     if robot:
         is_written = robot in living
@@ -109,7 +108,7 @@ def _until_now(told: _Told, found: Sequence[_Told], living: Collection[str]) -> 
 
 
 def _next(found: Sequence[_Told], until_us: int | None) -> _Told | None:
-    """The recording that goes on where those before have ended; None: none does."""
+    """Return the recording that continues where the previous ones end; None if there is none."""
     later = [each for each in found if until_us is None or each.end_us > until_us]
     if not later:
         return None
@@ -120,7 +119,10 @@ def _next(found: Sequence[_Told], until_us: int | None) -> _Told | None:
 
 
 def _tell(observer: Observer, told: _Told, known_until_us: int | None) -> int:
-    """Returns until when all is known then. Raises RecordingError."""
+    """Play one recording to the observer; return until when everything is known.
+
+    Raises RecordingError.
+    """
     begin_us = told.recording.begin_us
     if known_until_us is not None and begin_us > known_until_us + BEGINS_WITHIN_US:
         observer.watch_from(begin_us, known_until_us)

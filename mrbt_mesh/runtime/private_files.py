@@ -1,7 +1,7 @@
-"""Folders whose content is obeyed: they are one's own, and nobody else can write there.
+"""Checks folders whose content is trusted: only their owner may write there.
 
-Whoever can write in a run directory or a folder of keys can tell robots anything, and can plant
-links to files that are then overwritten. So both are checked as ssh checks its own files.
+Whoever can write to a run directory or a folder of keys can tell robots anything, and can plant
+links to files that are then overwritten. So both are checked in the way that ssh checks its files.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 
 def check_folder(path: Path, what: str) -> None:
-    """Raise InputError if a folder that exists is a link, another user's, or writable by others."""
+    """Raise InputError if an existing folder is a link, belongs to another user, or is writable by
+    others.
+    """
     try:
         found = path.lstat()
     except OSError:
@@ -35,5 +37,7 @@ def check_folder(path: Path, what: str) -> None:
 
 
 def private_opener(path: str, flags: int) -> int:
-    """For `open(..., opener=)`: what it makes is for its owner alone, and no link is followed."""
+    """Opener for `open(..., opener=)`: new files are private to their owner, and links are not
+    followed.
+    """
     return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)

@@ -1,4 +1,4 @@
-"""Which process wrote a file, and whether that one still runs. No step of a clock changes it."""
+"""Identifies the process that wrote a file, and whether it still runs, whatever the clock does."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ _START_TICKS = 19  # among the fields of /proc/PID/stat after the name: see proc
 
 
 def identity_of_this_process() -> str:
-    """The pid of this process and what tells it from others with that pid, for `process_in`."""
+    """Return this process's pid and what distinguishes it from others with that pid, for
+    `process_in`.
+    """
     return json.dumps({"pid": os.getpid(), "started": _started(os.getpid())})
 
 
 def identity_of(pid: int) -> str:
-    """That of another process. Raises OSError if there is none."""
+    """Return the identity of another process. Raises OSError if there is none."""
     return json.dumps({"pid": pid, "started": _started(pid)})
 
 
 def clock_id() -> str:
-    """Which clock `boottime_us` reads: of which boot of which machine, in which time namespace.
+    """Identify the clock that `boottime_us` reads: the machine's boot, and the time namespace.
 
-    Times of one clock can be compared, whatever the wall clock was set to meanwhile. Empty where
-    that is not known.
+    Times of one clock can be compared, whatever the wall clock was set to meanwhile. Empty if it is
+    not known.
     """
     try:
         boot = _BOOT_ID.read_text(encoding="ascii").strip()
@@ -40,15 +42,18 @@ def clock_id() -> str:
 
 
 def is_this_clock(clock: object) -> bool:
-    """Whether what a file says was read from the clock that this process reads now.
+    """Return whether a file's times are on the clock that this process reads now.
 
-    `clock`: the `clock_id` that the file has. An empty one, or none, counts as another clock.
+    `clock`: the `clock_id` in the file. An empty one, or none, counts as another clock.
     """
     return bool(clock) and clock == clock_id()
 
 
 def process_in(path: Path) -> psutil.Process | None:
-    """The process with the identity in a file, if it runs; another one with its pid is none."""
+    """Return the process whose identity is in a file, if it runs.
+
+    None if another one has its pid.
+    """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         if _started(data["pid"]) != data["started"]:
@@ -65,9 +70,9 @@ def process_in(path: Path) -> psutil.Process | None:
 
 
 def _started(pid: int) -> str:
-    """When a process began: which boot of the machine, and how many ticks after it.
+    """Return when a process began: which boot of the machine, and how many ticks after it.
 
-    On Linux its Unix time is no use: it is counted from a time of boot that follows the clock.
+    On Linux its Unix time is useless: it is computed from a time of boot that follows the clock.
     """
     if sys.platform != "linux":
         import psutil
@@ -77,6 +82,6 @@ def _started(pid: int) -> str:
         except psutil.Error as error:
             raise ProcessLookupError(str(error)) from error
     boot = _BOOT_ID.read_text(encoding="ascii").strip()
-    # The name may have blanks and parentheses.
+    # The name may contain blanks and parentheses.
     fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()
     return f"{boot}/{int(fields[_START_TICKS])}"

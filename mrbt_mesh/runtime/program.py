@@ -86,7 +86,7 @@ class Decorate(Protocol):
 
 
 class RegisterTask(Protocol):
-    """What `local_task("name")` is: it returns the function, or the class, that it is given."""
+    """The type of `local_task("name")`: it returns the function or class that it is given."""
 
     @overload
     def __call__(self, target: _Task) -> _Task: ...
@@ -96,8 +96,9 @@ class RegisterTask(Protocol):
 
 @dataclass
 class ProgramFunctions:
-    """What a program has registered; for the runtime. `travel` is called with a place,
-    `travel_time` with two.
+    """The functions that a program has registered, for the runtime.
+
+    `travel` is called with one place, `travel_time` with two.
     """
 
     local_tasks: dict[str, ProgramFunction] = field(default_factory=dict)
@@ -110,15 +111,15 @@ class ProgramFunctions:
 
     @cached_property
     def leaves(self) -> LeafRegistry:
-        """The leaves of BehaviorTree.CPP trees that are local tasks: `mrbt_mesh.btcpp.Leaves`."""
+        """The leaves of trees that are local tasks: see `mrbt_mesh.btcpp.Leaves`."""
         return FILE_FORMATS.load("xml").leaves()
 
     def local_task(self, kind: str) -> ProgramFunction | None:
-        """The function for a local-task type, or None."""
+        """Return the function for a local-task type, or None."""
         return self.local_tasks.get(kind, self.local_tasks.get("*"))
 
     def bid(self, kind: str) -> ProgramFunction | None:
-        """The function that bids for a local-task type, or None."""
+        """Return the bid function for a local-task type, or None."""
         return self.bids.get(kind, self.bids.get("*"))
 
     def check_computer(self) -> None:
@@ -128,9 +129,10 @@ class ProgramFunctions:
 
 
 class RobotProgram:
-    """Collects what one robot can do: `local_task` for actions, `bid` for how well it would do
-    them, `travel` for ways to places, `travel_time` for how long these take, `background` for
-    sensors.
+    """Collects what one robot can do.
+
+    `local_task` registers actions, `bid` how well it would perform them, `travel` ways to places,
+    `travel_time` how long these take, and `background` sensors.
 
     `record_work`: every start of a local task, and its end or cancellation, is a line of the run's
     events.jsonl.
@@ -173,11 +175,11 @@ class RobotProgram:
     def bid(self, target: Any = None) -> Any:
         """Register a function, async or not, for this robot's performance in a local task.
 
-        It is called once per activation where the mission has `performance: bid`, also while the
-        robot is busy, and has to answer soon. It returns a number from -1e6 to 1e6, larger is
-        better; a cost is a negative performance. None or an exception is no bid: this robot is the
-        last to be chosen. Arguments are converted as those of local tasks. `"*"` serves every local
-        task without a function of its own. Raises ProgramError.
+        It is called once per activation if the mission has `performance: bid`, even while the robot
+        is busy, and must answer soon. It returns a number from -1e6 to 1e6; larger is better, and a
+        cost is a negative performance. None or an exception means no bid: this robot is chosen
+        last. Arguments are converted like those of local tasks. `"*"` serves every local task
+        without a function of its own. Raises ProgramError.
         """
 
         def register(name: str, function: Any) -> None:
@@ -206,12 +208,12 @@ class RobotProgram:
             @robot.travel_time
             def seconds(origin: str, goal: str) -> float: ...
 
-        Schedules use it in place of the mission's speeds and ways. It is called for each pair of
+        Schedules use it instead of the mission's speeds and ways. It is called for each pair of
         places that this robot may need, when the robot starts and after
-        `RobotContext.update_travel_times`. It returns seconds, at most 1e6, or None: as the mission
-        declares. If it raises, returns anything else, or takes more than 5 s for all pairs, the
-        mission's values are used for all ways of this robot, and observers see why. Raises
-        ProgramError for a second one, and for a function that cannot be called like this.
+        `RobotContext.update_travel_times`. It returns seconds, at most 1e6, or None for the
+        mission's value. If it raises, returns anything else, or takes more than 5 s for all pairs,
+        the mission's values are used for all ways of this robot, and observers see why. Raises
+        ProgramError for a second function, and for one that cannot be called like this.
         """
         function = travel_time_function(target)
         self._functions.travel_time = _only(function, self._functions.travel_time)
@@ -291,7 +293,7 @@ class RobotProgram:
         return cast(Decorate, decorate)
 
     def enum(self, name: str, number: int) -> None:
-        """Give a name in the scripts of such trees its number."""
+        """Define a named number for the scripts of such trees."""
         self._functions.leaves.enums[name] = number
 
     async def run_tree(
@@ -312,14 +314,14 @@ class RobotProgram:
     # -- checks -------------------------------------------------------------------------------
 
     def for_mission(self, check: MissionCheck) -> None:
-        """Have `check(mission, robots)` called before this program is used for a mission.
+        """Register `check(mission, robots)`, called before this program is used for a mission.
 
         It raises InputError for what does not fit, e.g. a robot that a configuration file lacks.
         """
         self._functions.mission_checks.append(check)
 
     def before_start(self, check: Callable[[], None]) -> None:
-        """Have `check` called before a robot with this program starts.
+        """Register `check()`, called before a robot with this program starts.
 
         It raises InputError for what this computer lacks: a library, a device, another Python.
         """
@@ -327,13 +329,14 @@ class RobotProgram:
 
 
 def functions_of(program: RobotProgram) -> ProgramFunctions:
-    """What a program has registered, for the runtime and tests."""
+    """Return the functions that a program has registered, for the runtime and tests."""
     return program._functions
 
 
 def _decorated(target: Any, register: Callable[[str, Any], object]) -> Any:
-    """All forms of a decorator: `@decorate("name")`, and with the function's name `@decorate` and
-    `@decorate()`.
+    """Implement all forms of a decorator: `@decorate("name")`, `@decorate` and `@decorate()`.
+
+    The last two use the function's name.
     """
     if target is None:
         return partial(_decorated, register=register)
@@ -349,7 +352,7 @@ def _decorated(target: Any, register: Callable[[str, Any], object]) -> Any:
 
 
 def _only(function: ProgramFunction, first: ProgramFunction | None) -> ProgramFunction:
-    """The function, if it is the first of its kind."""
+    """Return the function. Raises ProgramError if it is not the first of its kind."""
     if first is not None:
         kind = function.what.partition(" function")[0]
         text = f"a program has one {kind} function; the first is at {first.place}"

@@ -1,4 +1,4 @@
-"""A registered function of a robot's program: its parameters, and the types of its arguments."""
+"""The registered functions of a robot's program: their parameters and the types of arguments."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _CONTEXTS = {kind.__name__: kind for kind in (RobotContext, TaskContext)}
 
 
 class ProgramError(InputError):
-    """A robot program that cannot be used; the message names the place and the remedy."""
+    """A robot program cannot be used; the message names the place and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """`type`: what an argument, a text, is converted to, or the context that it receives."""
+    """A parameter. `type` is what a text is converted to, or the context that it receives."""
 
     name: str
     type: type
@@ -41,7 +41,10 @@ class Parameter:
         return issubclass(self.type, RobotContext)
 
     def value(self, text: str) -> Any:
-        """An argument, converted as the ports of a tree's leaves are. Raises ValueError."""
+        """Convert an argument in the same way as the ports of a tree's leaves.
+
+        Raises ValueError.
+        """
         if self.type is str:
             return text
         try:
@@ -64,7 +67,7 @@ class Parameter:
 class ProgramFunction:
     """Called with a context and texts, it calls `function` with what its parameters ask for.
 
-    `what` names it in messages; `rest`: its `*arguments`; `code`: the user's own function.
+    `what` names it in messages, `rest` is its `*arguments`, and `code` is the user's own function.
     """
 
     what: str
@@ -96,12 +99,12 @@ class ProgramFunction:
 
     @property
     def place(self) -> str:
-        """`path/to/robot.py:12`, or its name where it has no place."""
+        """`path/to/robot.py:12`, or its name if its code has no place."""
         code = getattr(_innermost(self.code), "__code__", None)
         return self.what if code is None else f"{code.co_filename}:{code.co_firstlineno}"
 
     def values(self, texts: Sequence[str]) -> list[Any]:
-        """The arguments by the types of the parameters. Raises ValueError."""
+        """Convert the arguments to the types of the parameters. Raises ValueError."""
         if problem := self.count_problem(len(texts)):
             raise ValueError(f"{problem}, found {len(texts)}")
         named = [each for each in self.parameters if not each.is_context]
@@ -110,7 +113,7 @@ class ProgramFunction:
         return [each.value(text) for each, text in zip(named, texts, strict=False)]
 
     def count_problem(self, count: int) -> str:
-        """Why it cannot be called with this number of arguments; empty if it can."""
+        """Return why it cannot be called with this number of arguments; empty if it can."""
         named = [each for each in self.parameters if not each.is_context]
         least, most = sum(not each.is_optional for each in named), len(named)
         if least <= count and (self.rest is not None or count <= most):
@@ -122,7 +125,7 @@ class ProgramFunction:
 
 
 def task_function(what: str, target: Any) -> ProgramFunction:
-    """An async function, or a class with an async method `run`. Raises ProgramError."""
+    """Check an async function, or a class with an async method `run`. Raises ProgramError."""
     if not inspect.isclass(target):
         return async_function(what, target)
     new: Callable[[], Any] = target
@@ -139,7 +142,7 @@ def task_function(what: str, target: Any) -> ProgramFunction:
 
 
 def async_function(what: str, target: Any) -> ProgramFunction:
-    """An async function. Raises ProgramError."""
+    """Check an async function. Raises ProgramError."""
     checked = any_function(what, target)
     if not inspect.iscoroutinefunction(target):
         name = getattr(target, "__name__", "function")
@@ -148,14 +151,14 @@ def async_function(what: str, target: Any) -> ProgramFunction:
 
 
 def any_function(what: str, target: Any) -> ProgramFunction:
-    """A function, async or not. Raises ProgramError."""
+    """Check a function, async or not. Raises ProgramError."""
     if not callable(target) or inspect.isclass(target):
         raise ProgramError(f"{what}: {target!r:.80} is not a function")
     return ProgramFunction(what, target, target, *_parameters(what, target))
 
 
 def travel_function(target: Any) -> ProgramFunction:
-    """An async function of a place. Raises ProgramError."""
+    """Check an async function of a place. Raises ProgramError."""
     name = getattr(target, "__name__", repr(target))
     found = async_function(f"travel function {name!r}", target)
     if found.count_problem(1):
@@ -165,7 +168,7 @@ def travel_function(target: Any) -> ProgramFunction:
 
 
 def travel_time_function(target: Any) -> ProgramFunction:
-    """A function, async or not, of two places. Raises ProgramError."""
+    """Check a function, async or not, of two places. Raises ProgramError."""
     name = getattr(target, "__name__", repr(target))
     found = any_function(f"travel time function {name!r}", target)
     if found.count_problem(2):
@@ -178,7 +181,7 @@ def travel_time_function(target: Any) -> ProgramFunction:
 
 @dataclass(frozen=True)
 class BackgroundFunction:
-    """A function without arguments, and the capabilities that the robot loses if it fails."""
+    """A background function, and the capabilities that the robot loses if it fails."""
 
     name: str
     function: ProgramFunction
@@ -186,7 +189,7 @@ class BackgroundFunction:
 
 
 def background_function(target: Any, costs: str | Iterable[str]) -> BackgroundFunction:
-    """An async function of the robot's context alone. Raises ProgramError."""
+    """Check an async function that takes only the robot's context. Raises ProgramError."""
     name = getattr(target, "__name__", repr(target))
     found = async_function(f"background function {name!r}", target)
     if found.count_problem(0) or any(each.type is TaskContext for each in found.parameters):
@@ -202,7 +205,7 @@ def background_function(target: Any, costs: str | Iterable[str]) -> BackgroundFu
 def _parameters(
     what: str, function: Any, *, is_method: bool = False
 ) -> tuple[tuple[Parameter, ...], Parameter | None]:
-    """The parameters, and `*arguments`. Raises ProgramError."""
+    """Return the parameters, and `*arguments`. Raises ProgramError."""
     found: list[Parameter] = []
     rest = None
     for each in list(inspect.signature(function).parameters.values())[is_method:]:
@@ -216,22 +219,22 @@ def _parameters(
                 text = "can only be given by name, but arguments come in order; remove the * before"
                 raise ProgramError(f"{what}: parameter {each.name!r} {text}")
         elif each.kind is not inspect.Parameter.VAR_KEYWORD:
-            # A context behind an argument that may be missing is given by its name.
+            # A context after an optional argument is passed by name.
             is_keyword = is_keyword or any(before.is_optional for before in found)
             found.append(Parameter(each.name, kind, has_default, is_keyword))
     return tuple(found), rest
 
 
 def _type(what: str, function: Any, parameter: inspect.Parameter) -> type:
-    """The type to which an argument is converted. Raises ProgramError for one that is unknown."""
+    """Return the type to which an argument is converted. Raises ProgramError if it is unknown."""
     annotation, name = parameter.annotation, parameter.name
     if isinstance(annotation, str):
         annotation = annotation.strip("'\"")
         if context := _CONTEXTS.get(annotation.rpartition(".")[2]):
-            return context  # also where it is imported for type checkers alone
+            return context  # even if it is imported only for type checkers
         scope = getattr(_innermost(function), "__globals__", {})
         try:
-            # Only this one: others may name what is imported for type checkers alone.
+            # Only this annotation: others may use names imported only for type checkers.
             annotation = eval(annotation, scope)
         except Exception as error:
             problem = f"the annotation of {name!r} cannot be read: {error}"

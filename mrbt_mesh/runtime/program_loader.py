@@ -28,17 +28,20 @@ _REFERENCE = re.compile(r"(.+\.py)(?::([A-Za-z_][A-Za-z0-9_]*))?", re.DOTALL)
 
 
 def load_program(reference: str) -> RobotProgram:
-    """The program in `path/to/file.py` or `path/to/file.py:name`; the name is `robot` by default.
+    """Load the program in `path/to/file.py` or `path/to/file.py:name`; the default name is `robot`.
 
-    The file's folder stays on `sys.path`, so that it may import its neighbours, also later.
-    Raises ProgramError with the remedy, and with the line where the file itself fails.
+    The file's folder stays on `sys.path`, so that the file can import its neighbours, even later.
+    Raises ProgramError with the remedy, and with the line if the file itself fails.
     """
     path, name = program_file(reference)
     return _pick(_import_file(path), path, name)
 
 
 def program_file(reference: str) -> tuple[Path, str]:
-    """The file of a program, and the program's name in it. Raises ProgramError if there is none."""
+    """Return a program's file, and its name in the file.
+
+    Raises ProgramError if there is no such file.
+    """
     match = _REFERENCE.fullmatch(reference)
     if match is None:
         raise ProgramError(f"{reference!r}: expected a Python file, e.g. robot.py or robot.py:name")
@@ -57,9 +60,11 @@ def require_program(
     mission: Mission,
     robots: Mapping[str, Iterable[str]],
 ) -> None:
-    """Raise ProgramError if `program`, found at `reference`, lacks what these robots' capabilities
-    (types or ground) need, or has a function that cannot be called as the mission calls it;
-    InputError for its own checks. `ProgramFunctions.check_computer` finds what the computer lacks.
+    """Check a program, found at `reference`, for these robots' capabilities (types or ground).
+
+    Raises ProgramError if it lacks what they need, or has a function that cannot be called as the
+    mission calls it, and InputError from the program's own checks.
+    `ProgramFunctions.check_computer` checks what the computer lacks.
     """
     for check in functions_of(program).mission_checks:
         check(mission, robots.keys())
@@ -80,11 +85,11 @@ def require_program(
 def check_program(
     program: RobotProgram, mission: Mission, capabilities: Iterable[str]
 ) -> list[str]:
-    """What is wrong with `program` for these `capabilities` (types or ground), sorted.
+    """Return what is wrong with `program` for these `capabilities` (types or ground), sorted.
 
-    A local task, or a bid where the mission asks for bids, without a function; of a local task that
-    is a tree what its leaves lack, with file, line and node; a function that does not take the
-    arguments that the mission gives, with its place.
+    Reported are a local task without a function, or without a bid function if the mission asks for
+    bids; for a local task that is a tree, what its leaves lack, with file, line and node; and a
+    function that does not accept the mission's arguments, with its place.
     """
     mission = with_one_of_each(mission)
     claimed = {type_name(capability) for capability in capabilities}
@@ -98,7 +103,7 @@ def check_program(
     found += [_bid_problem(program, mission, each, each in by_bid) for each in sorted(grounds)]
     known = claimed | mission.local_tasks.keys()
     found += [_costs_problem(each, known) for each in functions_of(program).backgrounds]
-    # One for each function, however many calls it does not fit.
+    # One problem per function, however many calls it does not fit.
     problems = set({place: problem for place, problem in reversed(found) if problem}.values())
     for name in sorted(declared & programs.keys()):
         file = programs[name]
@@ -108,7 +113,7 @@ def check_program(
     return sorted(problems)
 
 
-# Where a problem is, and what; empty where there is none.
+# The place of a problem and its text; both are empty if there is none.
 _Problem: TypeAlias = tuple[str, str]
 
 
@@ -143,7 +148,9 @@ def _costs_problem(background: BackgroundFunction, known: Collection[str]) -> _P
 
 
 def _call_problem(function: ProgramFunction, mission: Mission, ground: str) -> _Problem:
-    """Why the function cannot be called for a ground local task, or for a type of them."""
+    """Return why the function cannot be called for a ground local task, or for a type of local
+    tasks.
+    """
     declared = mission.local_tasks.get(type_name(ground))
     if declared is not None:
         parameters = ", ".join(declared.parameters)
@@ -169,7 +176,7 @@ def _import_file(path: Path) -> ModuleType:
     folder = str(path.parent)
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    # Two robots' files may both be called robot.py.
+    # The files of two robots may both be called robot.py.
     suffix = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
     spec = importlib.util.spec_from_file_location(f"mrbt_program_{path.stem}_{suffix}", path)
     if spec is None or spec.loader is None:
@@ -177,7 +184,7 @@ def _import_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
-        # What it prints must not mix with the output of a command.
+        # What the program prints must not mix with a command's output.
         with redirect_stdout(sys.stderr):
             spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
@@ -188,7 +195,7 @@ def _import_file(path: Path) -> ModuleType:
 
 def _import_failure(path: Path, error: BaseException) -> str:
     if isinstance(error, FileError):
-        return str(error)  # of a file of bindings, with its own places
+        return str(error)  # from a file of bindings, with its own places
     if isinstance(error, SyntaxError):
         line = f":{error.lineno}" if error.lineno else ""
         return f"{error.filename or path}{line}: not valid Python: {error.msg}"
@@ -205,10 +212,10 @@ def _import_failure(path: Path, error: BaseException) -> str:
     else:
         said = f"{type(error).__name__}: {error}"
     frames = traceback.extract_tb(error.__traceback__)
-    # The program's own line, or that of a neighbour that it imports.
+    # The program's own line, or the line of a neighbour that it imports.
     own = [frame for frame in frames if Path(frame.filename).parent == path.parent]
     if isinstance(error, ValueError) and not own:
-        # Nothing of it has run: before Python 3.11.4, so are null bytes refused.
+        # No code of it has run: before Python 3.11.4, null bytes are refused like this too.
         return f"{path}: not valid Python: {error}"
     place = f"{own[-1].filename}:{own[-1].lineno}" if own else str(path)
     return f"{place}: {said}"

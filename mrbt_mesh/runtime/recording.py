@@ -1,4 +1,4 @@
-"""A recording of a real process. A full disk ends it, and nothing else."""
+"""The recording of a real process. A full disk ends it, and nothing else."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ _Recorder = TypeVar("_Recorder", bound=Recorder)
 
 
 class GuardedRecorder(Generic[_Recorder]):
-    """A recorder that a full disk ends; `report` gets the reason.
+    """A recorder that stops when its disk is full; `report` gets the reason.
 
-    `recorder`: None once it has ended so, or if it could not begin; then `why_not_begun` is the
+    `recorder` is None once it has stopped, or if it could not begin; then `why_not_begun` is the
     reason.
     """
 
@@ -47,7 +47,7 @@ class GuardedRecorder(Generic[_Recorder]):
         self._report = report
 
     def do(self, step: Callable[[_Recorder], None]) -> None:
-        """Record with the recorder, if it still records."""
+        """Call `step` with the recorder, if it still records."""
         if self.recorder is not None:
             try:
                 step(self.recorder)
@@ -68,10 +68,10 @@ def robot_recording(
     view: AgentView,
     ended: Callable[[str], None],
 ) -> GuardedRecorder[RobotRecorder] | None:
-    """Begin to record a robot, before its first step; raises InputError for a file that cannot be.
+    """Begin to record a robot, before its first step. Raises InputError for an unusable file.
 
-    `ended` gets the reason if it cannot go on. A disk that is full, or cannot be written for now,
-    keeps no robot from its work.
+    `ended` gets the reason if it cannot continue. A disk that is full, or temporarily not writable,
+    does not keep a robot from its work.
     """
     path, beats = options.record, options.record_beats
     if path is None:
@@ -96,12 +96,12 @@ def robot_recording(
 
 
 def metadata_of(mission: Mission, robot: str, run: str, timing: Timing) -> RunMetadata:
-    """The metadata of a recording that begins now."""
+    """Return the metadata of a recording that begins now."""
     epoch_ns = time.time_ns() - boottime_us() * 1_000
     metadata = RunMetadata.of(mission, robot, run, timing, epoch_ns, __version__)
     return replace(metadata, clock=clock_id())
 
 
 def cannot_record(path: Path, error: OSError) -> str:
-    """The message for a file that cannot be written."""
+    """Return the message for a file that cannot be written."""
     return f"--record {path}: cannot be written: {error.strerror or error}"

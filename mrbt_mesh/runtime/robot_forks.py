@@ -1,7 +1,7 @@
-"""A team's robots, forked from one process: `cli/fork_server.py`, of which this is the other end.
+"""Robots of a team, forked from one process: the client side of `cli/fork_server.py`.
 
 A robot that starts by exec takes four times as much processor time, nearly all of it for loading
-the same modules again; and most of its memory is the same as that of the others.
+the same modules again, and most of its memory is the same as that of the other robots.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ import psutil
 
 from mrbt_mesh.runtime.run_dir import RunDir, RunDirError
 
-# Elsewhere a fork without an exec may break what the system's libraries keep.
+# On other systems, a fork without exec may break state of the system's libraries.
 CAN_FORK = sys.platform == "linux"
 CHUNK = 1 << 16
 # The server reports the end of a robot at once; this is the limit for a server that hangs.
 NEWS_TIMEOUT_S = 10.0
 START_TIMEOUT_S = 120.0
-# Who starts robots looks so often whether another thread has read what is awaited.
+# How often a start checks whether another thread has read the awaited message.
 LOOK_S = 0.1
 
 
 class ForkedRobot:
-    """A robot's process. Its parent is another process, which reports how it ended."""
+    """A forked robot's process. Its parent is the fork server, which reports how it ended."""
 
     def __init__(self, forks: RobotForks, pid: int) -> None:
         self._forks = forks
@@ -40,7 +40,10 @@ class ForkedRobot:
 
     @property
     def returncode(self) -> int | None:
-        """As far as it is known by now; negative for a signal."""
+        """The exit status as far as known, negative for a signal.
+
+        None if it is not known to have ended.
+        """
         if self.status is None:
             self._forks.take_news(0)
         return self.status
@@ -59,11 +62,12 @@ class ForkedRobot:
 
 
 class RobotForks:
-    """Starts robots; `close` it once they have ended."""
+    """Starts robots through the fork server. Call `close` once they have ended."""
 
     def __init__(self, run_dir: RunDir, environment: Mapping[str, str], arrays: bool) -> None:
-        """`environment` are variables that the robots get besides those of this process. `arrays`:
-        they will solve large assignment problems.
+        """`environment` is added to the environment of this process for the robots.
+
+        `arrays`: they will solve large assignment problems.
         """
         self._run_dir = run_dir
         self._waiting = b""
@@ -72,7 +76,7 @@ class RobotForks:
         self._started: dict[str, ForkedRobot] = {}
         command = [sys.executable, "-m", "mrbt_mesh.cli.fork_server", str(run_dir.path)]
         with run_dir.opened_output(run_dir.fork_server_output_path) as output:
-            # In a session of its own: the keys of the terminal are for the launcher.
+            # In its own session, so that keys pressed in the terminal reach only the launcher.
             self._server = subprocess.Popen(
                 [*command, *(["arrays"] if arrays else [])],
                 stdin=subprocess.PIPE,
@@ -84,13 +88,13 @@ class RobotForks:
             )
 
     def start(self, arguments: Mapping[str, Sequence[str]]) -> dict[str, ForkedRobot]:
-        """Start robots with these arguments of `mrbt`; blocks until they have their pids.
+        """Start robots with these arguments of `mrbt`; block until they have their pids.
 
-        Raises RunDirError if the process that forks them cannot do so.
+        Raises RunDirError if the fork server cannot start them.
         """
         assert self._server.stdin is not None
         for robot in arguments:
-            self._started.pop(robot, None)  # its life before
+            self._started.pop(robot, None)  # its earlier process
         requests = [
             {"robot": robot, "arguments": [*words], "output": str(self._run_dir.output_path(robot))}
             for robot, words in arguments.items()
@@ -99,7 +103,7 @@ class RobotForks:
             for request in requests:
                 self._server.stdin.write(json.dumps(request).encode() + b"\n")
         except BrokenPipeError:
-            pass  # it has ended, which is noticed below
+            pass  # the server has ended, which is noticed below
         until_s = time.monotonic() + START_TIMEOUT_S
         while not self._started.keys() >= arguments.keys():
             is_there = self.take_news(LOOK_S) or self._server.poll() is None
@@ -109,9 +113,9 @@ class RobotForks:
         return {robot: self._started[robot] for robot in arguments}
 
     def take_news(self, timeout_s: float) -> bool:
-        """Take in what has been said, waiting for it so long; whether there was something.
+        """Read messages from the fork server for up to `timeout_s`. Returns whether any arrived.
 
-        Several threads may do so.
+        Several threads may call it.
         """
         assert self._server.stdout is not None
         if self._server.stdout.closed:
@@ -122,7 +126,7 @@ class RobotForks:
             return False
         with self._reading:
             if not poll.poll(0):
-                return True  # another thread has read it just now
+                return True  # another thread has just read it
             data = os.read(self._server.stdout.fileno(), CHUNK)
             *lines, self._waiting = (self._waiting + data).split(b"\n")
             for line in lines:
@@ -137,7 +141,7 @@ class RobotForks:
             self._robots[robot.pid] = self._started[news["robot"]] = robot
 
     def close(self) -> None:
-        """End the process that forks; robots that still run are not touched."""
+        """End the fork server; robots that still run are not affected."""
         assert self._server.stdin is not None
         assert self._server.stdout is not None
         self._server.stdin.close()

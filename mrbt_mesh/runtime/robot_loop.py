@@ -1,8 +1,7 @@
-"""An event loop that a robot's program does not end, and a thread that notices when it blocks.
+"""An event loop that a robot's program cannot end, and a watchdog thread that notices blocking.
 
-Code that blocks keeps the whole event loop of a robot from running. The thread names the place
-while it does: the loop itself could report it only afterwards, and by then the team has declared
-the robot dead.
+Blocking code stops a robot's whole event loop. The thread names the place at that time: the loop
+itself could report it only afterwards, and by then the team has declared the robot dead.
 """
 
 from __future__ import annotations
@@ -29,15 +28,15 @@ from mrbt_mesh.runtime.user_code import (
     users_frames,
 )
 
-# A step in which the watchdog finds the loop this many times in a row blocks it.
+# A step that the watchdog sees this many times in a row blocks the loop.
 LOOKS = 2
-# If the exception of a failed task has not been retrieved by then, it will not be.
+# An exception of a failed task that is not retrieved by then will not be.
 UNSEEN_S = 1.0
 _logger = logging.getLogger("mrbt_mesh")
 
 
 class RobotTask(asyncio.Task[Any]):
-    """A task that code of the robot's program does not cancel, unless it carries out such code.
+    """A task that the robot's program cannot cancel, unless the task runs code of the program.
 
     `for each in asyncio.all_tasks(): each.cancel()` would end the robot.
     """
@@ -60,10 +59,9 @@ def _new_task(loop: asyncio.AbstractEventLoop, coro: Any, **options: Any) -> asy
 class RobotLoop(asyncio.SelectorEventLoop):
     """asyncio's selector loop, with three differences.
 
-    What ends a loop from inside (`sys.exit` in a task of asyncio's, `stop`) does not end this one.
-    A program does not cancel the robot's tasks.
-    A task that a program starts by itself belongs to the call of the program that started it, which
-    reports how it failed.
+    Calls that end a loop from inside (`sys.exit` in an asyncio task, `stop`) do not end this one. A
+    program cannot cancel the robot's tasks. A task that a program starts by itself belongs to the
+    call that started it, which reports its failure.
     """
 
     def __init__(self, *arguments: Any) -> None:
@@ -113,12 +111,12 @@ class RobotLoop(asyncio.SelectorEventLoop):
             call.report(STRAY, call, failure_of(error, call.function))
 
     def owner_of(self, task: Any) -> UserCall | None:
-        """The call of the program that has started a task."""
+        """Return the program's call that started a task."""
         return self._owners.get(task) if isinstance(task, asyncio.Task) else None
 
 
 def _is_unseen(task: asyncio.Task[Any]) -> bool:
-    # asyncio has no public way to it; the attribute is as old as its tasks.
+    # asyncio has no public API for this; the attribute is as old as its tasks.
     return bool(getattr(task, "_log_traceback", False))
 
 
@@ -135,11 +133,11 @@ def _tell_owner(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> Non
 
 
 class LoopWatchdog:
-    """A thread that names code which blocks, once for each time.
+    """A thread that reports blocking code, once per step that blocks.
 
-    `step` is what the watched thread does: the same number while it is in the same step, None while
-    it waits. `tell` is called in the watchdog's thread after `limit_s` in one step, with the frames
-    of the watched thread, the outermost first.
+    `step` identifies what the watched thread does: the same number during a step, None while it
+    waits. `tell` is called in the watchdog's thread after `limit_s` in one step, with the frames of
+    the watched thread, outermost first.
     """
 
     def __init__(
@@ -164,7 +162,9 @@ class LoopWatchdog:
         self._thread.join()
 
     def _watch(self) -> None:
-        """Looks are counted, not seconds: when the whole machine stops, no robot is blamed."""
+        """Count checks rather than seconds: when the whole machine is suspended, no robot is
+        blamed.
+        """
         seen, looks = self._step(), 0
         while not self._over.wait(self._limit_s / LOOKS):
             now = self._step()
@@ -175,7 +175,10 @@ class LoopWatchdog:
 
 
 def blocking_place(call: UserCall | None, frames: list[tuple[str, int]]) -> str | None:
-    """What blocks, and where: `local task mow(1) at robot.py:12`; None: nothing of a program."""
+    """Return what blocks, and where: `local task mow(1) at robot.py:12`.
+
+    None: no program's code.
+    """
     if call is not None:
         return f"{call.name} at {place_of(call.function, frames)}"
     own = users_frames(frames)

@@ -1,4 +1,4 @@
-"""The options of a robot: of `mrbt agent`, of `join_team`, and in run.json those of a whole run.
+"""The options of a robot: those of `mrbt agent`, of `join_team`, and of a whole run in run.json.
 
 Importing it loads nothing else of the runtime.
 """
@@ -22,7 +22,7 @@ from mrbt_mesh.runtime.settings import (
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkOptions:
-    """Where a team is. Its robots, and the programs that watch it, have the same values.
+    """Where a team is. Its robots, and the programs that watch it, use the same values.
 
     `team`, `run`: names, by default those of the mission. `listen`, `connect`, `routers`:
     endpoints; without any, robots discover each other on the interface `multicast`. `transport`:
@@ -41,9 +41,9 @@ class NetworkOptions:
     detection_s: float = DEFAULT_DETECTION_S
 
 
-# Options of the network are always given: their defaults may be others in the environment.
+# Network options are always passed: their defaults may differ in the environment.
 _OF_NETWORK = frozenset(each.name for each in fields(NetworkOptions))
-# Where the option of `mrbt agent` has another name than the field.
+# Options of `mrbt agent` whose name differs from the field's.
 _NAMES = {
     "routers": "--router",
     "beat_s": "--beat",
@@ -93,7 +93,7 @@ class RobotOptions(NetworkOptions):
         return self.keep_mib * MIB
 
     def arguments(self) -> list[str]:
-        """The words that give `mrbt agent` these options."""
+        """Return the command-line arguments of `mrbt agent` for these options."""
         words: list[str] = []
         for each in fields(self):
             value = getattr(self, each.name)

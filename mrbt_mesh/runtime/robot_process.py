@@ -1,6 +1,6 @@
-"""One robot's process: the agent with its driver, put together and run to its end.
+"""One robot's process: assembles the agent with its driver, and runs it to its end.
 
-Given a compiled mission, it imports nothing of the mission format.
+With a compiled mission, it imports nothing of the mission format.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from mrbt_mesh.runtime.solver_loader import chosen_engine, lacks_planner, solver
 from mrbt_mesh.runtime.team_address import keys_of, on_network
 from mrbt_mesh.version import __version__
 
-# From these sizes on, planning may take longer than the event loop may be blocked.
+# From these sizes on, planning may take longer than the event loop may block.
 LARGE_ROBOTS = 100
 LARGE_NODES = 2_000
 
@@ -46,7 +46,7 @@ NO_JOURNAL = "this robot keeps no journal, which exclusive tasks need: give it a
 
 
 def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mapping[str, int]]:
-    """(type, capabilities) of a robot; raises InputError where the mission lacks it."""
+    """Return (type, capabilities) of a robot. Raises InputError if the mission lacks it."""
     if not is_robot_id(robot):
         raise InputError(f"robot id {robot!r}: 1 to 32 letters, digits, '_' or '-'")
     known = mission.robots.get(robot)
@@ -65,7 +65,7 @@ def robot_of(mission: Mission, robot: str, kind: str | None) -> tuple[str, Mappi
 
 
 def make_driver(path: Path, robot: str, options: RobotOptions) -> Driver:
-    """Put a robot together; raises InputError."""
+    """Assemble a robot. Raises InputError."""
     mission = load_mission(path)
     reference = options.program or mission.program
     if reference is None:
@@ -81,7 +81,7 @@ def robot_setup(
     reference: str,
     guest_log: Any = None,
 ) -> RobotSetup:
-    """What a robot is made of; `reference` is the program's name in messages. Raises InputError.
+    """Return the parts of a robot; `reference` names the program in messages. Raises InputError.
 
     `guest_log`: where it logs if it is a guest in another program.
     """
@@ -148,7 +148,7 @@ def robot_setup(
 
 
 def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...], str]:
-    """What the journal holds, and what keeps it from being written: empty if nothing does."""
+    """Return what the journal holds, and why it cannot be written (empty if it can)."""
     if journal is not None:
         entries, reason = journal.begin()
         return entries, f"journal cannot be written: {reason}" if reason else ""
@@ -158,7 +158,7 @@ def _begin(journal: Journal | None, mission: Mission) -> tuple[tuple[Entry, ...]
 
 
 def _expected(options: RobotOptions, mission: Mission) -> frozenset[str]:
-    """The robots that it waits for; raises InputError."""
+    """Return the robots that it waits for. Raises InputError."""
     if options.alone:
         return frozenset()
     expected = list(mission.robots) if options.expect is None else options.expect
@@ -171,7 +171,7 @@ def _expected(options: RobotOptions, mission: Mission) -> frozenset[str]:
 def open_journal(
     run_dir: Path | None, mission: Mission, run: str, robot: str, logger: Any
 ) -> Journal | None:
-    """The robot's journal in its run directory, not yet opened; None without a directory."""
+    """Return the robot's journal in its run directory, not yet opened; None without a directory."""
     if run_dir is None:
         return None
 
@@ -182,16 +182,16 @@ def open_journal(
 
 
 def claim_run_dir(run_dir: Path, robot: str, takeover: bool) -> str:
-    """Make this process the robot of the run directory; raises InputError if one runs.
+    """Make this process the robot of the run directory. Raises InputError if another one runs.
 
-    Returns why this could not be written down there: empty if it was. A robot with a directory of
-    its own goes on then. In that of a run no command would find it, and it would outlive its team:
-    InputError.
+    Returns why this could not be recorded there; empty if it was. A robot with its own directory
+    continues in that case. In the directory of a run, no command would find it, and it would
+    outlive its team, so InputError is raised.
     """
     run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = RunDir(run_dir)
     running = found.process(robot)
-    # In a container that was started again, the last life may have had this very pid.
+    # In a restarted container, the last life may have had this very pid.
     if running is not None and running.pid != os.getpid() and not takeover:
         raise InputError(
             f"robot {robot} is already running here (pid {running.pid}): stop it first, "
@@ -216,7 +216,7 @@ def run_robot(mission: Path, robot: str, options: RobotOptions) -> NoReturn:
     output = RunDir(options.run_dir).output_path(robot) if options.run_dir else None
     protect_output(output if output is not None and output.exists() else None, options.keep_bytes)
     try:
-        # Before anything that may take long or never end, such as a program that is imported.
+        # Before anything that may take long or never end, such as importing a program.
         launcher = LauncherWatch(options.while_locked) if options.while_locked is not None else None
         if options.run_dir is not None:
             problem = claim_run_dir(options.run_dir, robot, options.takeover)
@@ -224,8 +224,8 @@ def run_robot(mission: Path, robot: str, options: RobotOptions) -> NoReturn:
         if problem:
             robot_logger(robot).error("process_not_written", reason=problem)
         driver = make_driver(mission, robot, options)
-        # What is there for good is not looked through in every collection: of a large mission
-        # that would take longer than a robot should be deaf.
+        # Permanent objects are excluded from garbage collection: with a large mission, each
+        # collection would take longer than a robot should be deaf.
         gc.collect()
         gc.freeze()
         stop = driver.run(launcher)

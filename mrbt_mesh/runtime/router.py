@@ -1,8 +1,8 @@
-"""A router: passes messages on between robots that are its clients, and to and from other routers.
+"""A router: passes messages between robots that are its clients, and to and from other routers.
 
-It is a Zenoh session in router mode and knows nothing of teams; `deploy/zenohd.json5` makes Zenoh's
-own program the same. With keys it admits members with a certificate of the team, and Zenoh's
-access control lets each robot publish only under its own name.
+It is a Zenoh session in router mode and knows nothing about teams; Zenoh's own program with
+`deploy/zenohd.json5` does the same. With keys it admits members with a certificate of the team, and
+Zenoh's access control lets each robot publish only under its own name.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from mrbt_mesh.runtime.session_config import (
 from mrbt_mesh.runtime.settings import ENCRYPTED, PROTOCOLS
 
 PORT = 7447
-# Silence after which clients give a router up; well below the default detection time.
+# Silence after which clients drop a router; well below the default detection time.
 ROUTER_LEASE_MS = 500
 CLOSE_TIMEOUT_S = 1.0
 ASK_TIMEOUT_S = 2.0
 _PROTOCOLS = [protocol for protocols in PROTOCOLS.values() for protocol in protocols]
-# What a session may do with keys, as Zenoh's access control names it.
+# Permissions of sessions with keys, as Zenoh's access control names them.
 _ALL = [
     *("put", "delete", "query", "reply", "declare_subscriber", "declare_queryable"),
     *("liveliness_token", "liveliness_query", "declare_liveliness_subscriber"),
@@ -45,9 +45,9 @@ _ALL = [
 
 @dataclass(frozen=True)
 class RouterConfig:
-    """Endpoints are Zenoh locators. `members`: name -> role of those that may link; None: all may.
+    """The configuration of a router. Endpoints are Zenoh locators.
 
-    Raises TransportError.
+    `members`: name -> role of those that may link; None: anyone may. Raises TransportError.
     """
 
     listen: tuple[str, ...]
@@ -67,13 +67,16 @@ class RouterConfig:
 
 
 def default_endpoint(has_keys: bool) -> str:
-    """Where a router listens if nothing is said."""
+    """Return the default endpoint on which a router listens."""
     return f"{'tls' if has_keys else 'tcp'}/[::]:{PORT}"
 
 
 def config_with_keys(folder: Path, listen: Iterable[str], connect: Iterable[str]) -> RouterConfig:
-    """That of the router whose key is in a folder; raises KeysError or TransportError."""
-    # The library is large.
+    """Return the configuration of the router whose key is in a folder.
+
+    Raises KeysError or TransportError.
+    """
+    # Imported here because the library is large.
     from mrbt_mesh.runtime.key_folder import KeyFolder
 
     keys = KeyFolder(folder)
@@ -83,7 +86,7 @@ def config_with_keys(folder: Path, listen: Iterable[str], connect: Iterable[str]
 
 
 def router_settings(config: RouterConfig) -> dict[str, Any]:
-    """A router's Zenoh configuration, by paths."""
+    """Return a router's Zenoh configuration, by paths."""
     protocols = {endpoint.partition("/")[0] for endpoint in (*config.listen, *config.connect)}
     settings: dict[str, Any] = {
         "mode": "router",
@@ -97,7 +100,7 @@ def router_settings(config: RouterConfig) -> dict[str, Any]:
         "transport/link/protocols": sorted(protocols),
         "transport/link/tx/lease": ROUTER_LEASE_MS,
         **common_settings(),
-        # Here robots ask which links there are, when a token has disappeared.
+        # Robots ask here which links exist when a token has disappeared.
         "adminspace": {"enabled": True, "permissions": {"read": True, "write": False}},
     }
     if config.certificates is not None:
@@ -108,7 +111,7 @@ def router_settings(config: RouterConfig) -> dict[str, Any]:
 
 
 def as_json(settings: Mapping[str, Any]) -> str:
-    """Settings by paths as a configuration file for `zenohd`."""
+    """Return settings by path as a configuration file for `zenohd`."""
     data: dict[str, Any] = {}
     for path, value in settings.items():
         *folders, name = path.split("/")
@@ -123,9 +126,9 @@ def as_json(settings: Mapping[str, Any]) -> str:
 
 
 def access_control(members: Mapping[str, Role]) -> dict[str, Any]:
-    """Zenoh's access control for a team's members.
+    """Return Zenoh's access control for a team's members.
 
-    It holds for one hop: of what another router passes on, that one has seen to it.
+    It holds for one hop: another router has already checked what it passes on.
     """
     names = sorted(members)
     rules = [
@@ -191,7 +194,7 @@ def _policy(rule: str, subjects: list[str]) -> dict[str, Any]:
 
 
 class Router:
-    """One router's session. Raises TransportError where it cannot listen."""
+    """A router's session. Raises TransportError if it cannot listen."""
 
     def __init__(self, config: RouterConfig) -> None:
         settings = zenoh_config(router_settings(config))
@@ -203,19 +206,19 @@ class Router:
         self.locators = self._locators() or list(config.listen)
 
     def _locators(self) -> list[str]:
-        """Its endpoints as others may reach them."""
+        """Return its endpoints, as others may reach them."""
         for reply in self._session.get(f"@/{self._session.zid()}/router", timeout=ASK_TIMEOUT_S):
             if reply.ok is not None:
                 return [str(each) for each in json.loads(reply.ok.payload.to_bytes())["locators"]]
         return []
 
     def close(self) -> None:
-        """Close it, without waiting for long."""
+        """Close the router without a long wait."""
         close_session(self._session, CLOSE_TIMEOUT_S)
 
 
 def write_config(path: Path, config: RouterConfig) -> None:
-    """Write a configuration for `zenohd` that only its owner can read; raises InputError."""
+    """Write a configuration for `zenohd` that only its owner can read. Raises InputError."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with open(descriptor, "w", encoding="utf-8") as file:

@@ -46,7 +46,7 @@ from mrbt_mesh.runtime.process_identity import (
 )
 from mrbt_mesh.runtime.robot_options import RobotOptions
 
-if TYPE_CHECKING:  # short commands need none of it
+if TYPE_CHECKING:  # short commands do not need these
     import psutil
 
     from mrbt_mesh.core.facts.store import Incarnation
@@ -62,12 +62,12 @@ _STATE = "MRBT_STATE_DIR"
 
 
 class RunDirError(InputError):
-    """A run directory that is missing or cannot be used; the message has the remedy."""
+    """A run directory is missing or cannot be used; the message has the remedy."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where a robot's process runs: its address, and what is put before its command line."""
+    """Where a robot's process runs: its address, and a prefix for its command line."""
 
     address: str
     prefix: tuple[str, ...] = ()
@@ -75,12 +75,13 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class RunInfo:
-    """How a run was started: all that another process needs to join or to watch it.
+    """How a run was started: everything that another process needs to join or to watch it.
 
-    `options`: what all its robots have in common. `dials`: the robots that each robot connects to;
-    of every pair, one side dials. With routers as `options.routers` they have no endpoints of their
+    `options` are shared by all robots. `dials` lists the robots that each robot connects to; of
+    every pair, one side dials. With routers in `options.routers`, robots have no endpoints of their
     own. `places` is empty for a team on loopback. `record`: the robots record what they know and
-    do. `metrics_ports`: where robots serve metrics, on loopback; empty: nowhere.
+    do. `metrics_ports` are the loopback ports on which robots serve metrics; empty if they serve
+    none.
     """
 
     mission_path: str
@@ -124,7 +125,7 @@ def state_dir() -> Path:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file that is never seen half written. Raises OSError."""
+    """Write a file that readers never see half written. Raises OSError."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with open(temporary, "wb", opener=private_opener) as file:
@@ -137,9 +138,9 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 def _overwrite(path: Path, text: str) -> bool:
-    """Write into a file that is there, in its place; whether that was possible.
+    """Overwrite an existing file in place; return True on success.
 
-    Blanks at the end of JSON mean nothing.
+    The text is padded with blanks to the old size, which JSON ignores.
     """
     data = text.encode()
     try:
@@ -183,18 +184,18 @@ class RunDir:
 
     @property
     def mission_path(self) -> Path:
-        """The mission that robots start with: the last revision that is known to be in force."""
+        """The mission that robots start with: the last revision known to be in force."""
         revised = self.path / REVISION_FILE
         return revised if revised.exists() else self.path / MISSION_FILE
 
     def save_revision(self, mission: Mission) -> None:
-        """Robots start with this revision from now on. Raises RunDirError."""
+        """Save a revision that robots start with from now on. Raises RunDirError."""
         from mrbt_mesh.core.mission.compiled import compile_mission
 
         _write(self.path / REVISION_FILE, compile_mission(mission))
 
     def is_run_of(self, mission: Mission) -> bool:
-        """Whether the mission is the one that it began with, or the one that is in force."""
+        """Return True if the run began with this mission, or if it is the one in force."""
         from mrbt_mesh.core.mission.compiled import mission_from_compiled
 
         paths = self.mission_path, self.path / MISSION_FILE
@@ -205,9 +206,9 @@ class RunDir:
 
     @classmethod
     def create(cls, path: Path, info: RunInfo, compiled_mission: str) -> RunDir:
-        """Make the directory of a new run.
+        """Create the directory of a new run.
 
-        Raises RunDirError if there is a run in it already or it cannot be written.
+        Raises RunDirError if it already holds a run or cannot be written.
         """
         if (path / RUN_FILE).exists():
             raise RunDirError(
@@ -233,7 +234,7 @@ class RunDir:
         return run_dir
 
     def discard(self) -> None:
-        """Take back a run that `create` has made and of which no robot was started."""
+        """Remove a run that `create` has made and of which no robot was started."""
         made = self.path / RUN_FILE, self.path / MISSION_FILE, self.metrics_targets_path
         with contextlib.suppress(OSError):
             for path in made:
@@ -242,14 +243,14 @@ class RunDir:
 
     @classmethod
     def of(cls, path: Path) -> RunDir:
-        """The run directory of a run that has begun; raises RunDirError if it holds none."""
+        """Open the run directory of a run that has begun. Raises RunDirError if it holds none."""
         if not (path / RUN_FILE).is_file():
             raise RunDirError(f"{path} holds no run (no {RUN_FILE})")
         check_folder(path, "the run directory")
         return cls(path)
 
     def save(self, info: RunInfo) -> None:
-        """Write run.json, and where metrics are served. Raises RunDirError."""
+        """Write run.json, and the targets of metrics if there are any. Raises RunDirError."""
         _write(self.path / RUN_FILE, json.dumps(asdict(info), indent=2))
         if info.metrics_ports:
             labels = {"mission": info.mission_name, "run": info.run}
@@ -260,7 +261,7 @@ class RunDir:
             _write(self.metrics_targets_path, json.dumps(targets, indent=2) + "\n")
 
     def info(self) -> RunInfo:
-        """Read run.json; raises RunDirError if it is damaged."""
+        """Read run.json. Raises RunDirError if it is damaged."""
         try:
             data: dict[str, Any] = json.loads((self.path / RUN_FILE).read_text(encoding="utf-8"))
             places = {
@@ -277,22 +278,22 @@ class RunDir:
             raise RunDirError(f"{self.path / RUN_FILE} is damaged: {error}") from error
 
     def opened_output(self, path: Path) -> IO[bytes]:
-        """A file for what a process prints. Raises RunDirError."""
+        """Open a file for a process's output. Raises RunDirError."""
         try:
             return open(path, "ab", opener=private_opener)
         except OSError as error:
             raise _unwritable(path, error) from error
 
     def output_path(self, robot: str) -> Path:
-        """What a robot printed."""
+        """The file with a robot's output."""
         return self.path / f"{robot}.out"
 
     def log_path(self, robot: str) -> Path:
-        """A robot's log."""
+        """The file with a robot's log."""
         return self.path / f"{robot}.log"
 
     def check_robot(self, robot: str) -> None:
-        """Raise RunDirError for a robot that the run does not know."""
+        """Raise RunDirError if the run has no such robot."""
         known = self.members()
         if robot not in known:
             raise RunDirError(
@@ -300,26 +301,30 @@ class RunDir:
             )
 
     def members(self) -> list[str]:
-        """The robots of the run: those that it began with, and those that joined later."""
+        """Return the robots of the run: those that it began with, and those that joined later."""
         return sorted({*self.info().robots, *self.robots()})
 
     # -- processes ------------------------------------------------------------------------
 
     def write_process(self, robot: str) -> None:
-        """Called by a robot's process at its start. Raises OSError."""
+        """Record the identity of a robot's process, which calls this at its start.
+
+        Raises OSError.
+        """
         self._last_words(robot).unlink(missing_ok=True)
         path, identity = self.path / f"{robot}.process", identity_of_this_process()
         try:
             write_atomically(path, identity)
         except OSError:
-            # On a full disk the file of an earlier life still has its place.
+            # On a full disk, the file of an earlier life can still be overwritten.
             if not _overwrite(path, identity):
                 raise
 
     def mark_alive(self, robot: str) -> None:
-        """Called about once a second by a robot whose event loop turns, for health checks.
+        """Mark the robot as alive, for health checks.
 
-        Where its process file could not be written, or is gone, it is written now.
+        Called about once a second while its loop turns. If its process file is missing, it is
+        written now.
         """
         path = self.path / f"{robot}.process"
         with contextlib.suppress(OSError):
@@ -330,11 +335,11 @@ class RunDir:
 
     @property
     def has_run(self) -> bool:
-        """Whether it is a run's, whose commands find its robots by their files here."""
+        """True if this directory holds a run, whose commands find robots by their files here."""
         return (self.path / RUN_FILE).is_file()
 
     def write_blocked(self, robot: str, text: str) -> None:
-        """What blocks the robot's event loop now; empty: nothing does."""
+        """Write what blocks the robot's event loop now; an empty text removes the file."""
         path = self.path / f"{robot}.blocked"
         with contextlib.suppress(OSError):
             if text:
@@ -343,12 +348,15 @@ class RunDir:
                 path.unlink(missing_ok=True)
 
     def write_last_words(self, robot: str, text: str) -> None:
-        """Why the robot's process is about to end by itself."""
+        """Write why the robot's process is about to end by itself."""
         with contextlib.suppress(OSError):
             write_atomically(self._last_words(robot), text)
 
     def last_words(self, robot: str) -> str:
-        """Why the robot's process has ended by itself; empty if it has not, or runs again."""
+        """Return why the robot's process ended by itself.
+
+        Empty if it did not, or if it runs again.
+        """
         with contextlib.suppress(OSError):
             if self.process(robot) is None:
                 return self._last_words(robot).read_text(encoding="utf-8", errors="replace")
@@ -358,39 +366,45 @@ class RunDir:
         return self.path / f"{robot}.died"
 
     def blocked(self, robot: str) -> str:
-        """What blocks the robot's event loop now, empty if nothing is known to do so."""
+        """Return what blocks the robot's event loop now; empty if nothing is known to block it."""
         with contextlib.suppress(OSError):
             if self.process(robot) is not None:
                 return (self.path / f"{robot}.blocked").read_text(encoding="utf-8")
         return ""
 
     def blocked_robots(self) -> list[str]:
-        """The robots of which something is written that blocks, or blocked, their event loop."""
+        """Return the robots with a note about what blocks, or blocked, their event loop."""
         return self._names_of("blocked")
 
     def died_robots(self) -> list[str]:
-        """The robots whose processes have written last words."""
+        """Return the robots whose processes have written last words."""
         return self._names_of("died")
 
     def alive_mark_ns(self, robot: str) -> int:
-        """When the robot began, or was marked alive last, in Unix time; 0 if it has not begun."""
+        """Return when the robot began or was last marked alive, in Unix time.
+
+        0 if it has not begun.
+        """
         with contextlib.suppress(OSError):
             return (self.path / f"{robot}.process").stat().st_mtime_ns
         return 0
 
     def process(self, robot: str) -> psutil.Process | None:
-        """The robot's process if it runs."""
+        """Return the robot's process if it runs, else None."""
         return process_in(self.path / f"{robot}.process")
 
     def living(self) -> dict[str, psutil.Process]:
-        """The processes of the robots that run, by robot."""
+        """Return the processes of the robots that run, by robot."""
         found = {robot: self.process(robot) for robot in self.robots()}
         return {robot: process for robot, process in found.items() if process is not None}
 
     # -- what happened --------------------------------------------------------------------
 
     def write_deaths(self, deaths: Sequence[MajorFault], now_us: int) -> None:
-        """Called by the launcher of the robots, whose times of their deaths count."""
+        """Write the times of deaths.
+
+        Only the launcher of the robots calls this: its times count.
+        """
         from mrbt_mesh.recording.messages import pack_death
 
         rows = [pack_death(fault, now_us) for fault in deaths if not fault.is_older]
@@ -400,7 +414,10 @@ class RunDir:
             write_atomically(self.path / DEATHS_FILE, text)
 
     def deaths(self, now_us: int) -> list[tuple[str, Incarnation, DeathTimes]]:
-        """What was written last, on this machine's clock; empty if nothing was."""
+        """Return the deaths that were last written, with times on this machine's clock.
+
+        May be empty.
+        """
         from mrbt_mesh.recording.messages import unpack_death
 
         try:
@@ -413,18 +430,18 @@ class RunDir:
             return []
 
     def robots(self) -> list[str]:
-        """Robots that ever had a process in this run."""
+        """Return the robots that ever had a process in this run."""
         return self._names_of("process")
 
     def _names_of(self, suffix: str) -> list[str]:
-        """The names of the files that end with this, without it, sorted."""
+        """Return the sorted names of the files with this suffix, without it."""
         with contextlib.suppress(OSError):
             parts = (name.rpartition(".") for name in os.listdir(self.path))
             return sorted(name for name, _, found in parts if found == suffix)
         return []
 
     def summary(self) -> dict[str, Any] | None:
-        """The summary of a run that has ended, else None."""
+        """Return the summary of a run that has ended, else None."""
         try:
             text = (self.path / SUMMARY_FILE).read_text(encoding="utf-8")
             data: dict[str, Any] = json.loads(text)
@@ -433,7 +450,7 @@ class RunDir:
         return data
 
     def write_first_summary(self, summary: Mapping[str, Any]) -> bool:
-        """Write summary.json unless there is one of this run; whether it was written.
+        """Write summary.json unless this run already has one; return True if it was written.
 
         Raises RunDirError.
         """
@@ -441,7 +458,7 @@ class RunDir:
         temporary = path.with_name(f".{path.name}.{os.getpid()}.first")
         try:
             _write(temporary, _summary_text(summary))
-            # Some sticks and network disks have no links: there the file is put in place at once.
+            # Some USB sticks and network disks have no hard links: there the file is renamed.
             with contextlib.suppress(OSError):
                 os.link(temporary, path)
                 return True
@@ -455,7 +472,7 @@ class RunDir:
         return True
 
     def remove_summary(self) -> None:
-        """The run goes on: it has no end any more. Raises RunDirError."""
+        """Remove the summary and its signature, because the run continues. Raises RunDirError."""
         for name in (SUMMARY_FILE, SIGNATURE_FILE):
             try:
                 (self.path / name).unlink(missing_ok=True)
@@ -463,5 +480,5 @@ class RunDir:
                 raise _unwritable(self.path / name, error, "removed") from error
 
     def write_summary(self, summary: Mapping[str, Any]) -> None:
-        """Write summary.json; raises RunDirError."""
+        """Write summary.json. Raises RunDirError."""
         _write(self.path / SUMMARY_FILE, _summary_text(summary))

@@ -1,6 +1,6 @@
-"""How a robot's or an observer's Zenoh session is configured: who dials whom, how long it waits.
+"""The configuration of a robot's or an observer's Zenoh session: who dials whom, and timeouts.
 
-The reasons are measurements: see `zenoh_transport`, and `router` for the routers in between.
+The reasons are measurements: see `zenoh_transport`, and `router` for sessions through routers.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from mrbt_mesh.errors import InputError
 from mrbt_mesh.runtime.settings import ENCRYPTED, PROTOCOLS, WIRED, default_protocol
 
 NO_IPV6 = "this machine has no IPv6"
-# Discover others on all interfaces that can.
+# Discover others on all interfaces that support it.
 AUTO = "auto"
 _INTERNET = (socket.AF_INET, socket.AF_INET6)
 LEASE_MS = 2_000
-# Up to here links are watched as closely as they can be.
+# Up to this many robots, links have the shortest lease.
 FULL_LEASE_ROBOTS = 6
-# A client tries one router for so long before it tries the next.
+# How long a client tries one router before it tries the next.
 ROUTER_OPEN_MS = 500
-# 22 of Zenoh with links, and what both sides need beside them for calls that block.
+# Zenoh uses 22 with links; the rest is for blocking calls of both sides.
 SESSION_THREADS = 32
 RETRY = {"period_init_ms": 250, "period_max_ms": 500, "period_increase_factor": 1}
 
@@ -45,9 +45,10 @@ class TransportError(InputError):
 
 @dataclass(frozen=True)
 class Certificates:
-    """What a member shows on its links, and whom it trusts there; all three in PEM.
+    """The certificates and key of a member for encrypted links, all three in PEM.
 
-    `authority`: the team's certificate, which has signed the members'.
+    `authority` is the team's certificate, which has signed the members' and is the only one
+    trusted.
     """
 
     authority: str
@@ -57,12 +58,12 @@ class Certificates:
 
 @dataclass(frozen=True)
 class TransportConfig:
-    """`robot` is empty for an observer. Endpoints are Zenoh locators, `tcp/127.0.0.1:7450`.
+    """How a session connects. `robot` is empty for an observer; endpoints are `tcp/127.0.0.1:7450`.
 
-    `multicast_interface`: scout on this interface (`auto`, `lo`, an address); None: do not.
-    `certificates`: for links that are encrypted. `robots`: how many there are in the team.
-    `routers`: endpoints of those that it is a client of, of one at a time; it has no other links
-    then. Raises TransportError.
+    `multicast_interface`: discover others on this interface (`auto`, `lo`, an address); None: do
+    not. `certificates`: for encrypted links. `robots`: the number of robots in the team. `routers`:
+    endpoints of the routers that it is a client of, one at a time; it has no other links then.
+    Raises TransportError.
     """
 
     team: str
@@ -77,7 +78,7 @@ class TransportConfig:
 
     @property
     def lease_ms(self) -> int:
-        """A link that is silent for this long is given up; four messages are sent in that time.
+        """A link that is silent for this long is dropped; four messages are sent in that time.
 
         Every robot has a link to every other one, so in a larger team fewer are sent over each.
         """
@@ -86,12 +87,12 @@ class TransportConfig:
 
     @property
     def protocols(self) -> list[str]:
-        """Those of its links."""
+        """The protocols of its links."""
         given = {endpoint.partition("/")[0] for endpoint in self._endpoints()}
         return sorted(given) or [default_protocol(self.profile, self.certificates is not None)]
 
     def where(self) -> str:
-        """Where its session hears others, for people."""
+        """Return where the session hears others, as readable text."""
         if self.routers:
             return f"router {', '.join(self.routers)}"
         parts = []
@@ -103,11 +104,11 @@ class TransportConfig:
         return "; ".join(parts)
 
     def misses_ipv6(self) -> bool:
-        """Whether it listens on all addresses of a machine that has those of IPv4 alone."""
+        """True if it listens on all addresses but the machine has only IPv4."""
         return any(map(_is_any, self.listens_on())) and not has_ipv6()
 
     def listens_on(self) -> tuple[str, ...]:
-        """The endpoints, also where none is given."""
+        """Return the endpoints to listen on, even if none is given."""
         if self.listen or self.multicast_interface is None:
             return self.listen
         return (f"{self.protocols[0]}/[::]:0",)
@@ -142,7 +143,7 @@ class TransportConfig:
 
 
 def has_ipv6() -> bool:
-    """Whether this machine can listen on all addresses of IPv6; some kernels have none."""
+    """True if this machine can listen on all addresses of IPv6; some kernels lack it."""
     try:
         with socket.socket(socket.AF_INET6) as probe:
             probe.bind(("::", 0))
@@ -152,7 +153,7 @@ def has_ipv6() -> bool:
 
 
 def without_ipv6(endpoints: Sequence[str]) -> list[str]:
-    """Endpoints to listen on; without IPv6 `[::]`, all addresses, is `0.0.0.0`."""
+    """Return endpoints to listen on; without IPv6, `[::]` (all addresses) becomes `0.0.0.0`."""
     if not any(map(_is_any, endpoints)) or has_ipv6():
         return list(endpoints)
     return [each.replace("/[::]:", "/0.0.0.0:") for each in endpoints]
@@ -163,7 +164,7 @@ def _is_any(endpoint: str) -> bool:
 
 
 def own_addresses() -> dict[str, list[str]]:
-    """The machine's interfaces, each with its addresses."""
+    """Return the machine's interfaces, each with its addresses."""
     import psutil  # sessions without discovery do not need it
 
     return {
@@ -173,7 +174,7 @@ def own_addresses() -> dict[str, list[str]]:
 
 
 def check_interface(name: str) -> None:
-    """Check that interfaces for discovery are there: names, or addresses. Raises TransportError."""
+    """Check that the interfaces for discovery exist: names or addresses. Raises TransportError."""
     if name == AUTO:
         return
     interfaces = own_addresses()
@@ -189,10 +190,9 @@ def check_interface(name: str) -> None:
 
 
 def require_threads() -> None:
-    """Check that this process may start the threads of a session, most of which come with a link.
+    """Check that this process can start a session's threads, most of which start with a link.
 
-    Zenoh does not report that it cannot: its session goes on and hears nobody. Raises
-    TransportError.
+    Zenoh does not report a failure: its session stays open and hears nobody. Raises TransportError.
     """
     over, threads = threading.Event(), list[threading.Thread]()
     try:
@@ -213,16 +213,16 @@ def require_threads() -> None:
 
 
 def session_id(unix_ns: int) -> str:
-    """A Zenoh session id, random but greater than those of earlier times.
+    """Return a Zenoh session id: random, but greater than ids made earlier.
 
-    Zenoh compares ids from their least significant byte on, and wants no leading zero.
+    Zenoh compares ids from their least significant byte on, and allows no leading zero.
     """
     noise = secrets.token_bytes(7) + bytes([0x80 | secrets.randbelow(0x80)])
     return f"{int.from_bytes(unix_ns.to_bytes(8, 'big') + noise, 'little'):x}"
 
 
 def session_config(config: TransportConfig) -> zenoh.Config:
-    """The Zenoh configuration; raises TransportError for a locator that Zenoh refuses."""
+    """Return the Zenoh configuration. Raises TransportError for a locator that Zenoh refuses."""
     scouting: dict[str, Any] = {"enabled": False}
     if config.multicast_interface is not None:
         scouting = {
@@ -257,7 +257,9 @@ def session_config(config: TransportConfig) -> zenoh.Config:
 
 
 def _client_settings(config: TransportConfig) -> dict[str, Any]:
-    """One attempt at each router: a client that waits for its first one never tries the second."""
+    """Settings for one attempt at each router: a client that waits for the first never tries the
+    second.
+    """
     return {
         "mode": "client",
         "connect/endpoints": list(config.routers),
@@ -267,18 +269,18 @@ def _client_settings(config: TransportConfig) -> dict[str, Any]:
 
 
 def common_settings() -> dict[str, Any]:
-    """The settings that all sessions have in common."""
+    """Return the settings shared by all sessions."""
     return {
         "transport/link/rx/max_message_size": 2 * MAX_MESSAGE_BYTES,
-        # A killed process would leave its segments behind; loopback is fast enough.
+        # A killed process would leave shared-memory segments behind, and loopback is fast enough.
         "transport/shared_memory/enabled": False,
     }
 
 
 def tls_settings(certificates: Certificates) -> dict[str, Any]:
-    """Both sides of a link must show a certificate that the team has signed.
+    """Return settings for mutual TLS: both sides must show a certificate signed by the team.
 
-    Certificates have no addresses, so names are not compared with them.
+    Certificates have no addresses, so names are not verified.
     """
     certificate, private = _encoded(certificates.certificate), _encoded(certificates.private)
     return {
@@ -297,7 +299,7 @@ def _encoded(pem: str) -> str:
 
 
 def zenoh_config(settings: Mapping[str, Any]) -> zenoh.Config:
-    """Settings by their paths as a configuration; raises TransportError for one that is refused."""
+    """Return a configuration from settings by path. Raises TransportError if Zenoh refuses one."""
     result = zenoh.Config()
     for key, value in settings.items():
         try:
@@ -309,7 +311,7 @@ def zenoh_config(settings: Mapping[str, Any]) -> zenoh.Config:
 
 
 def close_session(session: zenoh.Session, timeout_s: float) -> None:
-    """Close a session, waiting at most `timeout_s`; an isolated one takes 10 s, and may raise."""
+    """Close a session, waiting at most `timeout_s`: an isolated one takes 10 s, and may raise."""
 
     def close() -> None:
         with contextlib.suppress(zenoh.ZError):
@@ -321,7 +323,7 @@ def close_session(session: zenoh.Session, timeout_s: float) -> None:
 
 
 def open_session(settings: zenoh.Config, where: Iterable[str]) -> zenoh.Session:
-    """Open a session; raises TransportError that names `where` it was to listen or to connect."""
+    """Open a session. Raises TransportError that names `where` it was to listen or connect."""
     try:
         return zenoh.open(settings)
     except zenoh.ZError as error:

@@ -1,7 +1,7 @@
-"""Find the solver that a mission or a command names: docs/how-to/constraints.md.
+"""Finds the solver that a mission or a command names: see docs/how-to/constraints.md.
 
-`min_cost_flow` or `cp_sat`; a name that an installed package registers in the
-entry-point group `mrbt_mesh.solvers`; or `package.module:function`.
+A name is `min_cost_flow` or `cp_sat`, a name that an installed package registers in the entry-point
+group `mrbt_mesh.solvers`, or `package.module:function`.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _SPELLED_OUT = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*(?:\.
 
 
 def solver_for(mission: Mission, named: str | None = None) -> Solver:
-    """The solver named by a command, else by the mission, else the default one.
+    """Return the solver named by a command, else by the mission, else the default one.
 
-    Raises SolverError if it cannot be used for this mission, also for want of libraries.
+    Raises SolverError if it cannot be used for this mission, also if libraries are missing.
     """
     if problem := planner_problem(mission, lacks_planner(), named):
         raise SolverError(problem)
@@ -50,16 +50,17 @@ def solver_for(mission: Mission, named: str | None = None) -> Solver:
 
 
 def lacks_planner() -> bool:
-    """Whether the libraries of large and constrained assignment problems are not installed."""
+    """Return whether the libraries for large and constrained assignment problems are missing."""
     return not all(map(is_installed, PLANNER_MODULES))
 
 
 def load_solver(named: str | None, constrained: bool, is_small: bool = False) -> Solver:
-    """The solver of this name (None: the default one), after a trial on a few small problems.
+    """Return the solver of this name (None: the default one), after a trial on a few small
+    problems.
 
-    `constrained`: it will be given side constraints. `is_small`: the problems will be so small
-    that the default solver, without constraints, needs no library, and none is loaded. Raises
-    SolverError with the remedy, and with the line where a user's module itself fails.
+    `constrained`: it will get side constraints. `is_small`: problems will be so small that the
+    default solver, without constraints, needs no library, and none is loaded. Raises SolverError
+    with the remedy, and with the line if the user's module itself fails.
     """
     solver = default_solver if named is None else SOLVERS.get(named) or _users_solver(named)
     if constrained and not supports_constraints(solver):
@@ -77,7 +78,8 @@ def load_solver(named: str | None, constrained: bool, is_small: bool = False) ->
 
 
 def _try_out(solver: Solver, constrained: bool) -> None:
-    """Also loads the libraries that it needs, before a team waits for its plan.
+    """Solve trial problems, which also loads the solver's libraries before a team waits for its
+    plan.
 
     Raises SolverError if it breaks its contract on a small problem.
     """
@@ -96,7 +98,7 @@ def _try_out(solver: Solver, constrained: bool) -> None:
 
 @cache
 def trial_problems() -> tuple[tuple[AssignmentProblem, tuple[int, ...] | None], ...]:
-    """Small problems, each with its canonical optimum."""
+    """Return small problems, each with its canonical optimum."""
     plain = AssignmentProblem.of(
         ("r1", "r2", "r3"),
         (Bounds("d1", 1, 2), Bounds("d2", 1, 1)),
@@ -126,7 +128,7 @@ def _users_solver(named: str) -> Solver:
 
 
 def _registered(name: str) -> Any:
-    """What an installed package registered under this name."""
+    """Return what an installed package registered under this name."""
     from importlib import metadata
 
     points = metadata.entry_points(group=GROUP)
@@ -180,7 +182,10 @@ def _imported(module: str) -> ModuleType:
 
 
 def _place_of(error: BaseException, module: str) -> str:
-    """File and line that fail; the file alone if it cannot be compiled at all, as null bytes."""
+    """Return the file and line that fail.
+
+    Only the file if it cannot be compiled, e.g. for null bytes.
+    """
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}:{error.lineno or 0}"
     importing = (__file__, importlib.__file__)
@@ -198,5 +203,7 @@ def _prefixes(module: str) -> list[str]:
 
 
 def chosen_engine() -> Engine:
-    """The definitions if the environment asks for them, else what is faster: the same answers."""
+    """Return the reference engine if the environment asks for it, else the faster one: same
+    answers.
+    """
     return DEFINITIONS if os.environ.get(PLAIN_VARIABLE) == "1" else FASTEST

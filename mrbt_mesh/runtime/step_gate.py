@@ -1,6 +1,6 @@
 """Holds back the program's next step until the robot has heard enough (`core.agent.stepping`).
 
-What has arrived is taken in first: if the machine was paused with all its clocks, that shows it.
+Received inputs are processed first: if the machine was paused with all its clocks, they show it.
 """
 
 from __future__ import annotations
@@ -9,12 +9,15 @@ import asyncio
 from collections.abc import Callable, Generator
 from typing import Any
 
-# How many turns of the event loop a cancellation may take to reach the program.
+# The number of loop turns that a cancellation may take to reach the program.
 TURNS = 8
 
 
 class StepGate:
-    """`take_news`: has what waits taken in. `may_step`: whether the program may go on then."""
+    """`take_news` processes waiting inputs.
+
+    `may_step` returns whether the program may then continue.
+    """
 
     def __init__(self, take_news: Callable[[], None], may_step: Callable[[], bool]) -> None:
         self._take_news = take_news
@@ -22,16 +25,16 @@ class StepGate:
         self._waiting: list[asyncio.Future[None]] = []
 
     def look(self) -> None:
-        """The agent may have heard something: let go on what waits for that."""
+        """Release waiting steps if the agent has heard enough."""
         if self._waiting and self._may_step():
             for news in self._waiting:
                 if not news.done():
                     news.set_result(None)
 
     def pass_through(self, is_cancelled: Callable[[], bool]) -> Generator[Any, None, None]:
-        """Wait, in the program's task, until it may go on.
+        """Wait in the program's task until it may continue.
 
-        If its action was cancelled, that reaches it here, unless it shields itself.
+        If its action was cancelled, the cancellation reaches it here, unless it shields itself.
         """
         self._take_news()
         while not self._may_step():

@@ -1,5 +1,6 @@
-"""The signature of a run's summary.json, by the observer that wrote it; it also covers how many
-commands had been noted then, and the recordings that were there.
+"""The signature of a run's summary.json, by the observer that wrote it.
+
+It also covers the number of commands noted by then, and the recordings that existed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from mrbt_mesh.runtime.run_dir import (
 
 
 def sign_summary(run_dir: RunDir) -> None:
-    """Sign what was written, in a team with keys. Raises KeysError, RunDirError."""
+    """Sign the written summary, in a team with keys. Raises KeysError, RunDirError."""
     if not run_dir.keys_path.is_dir():
         return
     folder, path = KeyFolder(run_dir.keys_path), run_dir.path / SIGNATURE_FILE
@@ -43,8 +44,10 @@ def sign_summary(run_dir: RunDir) -> None:
 
 @dataclass(frozen=True)
 class Covered:
-    """What is signed beside the summary: the run, the hash of the last command noted then, and how
-    far the recordings in the run directory had been written.
+    """What is signed together with the summary.
+
+    That is the run, the hash of the last command noted by then, and how far the recordings in the
+    run directory had been written.
     """
 
     run: str
@@ -52,28 +55,28 @@ class Covered:
     recordings: tuple[NamedRecording, ...] = ()
 
     def content(self, summary: bytes) -> bytes:
-        """What is signed."""
+        """Return the bytes that are signed."""
         text = json.dumps([self.run, self.commands, self.recordings])
         return b"mrbt summary\0" + text.encode() + b"\0" + summary
 
 
 @dataclass(frozen=True)
 class SignedSummary:
-    """What the signature's file has."""
+    """The content of the signature's file."""
 
     by: str
     covered: Covered
     signature: bytes
 
     def is_for(self, manifest: Manifest, summary: bytes) -> bool:
-        """Whether an operator or observer of the team has signed this summary."""
+        """Return whether an operator or observer of the team has signed this summary."""
         content = self.covered.content(summary)
         roles = (Role.OPERATOR, Role.OBSERVER)
         return any(was_signed(manifest, self.by, content, self.signature, role) for role in roles)
 
 
 def signature_of(keys: Keys, summary: bytes, covered: Covered) -> str:
-    """The content of the signature's file."""
+    """Return the content of the signature's file."""
     signature = keys.sign(covered.content(summary)).hex()
     data = {"by": keys.name, "commands": covered.commands, "recordings": covered.recordings}
     return json.dumps({**data, "signature": signature}) + "\n"

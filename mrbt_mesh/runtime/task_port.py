@@ -1,4 +1,4 @@
-"""Behind a task's context: checks the program's reports, and hands them to the agent."""
+"""Implements a task's context: checks the program's reports and passes them to the agent."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ CONDITIONS_PER_OUTCOME = 1_000
 
 
 class Host(Protocol):
-    """What an action needs of its surroundings."""
+    """What an action needs from its runtime."""
 
     def submit(self, event: Input) -> None:
-        """Hand an input to the agent; may be called from the event loop only."""
+        """Pass an input to the agent; may only be called from the event loop."""
         ...
 
     def take_news(self) -> None:
-        """Have what others have sent taken in."""
+        """Process what other robots have sent."""
         ...
 
     def may_step(self) -> bool:
-        """Whether the program may go on with its local task."""
+        """Return whether the program may continue with its local task."""
         ...
 
     def read_condition(self, name: str) -> bool: ...
@@ -51,7 +51,7 @@ class Host(Protocol):
 
 
 def milli_position(x: float, y: float, heading: float | None) -> Position:
-    """A position in thousandths, the heading turned into one turn. Raises ValueError."""
+    """Return a position in thousandths, with the heading reduced to one turn. Raises ValueError."""
     most = MAX_COORDINATE // 1_000
     for number in (x, y, 0.0 if heading is None else heading):
         if isinstance(number, bool) or not isinstance(number, Real):
@@ -65,7 +65,7 @@ def milli_position(x: float, y: float, heading: float | None) -> Position:
 
 
 def truth(value: Any, what: str) -> bool:
-    """A bool, also numpy's; raises ValueError for anything else: `what` must be one."""
+    """Return a bool, also of numpy's; raises ValueError for any other value of `what`."""
     found = truth_of(value)
     if found is None:
         raise ValueError(f"{what} is set to True or False, not {shown(value)}")
@@ -73,10 +73,10 @@ def truth(value: Any, what: str) -> bool:
 
 
 class AgentPort:
-    """Behind one TaskContext; collects the conditions that go with the outcome.
+    """Implements one TaskContext; collects the conditions that are reported with the outcome.
 
-    `renew_travel_times`: what the program calls when they have changed. `job`: the job that the
-    task is of, if any. `conditions`: also other entries of the blackboard.
+    `renew_travel_times` is called when the program says that they have changed. `job`: the job that
+    the task belongs to, if any. `conditions` also holds other blackboard entries.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class AgentPort:
         self._tree_statuses = b""
 
     def close(self) -> None:
-        """The local task has ended: nothing goes with its outcome any more."""
+        """End the local task: nothing can be added to its outcome any more."""
         self._is_over = True
 
     def set_condition(self, name: str, value: bool, at_once: bool) -> None:
@@ -135,7 +135,10 @@ class AgentPort:
             raise ValueError(f"{name} is not set: {error}") from None
 
     def check_entry(self, name: str) -> ValueType:
-        """The type of a blackboard entry; raises ValueError unless the program may use it here."""
+        """Return the type of a blackboard entry.
+
+        Raises ValueError unless the program may use it here.
+        """
         mission = self._mission
         known = mission.conditions.get(declared_name(name)) if isinstance(name, str) else None
         if known is None or known.values is None or not mission.knows_entry(name):
@@ -183,7 +186,7 @@ class AgentPort:
             self._submit(ProgressReported(self._ticket, percent))
 
     def report_tree(self, statuses: bytes) -> None:
-        """The tree that is the action has been ticked: the statuses of its nodes in preorder."""
+        """Report a tick of the tree that is the action: the statuses of its nodes in preorder."""
         if self._ticket is not None and statuses != self._tree_statuses:
             self._tree_statuses = statuses
             self._submit(TreeTicked(self._ticket, statuses))

@@ -51,15 +51,15 @@ from mrbt_mesh.runtime.team_address import AddressError, timing_of
 from mrbt_mesh.runtime.watcher import Watcher
 
 END_TIMEOUT_S = 3.0
-# How often it is looked for new processes, and for times of deaths.
+# How often to look for new processes, and for times of deaths.
 EXITS_LOOK_S = 0.5
 # The number of robots started at once, and how long to wait for them before the next ones.
 STARTED_AT_ONCE = 8
 UP_TIMEOUT_S, UP_LOOK_S = 5.0, 0.02
 MAX_PORT = 65_535
-# A robot that lives is marked alive at least so often.
+# A living robot is marked alive at least this often.
 MARK_S = 3.0
-# Exit statuses of a robot: its mission has failed, it refuses its input.
+# A robot's exit status if its mission has failed, and if it refuses its input.
 FAILED, REFUSED = 1, 2
 
 
@@ -72,12 +72,12 @@ def new_run(
     places: Mapping[str, Place] | None = None,
     record: bool = False,
 ) -> RunInfo:
-    """A run of its own: fresh ids and free endpoints.
+    """Return a new run, with fresh ids and free endpoints.
 
-    `options`: what its robots have in common; the first robot serves metrics on `metrics_port`, the
-    others on the ports that follow. `places`: where each robot runs that takes part or may join
-    later; default: on loopback. Raises AddressError for what does not fit together, TransportError
-    for routers that its robots cannot be clients of.
+    `options` are shared by all robots; the first robot serves metrics on `metrics_port`, the others
+    on the ports that follow. `places` says where each robot runs that takes part or may join later;
+    by default they run on loopback. Raises AddressError for options that contradict each other, and
+    TransportError for routers that the robots cannot be clients of.
     """
     transport = options.transport
     if transport == WIRELESS and options.insecure:
@@ -128,9 +128,9 @@ def _check_routers(routers: Sequence[str], transport: str) -> None:
 
 
 class Team:
-    """The processes of one run. `processes` are those that were started from here.
+    """The processes of one run. `processes` are those started by this object.
 
-    `environment` are variables that their processes get besides those of this one.
+    `environment` has variables that are added to the environment of the processes.
     """
 
     def __init__(
@@ -153,10 +153,11 @@ class Team:
     async def start(
         self, robot: str, *, robot_type: str | None = None, takeover: bool = False
     ) -> StartedRobot:
-        """Start a robot: one of the team, one more, or a dead one again.
+        """Start a robot: a member of the team, a newcomer, or a dead one again.
 
-        A dead one comes back to its own endpoint; one that is to be replaced still holds it.
-        Raises RunDirError if it has no place in this run, KeysError if it can get no key.
+        A dead robot returns to its own endpoint, but one that is to be replaced still holds its
+        endpoint. Raises RunDirError if the run has no place for the robot, KeysError if it can get
+        no key.
         """
         if robot not in self.info.endpoints or self.process(robot) is not None:
             self.info = with_newcomer(self.info, robot)
@@ -178,10 +179,10 @@ class Team:
         return await anyio.to_thread.run_sync(self._forks.start, arguments)
 
     async def start_all(self) -> None:
-        """Start the robots with which the run begins; raises RunDirError, and InputError before
-        any is started where the system allows too few open files.
+        """Start the robots with which the run begins.
 
-        They are forked from one process, unless they have places of their own.
+        They are forked from one process, unless they have places of their own. Raises RunDirError,
+        and InputError before any is started if the system allows too few open files.
         """
         allow_open_files(len(self.info.robots))
         self._started_ns = time.time_ns()
@@ -201,22 +202,23 @@ class Team:
 
     @property
     def is_launched_here(self) -> bool:
-        """Whether this object has launched the team, rather than found it."""
+        """True if this object launched the team, rather than found it running."""
         return self._started_ns > 0
 
     async def until_up(self, timeout_s: float) -> list[str]:
-        """Wait until all robots that were started from here have opened their sessions, or ended.
+        """Wait until all robots started here have opened their sessions, or ended.
 
-        Returns those that have done neither.
+        Returns the robots that have done neither.
         """
         return await self._until_up([*self.processes], self._started_ns, timeout_s)
 
     async def _until_up(
         self, robots: Sequence[str], before_ns: int, timeout_s: float = UP_TIMEOUT_S
     ) -> list[str]:
-        """Wait until these have opened their sessions: many that start at once starve each other.
+        """Wait until these robots have opened their sessions, because many that start at once
+        starve each other.
 
-        No longer than `timeout_s`: robots that end or hang do not hold up the others.
+        Waits at most `timeout_s`: robots that end or hang do not delay the rest.
         """
         waiting, begun_ns = set(robots), dict.fromkeys(robots, before_ns)
         with anyio.move_on_after(timeout_s):
@@ -230,21 +232,21 @@ class Team:
                     ):
                         waiting.discard(robot)
                     elif mark_ns > before_ns:
-                        begun_ns[robot] = mark_ns  # it has begun; next it marks that it is up
+                        begun_ns[robot] = mark_ns  # it has begun; its next mark means it is up
         return sorted(waiting)
 
     def process(self, robot: str) -> psutil.Process | None:
-        """The robot's process, wherever it was started, also one that is only just starting."""
+        """Return the robot's process, wherever it was started, even if it is only just starting."""
         started = self.processes.get(robot)
         if started is not None and started.returncode is None:
-            # It writes its pid to the run directory only once it has got so far.
+            # It writes its pid to the run directory only later in its startup.
             with contextlib.suppress(psutil.NoSuchProcess):
                 process = psutil.Process(started.pid)
                 return process if process.status() != psutil.STATUS_ZOMBIE else None
         return self.run_dir.process(robot)
 
     def living(self) -> dict[str, psutil.Process]:
-        """The processes of this run by robot."""
+        """Return the running processes of this run, by robot."""
         robots = sorted({*self.run_dir.robots(), *self.processes})
         found = {robot: self.process(robot) for robot in robots}
         return {robot: process for robot, process in found.items() if process is not None}
@@ -252,15 +254,18 @@ class Team:
     def journals(
         self, on_problem: Callable[[str], None] = lambda _: None
     ) -> dict[str, tuple[Entry, ...]]:
-        """Robot -> what its journal holds; `on_problem` is told of each that cannot be used."""
+        """Return robot -> the entries in its journal.
+
+        `on_problem` is called for each unusable journal.
+        """
         robots = sorted({*self.run_dir.robots(), *self.processes})
         mission = self.mission.team_digest
         return read_journals(self.run_dir.path, robots, mission, self.info.run, on_problem)
 
     def result(self, observer: Observer, now_us: int) -> str:
-        """The run's result if it ends now, by what the observer knows and the journals.
+        """Return the run's result if it ends now, from the observer and the journals.
 
-        A short mission may be over before it could be watched; its journals know how it went.
+        A short mission may be over before it could be watched; its journals have the result.
         """
         lives = bool(self.living())
         if observer.record.result is None and not lives:
@@ -269,8 +274,9 @@ class Team:
         return observer.result(lives)
 
     def note_unseen_deaths(self, observer: Observer, now_us: int) -> None:
-        """Put into the record that robots have died of which only their files show it, if none is
-        left: but not of those that were there when an operator ended the team, and then left.
+        """Record deaths known only from the run's files, once no robot is left.
+
+        Robots that were still there when an operator ended the team have left, not died.
         """
         if observer.record.result is not None or self.living():
             return
@@ -282,7 +288,7 @@ class Team:
                 observer.record.died_unseen(robot, at_us)
 
     def refusals(self) -> list[str]:
-        """What robots printed that were started from here and refused their input."""
+        """Return the output of robots that were started here and refused their input."""
         self._settle()
         found = []
         for robot, process in self.processes.items():
@@ -301,26 +307,26 @@ class Team:
         )
 
     def last_word(self, robot: str, status: int) -> str:
-        """The last line that a robot printed which was started from here and has ended."""
+        """Return the last line printed by a robot that was started here and has ended."""
         said = ""
         with contextlib.suppress(OSError), self.run_dir.output_path(robot).open("rb") as file:
-            # What is before is of earlier lives, unless the file was begun anew.
+            # The part before is from earlier lives, unless the file was started anew.
             before = self._printed_before.get(robot, 0)
             file.seek(before if file.seek(0, os.SEEK_END) >= before else 0)
             said = file.read().decode(errors="replace").strip().rpartition("\n")[2]
         return said or self._wordless(robot, status)
 
     def _settle(self) -> None:
-        """Take in the exit statuses of robots that have ended."""
+        """Collect the exit statuses of robots that have ended."""
         for process in self.processes.values():
             if isinstance(process, ForkedRobot):
                 process.settle()
 
     def crashes(self) -> list[str]:
-        """Robots that were started from here and ended by an error, and their last words.
+        """Return the robots that were started here and ended by an error, with their last words.
 
-        Ended by a refusal is none, nor by SIGTERM or SIGKILL, nor with status 1 and no word:
-        that is how a robot of a mission that has failed ends.
+        Refusals do not count, nor SIGTERM and SIGKILL, nor status 1 without output: a robot of a
+        failed mission ends that way.
         """
         self._settle()
         found = []
@@ -342,11 +348,10 @@ class Team:
         return found
 
     async def note_exits(self, watcher: Watcher) -> None:
-        """Note in the record exactly when processes end and why, and what blocks them.
+        """Record exactly when and why processes end, and what blocks them. Never returns.
 
-        The launcher of the team also collects the times of its deaths from the robots' logs, and
-        writes them into the run directory, where other observers on this machine find them. Never
-        returns.
+        The launcher of the team also collects the times of deaths from the robots' logs, and writes
+        them to the run directory, where other observers on this machine find them.
         """
         awaited: set[str] = set()
         record = watcher.observer.record
@@ -389,7 +394,7 @@ class Team:
                 await anyio.sleep(EXITS_LOOK_S)
 
     async def end(self) -> None:
-        """Wait for the robots to stop by themselves; then ask, then insist."""
+        """Wait for the robots to stop by themselves, then terminate them, then kill them."""
         for step in ("wait", "terminate", "kill"):
             for process in self.living().values():
                 with contextlib.suppress(psutil.Error):

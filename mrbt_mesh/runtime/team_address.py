@@ -1,4 +1,4 @@
-"""Where a team is and how to hear it: in a run directory, or somewhere on the network."""
+"""Where a team is and how to reach it: from a run directory, or somewhere on the network."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
 
 class AddressError(InputError):
-    """An address of a team that cannot be right; the message has the remedy."""
+    """A team's address cannot be right; the message has the remedy."""
 
 
 @dataclass(frozen=True)
 class TeamAddress:
-    """All that a robot or an observer must know to be heard by a team, and to hear it.
+    """Everything that a robot or an observer needs to exchange messages with a team.
 
-    `run_dir`: where the robots' processes are found, if they are of this machine. `keys`: the
+    `run_dir`: where the robots' processes are found, if they run on this machine. `keys`: the
     folder with one's key and the team's manifest; None: messages are not signed. `speed`: how many
-    times faster than the mission says its simulated robots work, as far as that is known.
+    times faster than the mission says its simulated robots work, as far as known.
     """
 
     mission: Mission
@@ -44,7 +44,7 @@ class TeamAddress:
 
 
 def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> TeamAddress:
-    """The team of a mission, for a robot or, without one, an observer.
+    """Return the address of a mission's team, for a robot or, without one, an observer.
 
     Raises AddressError, TransportError or KeysError.
     """
@@ -75,9 +75,9 @@ def on_network(mission: Mission, options: NetworkOptions, robot: str = "") -> Te
 
 
 def address_of(run_dir: RunDir) -> TeamAddress:
-    """Where an observer finds the team of a run directory.
+    """Return the address of a run directory's team, for an observer.
 
-    Raises RunDirError or FileError for a damaged one, TransportError without the team's key.
+    Raises RunDirError or FileError if it is damaged, TransportError without the team's key.
     """
     info = run_dir.info()
     mission = load_mission(run_dir.mission_path)
@@ -93,7 +93,7 @@ def address_of(run_dir: RunDir) -> TeamAddress:
 
 
 def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
-    """How an observer reaches a run: it dials every robot, or a router.
+    """Return how an observer reaches a run: it dials every robot, or a router.
 
     Raises TransportError or KeysError.
     """
@@ -113,10 +113,10 @@ def observer_transport(run_dir: RunDir, info: RunInfo) -> TransportConfig:
 
 
 def certificates_of(keys: Path | None, robot: str = "") -> Certificates | None:
-    """The certificates of a robot, or of an observer (no robot); raises KeysError."""
+    """Return the certificates of a robot, or of an observer (no robot). Raises KeysError."""
     if keys is None:
         return None
-    # The library is large.
+    # Imported here because the library is large.
     from mrbt_mesh.runtime.key_folder import KeyFolder
 
     folder = KeyFolder(keys)
@@ -124,7 +124,7 @@ def certificates_of(keys: Path | None, robot: str = "") -> Certificates | None:
 
 
 def keys_of(keys: Path | None, robot: str = "") -> tuple[MemberKeys | None, ManifestWatch | None]:
-    """The keys of a robot, or of an observer, and what looks for a newer manifest of them.
+    """Return the keys of a robot or an observer, and a watch for a newer manifest.
 
     Raises KeysError.
     """
@@ -138,7 +138,10 @@ def keys_of(keys: Path | None, robot: str = "") -> tuple[MemberKeys | None, Mani
 
 
 def timing_of(beat_s: float, detection_s: float, mission: Mission) -> Timing:
-    """The times of a mission's team; raises AddressError if they do not fit together."""
+    """Return the timing of a mission's team.
+
+    Raises AddressError if the times contradict each other.
+    """
     try:
         timing = Timing(round(beat_s * SECOND_US), round(detection_s * SECOND_US))
         return timing.of_team(len(mission.robots))

@@ -1,7 +1,7 @@
-"""Notices that a team is found at other places now: its run directory says so.
+"""Notices in the run directory that a team's robots are at other endpoints now.
 
-Robots that are started again listen on other ports. A program that has watched them before looks
-at the run directory now and then, and opens its session anew.
+Robots that are restarted listen on other ports. A program that has watched them before checks the
+run directory now and then, and reopens its session.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LOOK_US = SECOND_US // 2
 
 
 class TeamChanges:
-    """`problem`: why the run directory tells nothing any more; empty while it does."""
+    """`problem`: why the run directory cannot be read any more; empty if it can."""
 
     def __init__(
         self, run_dir: RunDir, used: TransportConfig, read: Callable[[RunDir], TransportConfig]
@@ -29,7 +29,7 @@ class TeamChanges:
         self._next_us = 0
 
     def look(self, now_us: int) -> TransportConfig | None:
-        """Where the team is, if that has changed; looks at most every LOOK_US."""
+        """Return the team's new transport if it has changed; checks at most every LOOK_US."""
         if now_us < self._next_us:
             return None
         self._next_us = now_us + LOOK_US
@@ -39,7 +39,7 @@ class TeamChanges:
         try:
             found = self._read(self._run_dir)
         except InputError as error:
-            # It may just be written.
+            # It may be being written.
             self.problem = str(error)
             return None
         self.problem = ""

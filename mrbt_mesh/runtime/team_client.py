@@ -68,7 +68,7 @@ from mrbt_mesh.runtime.team_address import TeamAddress, address_of
 from mrbt_mesh.runtime.watcher import Watcher, watching
 
 CONNECT_TIMEOUT_S = 10.0
-# The numbers of a job's place, and its id.
+# The numbers of a job's position in the list, and its id.
 CURSOR_PATTERN = rf"-?[0-9]{{1,16}}(\.-?[0-9]{{1,16}}){{1,2}}~{ARGUMENT_PATTERN}"
 NOBODY_HEARD = "no robot of the team is heard: `mrbt join ROBOT` starts one that has died"
 ASK_AGAIN_S = 0.01
@@ -76,19 +76,19 @@ ASK_AGAIN_S = 0.01
 
 @dataclass(frozen=True)
 class JobHandle:
-    """A job that was submitted. `state`: open, held, or how it has ended already."""
+    """A submitted job. `state` is open, held, or how it has already ended."""
 
     id: str
     state: str
     _client: TeamClient
 
     async def done(self) -> JobRow:
-        """Wait until it has ended; how it has."""
+        """Wait until the job has ended, and return its row."""
         return await self._client.wait_for_end(self.id)
 
 
 class TeamClient:
-    """Use `connect` or `client_of` to make one."""
+    """A client of a running team. Use `connect` or `client_of` to make one."""
 
     def __init__(self, watcher: Watcher) -> None:
         self.watcher = watcher
@@ -96,7 +96,7 @@ class TeamClient:
         self._news = anyio.Event()
 
     async def follow(self, update: Callable[[], None] = lambda: None) -> None:
-        """Keep what is known of the team up to date, and call `update` after changes."""
+        """Keep the known state of the team up to date, and call `update` after changes."""
         heartbeat_s = self.watcher.timing.heartbeat_us / SECOND_US
         while True:
             await self.watcher.wait_for_change(heartbeat_s)
@@ -104,17 +104,17 @@ class TeamClient:
             update()
 
     def update(self) -> None:
-        """Look again at what the watcher knows, after a change; `follow` calls this."""
+        """Wake those that wait for news; `follow` calls this after each change."""
         self._news.set()
         self._news = anyio.Event()
 
     @property
     def jobs(self) -> list[JobRow]:
-        """All jobs that are known: open ones in their order, then those that have ended."""
+        """All known jobs: open ones in their order, then those that have ended."""
         return self._rows.of(self.watcher.observer)
 
     def job(self, job_id: str) -> JobRow | None:
-        """One job, also one that ended long ago; None: no such job is known."""
+        """Return a job, even one that ended long ago; None if no such job is known."""
         row = next((row for row in self.jobs if row.id == job_id), None)
         jobs = self.watcher.observer.facts.jobs
         if row is not None or jobs is None or not jobs.is_archived(job_id):
@@ -125,12 +125,12 @@ class TeamClient:
         return JobRow(job_id, "", {}, str(end or "ended"), why, 0, (), "")
 
     def cursor_of(self, row: JobRow) -> str:
-        """A text for the place of one of the `jobs`, which any client of this team understands."""
+        """Return a text for the position of one of the `jobs`, valid for any client of the team."""
         numbers, name = self._rows.place(row.id)
         return f"{'.'.join(map(str, numbers))}~{name}"
 
     def jobs_after(self, cursor: str) -> list[JobRow]:
-        """Those of the `jobs` after this place; raises ValueError for what is none."""
+        """Return the `jobs` after this cursor. Raises ValueError for an invalid cursor."""
         if re.fullmatch(CURSOR_PATTERN, cursor, re.ASCII) is None:
             raise ValueError("this is not a cursor")
         numbers, _, name = cursor.partition("~")
@@ -143,16 +143,16 @@ class TeamClient:
         return sorted(self.watcher.observer.membership.members())
 
     def require_robots(self) -> None:
-        """Raises CommandRefusedError unless a robot is heard, for those that will not wait."""
+        """Raise CommandRefusedError unless a robot is heard, for callers that will not wait."""
         if not self.robots:
             raise CommandRefusedError("no robot of the team is heard", NOT_HEARD)
 
     def arguments_of(self, kind: str, given: Arguments) -> list[str]:
-        """The arguments of a job as texts in the order of its type's parameters, of texts and whole
-        numbers by position or by the parameters' names.
+        """Return a job's arguments as texts, in the order of its type's parameters.
 
-        Raises JobRefusedError for an unknown type, another number of values, names that do not fit
-        the type, and other values.
+        They are given as texts and whole numbers, by position or by the parameters' names. Raises
+        JobRefusedError for an unknown type, a wrong number of values, names that do not fit the
+        type, and invalid values.
         """
         return arguments_of(self.watcher.observer.mission, kind, given)
 
@@ -168,15 +168,15 @@ class TeamClient:
         safe: int | None = None,
         operator: str = "",
     ) -> JobHandle:
-        """Hand in a job; returns once `safe` robots (None: a majority) have it in their journals.
+        """Submit a job. Returns once `safe` robots (None: a majority) have it in their journals.
 
         Its arguments are `values`, in order, or `arguments`: by the parameters' names, or a
-        sequence; texts and whole numbers. Once it is handed in it survives the death of all but one
-        of these robots, and of the team. To submit the same `job_id` again does nothing. It begins
-        at `not_before` at the earliest, and expires at its `deadline` (None: as its type says):
-        times, or how long from now by the team's clocks. `operator`: who submits it; empty: the
-        user who runs this program. Raises JobRefusedError, also if the id is another job's,
-        TimeoutError if too few robots answer.
+        sequence; texts and whole numbers. A submitted job survives the death of all but one of
+        these robots, and of the whole team. Submitting the same `job_id` again does nothing. The
+        job begins at `not_before` at the earliest and expires at its `deadline` (None: as its type
+        says); both are times, or durations from now by the team's clocks. `operator` is who submits
+        it; empty means the user who runs this program. Raises JobRefusedError, also if the id
+        belongs to another job, and TimeoutError if too few robots answer.
         """
         if values and arguments is not None:
             raise JobRefusedError(
@@ -199,7 +199,7 @@ class TeamClient:
         priority: int | None,
         safe: int | None,
     ) -> JobType:
-        """The type of a job; raises JobRefusedError for what any robot would refuse."""
+        """Return the type of a job. Raises JobRefusedError for what any robot would refuse."""
         mission = self.watcher.observer.mission
         count = len(mission.robots)
         if safe is not None and not 1 <= safe <= count:
@@ -209,10 +209,11 @@ class TeamClient:
     async def change(
         self, job_id: str, change: str, priority: int | None = None, operator: str = ""
     ) -> dict[str, Any]:
-        """`cancel`, `hold`, `hold_now` (what runs of it is cancelled), `release`, or give another
-        `priority`; the state of the job then, with its arguments as in `JobRow`.
+        """Change a job and return its new state, with its arguments as in `JobRow`.
 
-        Returns once a majority has it in their journals. Raises as `submit`.
+        `change` is `cancel`, `hold`, `hold_now` (which also cancels its running work), `release`,
+        or `priority`, with the new `priority`. Returns once a majority has the change in their
+        journals. Raises what `submit` raises.
         """
         field, value = job_change(job_id, change, priority)
         return (await self._command_job(field, job_id, value, operator)).state
@@ -220,24 +221,25 @@ class TeamClient:
     async def pause(self, operator: str = "") -> Acknowledged:
         """Stop all work until `resume`.
 
-        Returns once a majority has it in their journals, as all commands to the team do. Raises
-        CommandRefusedError, TimeoutError if too few robots answer.
+        Like all commands to the team, returns once a majority has it in their journals. Raises
+        CommandRefusedError, and TimeoutError if too few robots answer.
         """
         return await self._command_team(PAUSED, "pause", operator)
 
     async def resume(self, operator: str = "") -> Acknowledged:
-        """Go on with the work."""
+        """Continue the work."""
         return await self._command_team(PAUSED, "resume", operator)
 
     async def abort(self, operator: str = "") -> Acknowledged:
-        """End the mission as failed; it cannot be undone."""
+        """End the mission as failed. This cannot be undone."""
         return await self._command_team(ABORTED, True, operator)
 
     async def decide(
         self, global_task: str, decision: str, job: str = "", operator: str = ""
     ) -> Acknowledged:
-        """Decide that an exclusive task in doubt is `done` or `failed`, or have it tried again
-        (`retry`). `job`: the one that it is of, needed where it is in doubt in several.
+        """Decide that an exclusive task in doubt is `done` or `failed`, or `retry` it.
+
+        `job` names the job of the task; it is required if the task is in doubt in several jobs.
         """
         if decision not in [*Decision]:
             text = f"no decision {decision!r:.80}; there is {', '.join(Decision)}"
@@ -271,8 +273,9 @@ class TeamClient:
     async def propose(
         self, number: int, text: str, is_forced: bool, repeats_exclusive: bool
     ) -> Acknowledged:
-        """Propose a compiled mission as the next revision; a majority of the robots that are heard
-        is to have it.
+        """Propose a compiled mission as the next revision.
+
+        Returns once a majority of the robots that are heard has it.
         """
         name, safe = f"{MISSION}/{number}", len(self.robots) // 2 + 1
         return await self._command(
@@ -280,7 +283,7 @@ class TeamClient:
         )
 
     async def withdraw(self, number: int) -> Acknowledged:
-        """Take a proposed revision back, at all robots that are heard."""
+        """Withdraw a proposed revision from all robots that are heard."""
         return await self._command(
             f"{MISSION_WITHDRAWN}/{number}", True, "", needs=self.robots, is_checked=True
         )
@@ -288,8 +291,10 @@ class TeamClient:
     async def borrow(
         self, robot: str, after_task: bool = False, operator: str = ""
     ) -> Acknowledged:
-        """Take a robot out of the team's work, to drive it until `give_back`; at once, or after the
-        task that it has. Returns once the robot itself has it in its journal.
+        """Take a robot out of the team's work until `give_back`, so that the operator can drive it.
+
+        This happens at once, or after its current task if `after_task` is set. Returns once the
+        robot itself has it in its journal.
         """
         from mrbt_mesh.features.contact.loans import BORROWED, Loan
 
@@ -297,13 +302,13 @@ class TeamClient:
         return await self._command_robot(BORROWED, robot, str(loan), operator)
 
     async def give_back(self, robot: str, operator: str = "") -> Acknowledged:
-        """Give a borrowed robot back to the team."""
+        """Return a borrowed robot to the team."""
         from mrbt_mesh.features.contact.loans import BORROWED, Loan
 
         return await self._command_robot(BORROWED, robot, str(Loan.RETURNED), operator)
 
     async def wait_for_end(self, job_id: str) -> JobRow:
-        """Wait until a job has ended; how it has."""
+        """Wait until a job has ended, and return its row."""
         while True:
             news = self._news
             facts = self.watcher.observer.facts
@@ -315,7 +320,9 @@ class TeamClient:
             await news.wait()
 
     async def _now_us(self, until_s: float) -> int:
-        """The Unix time by the team's clocks; waits for one until then."""
+        """Return the Unix time by the team's clocks, waiting until `until_s` for a robot to tell
+        it.
+        """
         with anyio.move_on_after(until_s - anyio.current_time()):
             while True:
                 offsets_us = self.watcher.observer.membership.clock_offsets_us()
@@ -327,8 +334,8 @@ class TeamClient:
     # -- commanding ---------------------------------------------------------------------------
 
     def _in_doubt(self) -> dict[str, list[tuple[str, str]]]:
-        """Global task -> the activations that are requested and in doubt, and the coalitions that
-        have left them so.
+        """Global task -> its requested activations that are in doubt, each with a coalition that
+        left it so.
         """
         facts, plan = self.watcher.observer.facts, self.watcher.observer.plan
         found: dict[str, list[tuple[str, str]]] = {}
@@ -358,7 +365,7 @@ class TeamClient:
         except TimeoutError as error:
             fewer = ", or ask for fewer journals (`safe`)" if field == JOB else ""
             raise TimeoutError(f"{job_id}: {error}{fewer}") from None
-        # A robot that did not know the job refused; one that has the change first need not know it.
+        # A robot that does not know the job refuses, unless it gets the change first.
         state = done.state
         state.setdefault("state", "open")
         if "arguments" in state:
@@ -369,7 +376,7 @@ class TeamClient:
     async def _command_robot(
         self, field: str, robot: str, value: Any, operator: str
     ) -> Acknowledged:
-        """Returns once the robot itself has it in its journal."""
+        """Command one robot. Returns once the robot itself has it in its journal."""
         name = f"{field}/{robot}"
         return await self._command(name, value, operator, needs=(robot,), is_checked=True)
 
@@ -388,9 +395,11 @@ class TeamClient:
         rest_s: float = 0.0,
         until_s: float | None = None,
     ) -> Acknowledged:
-        """Command a field of a subject. `needs`: those that are to have it, else a majority.
-        `is_checked`: robots may refuse it. `until_s`: the time of the event loop at which it is
-        given up, by which all that one request waits for has to be over.
+        """Command a field of a subject.
+
+        `needs` are robots that must have it; by default a majority must. `is_checked`: robots may
+        refuse it. `until_s` is the event-loop time at which the command is given up; a request that
+        sends several commands shares it among all of them.
         """
         watcher, observer = self.watcher, self.watcher.observer
         who, count = printable(operator or user_name())[:MAX_TEXT], len(observer.mission.robots)
@@ -417,7 +426,9 @@ class TeamClient:
 
 
 def user_name() -> str:
-    """Who runs this program: its user's name, or number if it has none, as in some containers."""
+    """Return the name of the user who runs this program, or the user's number if there is no name,
+    as in some containers.
+    """
     try:
         return getpass.getuser()
     except (KeyError, OSError):
@@ -425,13 +436,13 @@ def user_name() -> str:
 
 
 def new_job_id() -> str:
-    """An id that no other job has."""
+    """Return a unique job id."""
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{secrets.token_hex(4)}"
 
 
 @asynccontextmanager
 async def client_of(address: TeamAddress) -> AsyncIterator[TeamClient]:
-    """A client of the team at an address. Raises TransportError."""
+    """Connect to the team at an address. Raises TransportError."""
     try:
         async with watching(address) as watcher, anyio.create_task_group() as group:
             await watcher.catch_up(CONNECT_TIMEOUT_S)
@@ -445,9 +456,9 @@ async def client_of(address: TeamAddress) -> AsyncIterator[TeamClient]:
 
 @asynccontextmanager
 async def connect(run_dir: str | Path | None = None) -> AsyncIterator[TeamClient]:
-    """A client of a team of this machine; None: the only one that runs.
+    """Connect to a team on this machine; None means the only one that runs.
 
-    Raises InputError if there is none or several, or it does not run any more, TransportError.
+    Raises InputError if there is none, there are several, or it no longer runs, and TransportError.
     """
     found = find_run(Path(run_dir) if run_dir is not None else None)
     if not is_running(found):

@@ -45,19 +45,19 @@ TREES = ("T_i", "T_A", "T_G", "T_Li")
 
 
 class NotInTeamError(InputError):
-    """The robot has stopped before the awaited event; the message has the reason."""
+    """The robot stopped before the awaited event; the message has the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """What a robot is to do by the plan."""
+    """A robot's work in the plan."""
 
     global_task: str
     local_task: str
 
 
 class TeamMember:
-    """A robot of a team, to be read from the program around it.
+    """A robot of a team, as seen from the program that hosts it.
 
     Its properties are what this robot knows now; `until` waits for changes.
     """
@@ -81,18 +81,19 @@ class TeamMember:
 
     @property
     def robot(self) -> str:
-        """Its id."""
+        """The robot's id."""
         return self._view.robot
 
     @property
     def has_joined(self) -> bool:
-        """Whether it has its place in the team."""
+        """True once the robot has its place in the team."""
         return self._view.plan is not None and not self._view.is_joining
 
     @property
     def stopped(self) -> str | None:
-        """Why it is no member any more: the mission is over, another robot of its id took its
-        place, its key was revoked; None while it is one.
+        """Why the robot is no longer a member; None while it is one.
+
+        The mission may be over, another robot may have taken its id, or its key was revoked.
         """
         if self._driver.stop is not None:
             return self._driver.stop.reason
@@ -100,19 +101,19 @@ class TeamMember:
 
     @property
     def statuses(self) -> Mapping[str, str]:
-        """Of T_i, T_A, T_G and T_Li: idle, running, success or failure."""
+        """The status of T_i, T_A, T_G and T_Li: idle, running, success or failure."""
         return {n: s.name.lower() for n, s in zip(TREES, self._view.statuses, strict=True)}
 
     @property
     def result(self) -> str | None:
-        """The mission's: success or failure, None while it runs."""
+        """The mission's result, success or failure; None while it runs."""
         plan = self._view.plan
         ended = plan is not None and plan.result in (Status.SUCCESS, Status.FAILURE)
         return plan.result.name.lower() if plan is not None and ended else None
 
     @property
     def command(self) -> str:
-        """The operator's standing word: resume, pause or abort."""
+        """The operator's current command: resume, pause or abort."""
         return str(self._view.facts.order())
 
     @property
@@ -122,17 +123,17 @@ class TeamMember:
 
     @property
     def team(self) -> tuple[str, ...]:
-        """The robots that its plan counts on, itself included, sorted."""
+        """The robots that this robot's plan counts on, itself included, sorted."""
         return tuple(sorted(self._view.alive()))
 
     @property
     def agrees(self) -> bool:
-        """Whether all robots have the same plan."""
+        """True if all robots have the same plan."""
         return self._view.agrees()
 
     @property
     def plan(self) -> Mapping[str, Assignment]:
-        """Robot -> what it is to do, by robot; robots without work are left out."""
+        """Robot -> its assignment, sorted by robot. Robots without work are left out."""
         plan = self._view.plan
         lines = plan.assignments if plan is not None else {}
         return {r: Assignment(x.global_task, x.local_task) for r, x in sorted(lines.items())}
@@ -145,7 +146,7 @@ class TeamMember:
 
     @property
     def works_on(self) -> Assignment | None:
-        """What its program carries out now."""
+        """What the robot's program carries out now; None if nothing."""
         claim = self._view.claim
         if claim is None or claim.phase is not Phase.RUNNING:
             return None
@@ -159,13 +160,13 @@ class TeamMember:
     # -- to await -----------------------------------------------------------------------------
 
     async def changed(self) -> None:
-        """Wait until the robot has heard or done something; also, until it has stopped."""
+        """Wait until the robot hears or does something, or stops."""
         await self._changed.wait()
 
     async def until(self, holds: Callable[[], bool]) -> None:
-        """Wait until `holds()`, which is asked after everything that the robot hears or does.
+        """Wait until `holds()` is true; it is called after everything that the robot hears or does.
 
-        Raises NotInTeamError if the robot has stopped, and it does not hold.
+        Raises NotInTeamError if the robot has stopped and `holds()` is false.
         """
         while not holds():
             if self.stopped is not None:
@@ -173,19 +174,23 @@ class TeamMember:
             await self._changed.wait()
 
     async def until_joined(self) -> None:
-        """Wait until it has its place in the team; raises NotInTeamError if it is refused."""
+        """Wait until the robot has its place in the team.
+
+        Raises NotInTeamError if it is refused.
+        """
         await self.until(lambda: self.has_joined)
 
     async def until_ended(self) -> str:
-        """Wait for the mission's result, success or failure; of one that never ends, of a round.
+        """Wait for the mission's result, success or failure.
 
-        Raises NotInTeamError if the robot has stopped before.
+        In an endless mission, it is the result of a round. Raises NotInTeamError if the robot stops
+        before.
         """
         await self.until(lambda: self.result is not None)
         return str(self.result)
 
     async def leave(self) -> None:
-        """Hand the work over and be a member no more; at most three seconds."""
+        """Hand over the work and leave the team, within three seconds."""
         if self.stopped is None:
             await self._driver.leave()
         self._step()
@@ -198,20 +203,20 @@ async def join_team(
     program: RobotProgram | str | None = None,
     options: RobotOptions | None = None,
 ) -> AsyncIterator[TeamMember]:
-    """Be a robot of a team while the body runs, and leave it at its end, however it ends.
+    """Take part in a team as a robot while the body runs; leave it however the body ends.
 
-    `mission` is a file, or a compiled one; `program` a program, or where one is (`robot.py:name`),
-    None: the mission's. Of `options` one is needed: `keys`, a folder made by `mrbt keys`, or
-    `insecure=True`. It needs asyncio's event loop, also below anyio.
+    `mission` is a mission file, or a compiled one. `program` is a program or a reference to one
+    (`robot.py:name`); None means the mission's. One of the `options` is required: `keys`, a folder
+    made by `mrbt keys`, or `insecure=True`. It needs asyncio's event loop, possibly under anyio.
 
-    Raises InputError for whatever is wrong with these, before the body. What the robot's own code
-    raises ends a local task, not the body.
+    Raises InputError before the body if any of these is wrong. An exception in the robot's program
+    ends a local task, not the body.
     """
     try:
         loop = asyncio.get_running_loop()
     except RuntimeError:
         raise InputError("join_team needs asyncio: no event loop of it runs here") from None
-    selector_of(loop)  # here, so that the error has no story of tasks that have begun
+    selector_of(loop)  # called here, so that the traceback does not mention tasks that have begun
     driver = Driver(
         _setup(Path(fspath(mission)), robot, program, _checked(options or RobotOptions()))
     )
@@ -228,7 +233,7 @@ async def join_team(
 def _setup(
     file: Path, robot: str, program: RobotProgram | str | None, options: RobotOptions
 ) -> RobotSetup:
-    """The robot that is to join; raises InputError."""
+    """Return the setup of the robot that is to join. Raises InputError."""
     mission = load_mission(file)
     reference = "the program"
     if not isinstance(program, RobotProgram):
@@ -258,7 +263,7 @@ _TEXT = ("a text", lambda value: isinstance(value, str))
 _FLAG = ("True or False", lambda value: isinstance(value, bool))
 _PATH = ("a path", lambda value: isinstance(value, str | PathLike))
 _PERIOD = ("a number of seconds from 0.001 to 3600", _is_number(0.001, 3_600))
-# What the options may be, besides their defaults.
+# The allowed values of options, besides their defaults.
 _EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     **dict.fromkeys(("type", "team", "run", "multicast", "program", "solver"), _TEXT),
     **dict.fromkeys(("listen", "connect", "routers", "expect"), _LIST),
@@ -280,7 +285,7 @@ _EXPECTED: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
 
 
 def _checked(options: RobotOptions) -> RobotOptions:
-    """The options, with texts turned into paths; raises InputError for a wrong value."""
+    """Return the options, with texts converted to paths. Raises InputError for a wrong value."""
     for each in fields(options):
         value = getattr(options, each.name)
         expected, accepts = _EXPECTED[each.name]
@@ -296,7 +301,7 @@ def _checked(options: RobotOptions) -> RobotOptions:
 
 
 async def _begun(driver: Driver, running: asyncio.Task[Stop]) -> None:
-    """Wait until it hears its team; raises what it raised instead."""
+    """Wait until the robot hears its team; raises what the robot raised instead."""
     begun = asyncio.ensure_future(driver.begun.wait())
     try:
         await asyncio.wait((begun, running), return_when=asyncio.FIRST_COMPLETED)
@@ -307,7 +312,10 @@ async def _begun(driver: Driver, running: asyncio.Task[Stop]) -> None:
 
 
 async def _ended(driver: Driver, member: TeamMember, running: asyncio.Task[Stop]) -> None:
-    """Leave, also where the body was cancelled; raises what broke the robot, if anything did."""
+    """Leave the team, even if the body was cancelled.
+
+    Raises what broke the robot, if anything did.
+    """
     if not driver.begun.is_set():
         running.cancel()
     elif not running.done():

@@ -1,4 +1,6 @@
-"""Another mission for a team that runs: what would change, and the way until it is in force."""
+"""Proposes another mission to a running team: what would change, and the steps until it is in
+force.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +30,19 @@ from mrbt_mesh.runtime.operator_call import CommandRefusedError
 from mrbt_mesh.runtime.team_client import TeamClient
 from mrbt_mesh.runtime.watcher import Watcher
 
-# An operator who interrupts waits no longer for an answer.
+# How long an operator who interrupts waits for an answer.
 WITHDRAW_S = 2.0
-# How long robots' runtimes may take to look at their programs.
-# A robot imports its program anew for it, which takes long where many processes share few cores.
+# How long robots may take to check their programs. A robot imports its program again for it, which
+# is slow if many processes share few cores.
 CHECK_S, CHECK_AGAIN_S = 20.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Consent:
-    """What the operator takes into account, and signs with the revision: that work is cancelled and
-    robots leave; that exclusive tasks are begun again that were begun.
+    """What the operator accepts, and signs with the revision.
+
+    `is_forced`: work may be cancelled, and robots may leave. `repeats_exclusive`: exclusive tasks
+    that have begun may begin again.
     """
 
     is_forced: bool = False
@@ -46,13 +50,13 @@ class Consent:
 
 
 class RevisionRefusedError(Exception):
-    """The team does not take up a revision; the text says who refuses it, and why."""
+    """The team refuses a revision; the message says who refuses it, and why."""
 
 
 def next_revision(watcher: Watcher, mission: Mission) -> tuple[Mission, RevisionChanges]:
-    """The mission as the next revision of the one in force, and what it would change now.
+    """Return the mission as the next revision of the one in force, and what it would change now.
 
-    Raises InputError if no team could take it up.
+    Raises InputError if no team could use it.
     """
     facts = watcher.observer.facts
     try:
@@ -63,7 +67,7 @@ def next_revision(watcher: Watcher, mission: Mission) -> tuple[Mission, Revision
 
 
 def unserved(watcher: Watcher, mission: Mission) -> list[str]:
-    """What the robots that are alive could not do of this revision, and why."""
+    """Return what the living robots could not do in this revision, and why."""
     observer = watcher.observer
     return not_feasible(observer.facts, mission, observer.membership.members())
 
@@ -71,7 +75,10 @@ def unserved(watcher: Watcher, mission: Mission) -> list[str]:
 async def refusals(
     watcher: Watcher, mission: Mission, changes: RevisionChanges, consent: Consent
 ) -> list[str]:
-    """Why the team would refuse this revision now, each with the remedy; empty if it would not."""
+    """Return why the team would refuse this revision now, each with the remedy.
+
+    Empty if it would not.
+    """
     observer = watcher.observer
     before, alive = observer.facts.declared, observer.membership.members()
     found = [size_problem(before, mission, watcher.timing)]
@@ -104,8 +111,10 @@ async def refusals(
 
 
 def survived_losses(watcher: Watcher, mission: Mission) -> Mapping[str, str]:
-    """What a revision survives with the robots that are alive and what they can do now, in words:
-    by type of jobs, or under "". Empty where no analysis is installed.
+    """Return in words which losses a revision survives with the living robots and their abilities
+    now.
+
+    By type of jobs, or under "". Empty if no analysis is installed.
     """
     observer = watcher.observer
     members = facts_under(observer.facts, mission).members
@@ -131,7 +140,7 @@ async def take_up(
 ) -> None:
     """Propose a revision, and wait until it is in force and all robots act by it.
 
-    `say` gets which robots are awaited, when that changes. Raises RevisionRefusedError if one
+    `say` gets the awaited robots whenever they change. Raises RevisionRefusedError if a robot
     refuses it, or if it is not in force after `timeout_s`: then it is withdrawn.
     """
     client, number = TeamClient(watcher), revision.revision_number
@@ -149,7 +158,7 @@ async def take_up(
         late = str(error)
         proposed = watcher.observer.facts.revisions.proposed(number)
         if proposed is not None and proposed.text != compile_mission(revision):
-            raise RevisionRefusedError(late) from None  # another client's, which may go on
+            raise RevisionRefusedError(late) from None  # it is another client's, which may continue
     except anyio.get_cancelled_exc_class():
         with anyio.move_on_after(WITHDRAW_S, shield=True):
             await withdraw(watcher, number)
@@ -171,8 +180,10 @@ async def _propose(
     awaited: list[str],
     say: Callable[[str], None],
 ) -> None:
-    """Propose a revision and wait until it is in force. A robot that leaves by it may be gone
-    before it has answered, so no answer is awaited once the revision is in force.
+    """Propose a revision and wait until it is in force.
+
+    A robot that leaves by it may be gone before it has answered, so answers are no longer awaited
+    once the revision is in force.
     """
     number, text = revision.revision_number, compile_mission(revision)
 
@@ -189,7 +200,10 @@ async def _propose(
 
 
 async def withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
-    """Take a proposal back: whether no robot that is heard can take it up any more, and why."""
+    """Withdraw a proposal.
+
+    Returns whether no robot that is heard can accept it any more, and why.
+    """
     client = TeamClient(watcher)
     if not client.robots:
         return False, "no robot of the team is heard, so it is still proposed"
@@ -201,7 +215,7 @@ async def withdraw(watcher: Watcher, number: int) -> tuple[bool, str]:
 
 
 async def _is_in_force(watcher: Watcher, revision: Mission) -> bool:
-    """Whether this very mission has come into force; waits until that is known here."""
+    """Return whether exactly this mission has come into force; waits until that is known here."""
     with anyio.move_on_after(WITHDRAW_S):
         while watcher.observer.facts.declared.revision_number < revision.revision_number:
             await watcher.wait_for_change(watcher.timing.heartbeat_us / SECOND_US)
@@ -215,9 +229,9 @@ async def _until_in_force(
     awaited: list[str],
     say: Callable[[str], None],
 ) -> None:
-    """Wait until all robots act by a revision; `awaited`: the robots without which they do not.
+    """Wait until all robots act by a revision; `awaited` lists the robots that do not yet.
 
-    `text`: the compiled revision, which tells it from another one of the same number.
+    `text`: the compiled revision, which distinguishes it from another one of the same number.
     """
     observer, said, number = watcher.observer, "", revision.revision_number
     while True:

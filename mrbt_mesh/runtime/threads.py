@@ -1,4 +1,4 @@
-"""Threads in which a robot's program has drivers work that block."""
+"""Threads in which a robot's program runs blocking drivers."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _ASYNCIO = Path(asyncio.__file__).parent
 async def run_in_thread(
     function: Callable[..., _T], *arguments: Any, stop: Callable[[], object]
 ) -> _T:
-    """Call a function that blocks in a thread; when the local task is cancelled, `stop` it.
+    """Call a blocking function in a thread, and `stop` it when the local task is cancelled.
 
         await run_in_thread(arm.weld, seam, stop=arm.stop)
 
-    `stop` is called, in a thread too, to make `function` return soon: only then has the task
-    stopped, and the robot does nothing else before. Without that, a driver that blocks would work
-    on while another robot has taken over. Returns and raises what `function` does.
+    `stop` is called, also in a thread, to make `function` return soon. The task has stopped only
+    then, and the robot starts nothing else before. Without `stop`, a blocking driver would continue
+    after another robot has taken over. Returns and raises what `function` does.
     """
     work = asyncio.ensure_future(anyio.to_thread.run_sync(partial(function, *arguments)))
     try:
@@ -47,12 +47,12 @@ async def run_in_thread(
                 await anyio.to_thread.run_sync(stop)
             await asyncio.wait([work])
         if not work.cancelled():
-            work.exception()  # what it raised because it was stopped
+            work.exception()  # retrieved, so that asyncio does not report what it raised on `stop`
         raise
 
 
 class _NotingExecutor:
-    """Submits to an executor, and notes for the call of the program what runs there."""
+    """Submits to an executor, and registers the work with the program's call."""
 
     def __init__(self, executor: Any, call: UserCall, place: str) -> None:
         self._executor = executor
@@ -86,8 +86,10 @@ _threads = ThreadPoolExecutor(thread_name_prefix="program")
 def in_noted_thread(
     run: Callable[..., Any], executor: Any, function: Callable[..., Any], *arguments: Any
 ) -> Any:
-    """`run_in_executor` of an event loop: what the program itself has begun so, as with
-    `asyncio.to_thread`, is noted for its call. Libraries look up names so, and the like.
+    """Implement `run_in_executor` of an event loop.
+
+    Work that the program itself starts, as with `asyncio.to_thread`, is registered with its call.
+    Work of libraries, such as looking up names, is not.
     """
     call = running_call.get()
     frames = [(Path(file), line) for file, line in frames_of(sys._getframe(1))]
@@ -99,7 +101,7 @@ def in_noted_thread(
 
 
 def note_threads(loop: asyncio.AbstractEventLoop) -> None:
-    """Have an event loop of another program, in which robots are guests, do so from now on."""
+    """Apply `in_noted_thread` to another program's event loop, in which robots are guests."""
     if "run_in_executor" not in vars(loop):
         noting: Any = partial(in_noted_thread, loop.run_in_executor)
         vars(loop)["run_in_executor"] = noting

@@ -1,15 +1,16 @@
-"""The holders of the liveliness token of a robot's life: the robot, and perhaps strangers.
+"""Tracks which sessions hold the liveliness token of each robot's life: the robot, perhaps
+strangers.
 
-Any session on the network may show a token in a robot's name and take it down again, as often as
-it likes, but not that of another session. So a token has disappeared once no session holds it: a
-stranger can keep one up, and no more than that. A robot that has found another router, or opened
-its session anew, shows a new token before the old one ends.
+Any session on the network may declare a token in a robot's name and withdraw it again, as often as
+it likes, but it cannot withdraw another session's. So a token has disappeared once no session holds
+it: a stranger can only keep one up. A robot that has moved to another router, or reopened its
+session, declares a new token before the old one ends.
 
-Tokens are hints, so a bounded amount of work and memory is spent on them: on those of robots that
-may be there, a few lives of each, and a number of changes a second for each robot. Once a change of
-a robot was passed over, the holders of its token are not known any more, and the end of its token
-is not reported, until all tokens have been listed again after a quiet time (`must_list_again`).
-Heartbeats decide meanwhile.
+Tokens are hints, so a bounded amount of work and memory is spent on them: on robots that may exist,
+a few lives of each, and a number of changes per second for each robot. Once a change of a robot was
+skipped, the holders of its token are no longer known, and the end of its token is not reported,
+until all tokens have been listed again after a quiet time (`must_list_again`). Heartbeats decide
+meanwhile.
 """
 
 from __future__ import annotations
@@ -25,23 +26,26 @@ from mrbt_mesh.core.membership.peer import Peer
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.flood_gate import Budget
 
-# Of one robot: changes at once after a pause, and in each second; lives, and sessions of each.
+# Per robot: changes at once after a pause, and per second; lives, and sessions of each.
 CHANGES_AT_ONCE, CHANGES_PER_S = 20, 5
 MAX_LIVES, MAX_HOLDERS = 8, 8
 MAX_ROBOTS = 1_000
-# The name under which observers show their tokens.
+# The name under which observers declare their tokens.
 OBSERVER = "observer"
-# How long nothing was passed over before all tokens are listed again.
+# How long no change was skipped before all tokens are listed again.
 QUIET_US = 30_000_000
-# The life of a robot that has not been heard yet: older than any.
+# The life of a robot not heard yet: older than any.
 UNHEARD = Incarnation(0, "")
 
-# The life in which a robot is known; None: there is no robot of that name.
+# Returns the life in which a robot is known; None: there is no robot of that name.
 LifeOf = Callable[[str], Incarnation | None]
 
 
 def life_of(peers: Callable[[], Mapping[str, Peer]], keys: Keys | None) -> LifeOf:
-    """The lives of these peers; others may be there if they have keys, or if the team has none."""
+    """Return a function that tells the life in which a robot is known.
+
+    Peers are known; other robots may exist if they have keys, or if the team has none.
+    """
 
     def find(robot: str) -> Incarnation | None:
         peer = peers().get(robot)
@@ -54,15 +58,17 @@ def life_of(peers: Callable[[], Mapping[str, Peer]], keys: Keys | None) -> LifeO
 
 
 class Holder(NamedTuple):
-    """The ids of a Zenoh session and of the router that it names; that is empty for a peer."""
+    """The ids of a Zenoh session and of the router that it names; no router for a peer."""
 
     session: str
     router: str
 
 
 class Change(enum.Enum):
-    """What a change means: the token of the robot's present life is held (perhaps by one more), or
-    has disappeared; nothing; or it was passed over: there are too many, or there is no such robot.
+    """The meaning of a change.
+
+    The token of the robot's present life is held (perhaps by one more session), or has disappeared;
+    or the change means nothing; or it was skipped, because there are too many, or no such robot.
     """
 
     HELD = enum.auto()
@@ -73,7 +79,7 @@ class Change(enum.Enum):
 
 @dataclass(slots=True)
 class _Life:
-    """Who holds its token, in order of appearance, and who did so last."""
+    """The holders of a life's token in order of appearance, and the last session that held it."""
 
     holders: dict[Holder, None] = field(default_factory=dict)
     last_session: str = ""
@@ -81,7 +87,10 @@ class _Life:
 
 @dataclass(slots=True)
 class _Robot:
-    """`is_doubtful`: something was passed over, so its holders are not known any more."""
+    """What is known about a robot.
+
+    `is_doubtful`: a change was skipped, so its holders are unknown.
+    """
 
     budget: Budget
     lives: dict[Incarnation, _Life] = field(default_factory=dict)
@@ -89,7 +98,7 @@ class _Robot:
 
 
 class TokenHolders:
-    """Who holds the token of each life of each robot, as far as is heard. Not thread-safe.
+    """The holders of the token of each life of each robot, as far as heard. Not thread-safe.
 
     `clock` is in us.
     """
@@ -102,7 +111,7 @@ class TokenHolders:
         self._passed_over_us: int | None = None
 
     def change(self, robot: str, incarnation: Incarnation, holder: Holder, held: bool) -> Change:
-        """One session holds the token or does so no more."""
+        """Process that a session holds the token or no longer does; return what it means."""
         now_us, present = self._clock(), self._life_of(robot)
         known = self._robots.get(robot)
         if known is None:
@@ -130,28 +139,35 @@ class TokenHolders:
         return Change.PASSED_OVER
 
     def _pass_over_other(self, name: str, now_us: int) -> Change:
-        """Somebody watches; or a robot is new, whose key is not known here yet; or a stranger."""
+        """Skip a token of an observer, of a new robot whose key is not known here yet, or of a
+        stranger.
+        """
         if name != OBSERVER:
             self._passed_over_us = now_us
         return Change.NOTHING if self._others.takes(now_us) else Change.PASSED_OVER
 
     def knows(self, robot: str) -> bool:
-        """Whether there may be a robot of that name, and it has shown a token."""
+        """Return whether the robot may exist and has declared a token."""
         return robot in self._robots
 
     def must_list_again(self) -> bool:
-        """Whether something was passed over, but nothing for a while: `clear`, and begin anew."""
+        """Return whether a change was skipped, but none for a while: `clear`, and list the tokens
+        again.
+        """
         at_us = self._passed_over_us
         return at_us is not None and self._clock() - at_us >= QUIET_US
 
     def last_session(self, robot: str, incarnation: Incarnation) -> str:
-        """The session that showed the token of this life last, or held it to the end; or empty."""
+        """Return the session that last declared or held the token of this life.
+
+        Empty if unknown.
+        """
         known = self._robots.get(robot)
         life = known.lives.get(incarnation) if known is not None else None
         return life.last_session if life is not None else ""
 
     def robots_of(self, sessions: set[str]) -> frozenset[str]:
-        """The robots whose token one of these sessions holds."""
+        """Return the robots whose token one of these sessions holds."""
         return frozenset(
             robot
             for robot, known in self._robots.items()
@@ -160,7 +176,7 @@ class TokenHolders:
         )
 
     def clear(self) -> None:
-        """All tokens are about to be listed anew."""
+        """Forget everything, because all tokens are about to be listed again."""
         self._robots.clear()
         self._passed_over_us = None
 
@@ -172,7 +188,7 @@ def _budget(now_us: int) -> Budget:
 def _place(
     lives: dict[Incarnation, _Life], incarnation: Incarnation, present: Incarnation | None
 ) -> _Life | None:
-    """Where to note one more holder of a token; None: there are too many."""
+    """Return the entry for one more holder of a token; None: there are too many."""
     life = lives.get(incarnation)
     if life is None:
         for each in [i for i, life in lives.items() if not life.holders and i != present]:

@@ -40,16 +40,18 @@ _PACKAGE = Path(__file__).parent.parent
 
 _T = TypeVar("_T")
 
-# A task started by the function, and not awaited, has failed or goes on.
+# A task that the function started and did not await: it has failed or continues.
 STRAY = "a task started by"
 
-# The call in whose code, or in a task started by it, the event loop is now.
+# The call whose code, or a task started by it, runs in the event loop now.
 running_call: ContextVar[UserCall | None] = ContextVar("running_call", default=None)
 
 
 class UserCodeError(Exception):
-    """A function of the program has failed. `reason` is one line for the team, empty where the
-    program gave none; `details`, for the log, has the traceback.
+    """A function of the program has failed.
+
+    `reason` is one line for the team, empty if the program gave none. `details`, for the log,
+    includes the traceback.
     """
 
     def __init__(self, reason: str, details: str = "") -> None:
@@ -59,13 +61,14 @@ class UserCodeError(Exception):
 
 
 class UserCall:
-    """One call of `function`, made by `call`. `name` is what it does: a local task, a bid.
+    """One call of `function`, made by `call`. `name` says what it does: a local task, a bid.
 
-    `report` is called for failures beside its result: the kind, the call, the failure. `stepping`
-    is the call whose code runs now, in the `steps`-th step of any; `tasks` carry out calls.
-    `is_cancelled`: the runtime has cancelled it. `gate`: that of `Driven`, until then.
-    `blocked`: where it kept the simulator waiting in real time, which has made it fail.
-    `waits_for`: why it goes on after its cancellation, as an adapter's function says; one line.
+    `report(kind, call, failure)` is called for failures besides its result. `stepping` is the call
+    whose code runs now, `steps` counts the steps of all calls, and `tasks` are the tasks that carry
+    out calls. `is_cancelled`: the runtime has cancelled the call. `gate`: the gate of `Driven`,
+    until it is cancelled. `blocked`: where it kept the simulator waiting in real time, which makes
+    it fail. `waits_for`: one line from an adapter's function on why it continues after its
+    cancellation.
     """
 
     stepping: ClassVar[UserCall | None] = None
@@ -85,7 +88,7 @@ class UserCall:
         self.waits_for = ""
         self.report = report
         self.is_cancelled = False
-        # By which its cancellation differs from all others that reach the function.
+        # Distinguishes its cancellation from all others that reach the function.
         self.token = f"mrbt call {id(self):x}"
         self.gate: Callable[[], Generator[Any, None, None]] | None = None
         self._call = call
@@ -96,25 +99,25 @@ class UserCall:
         self._result: Any = None
         self._error: BaseException | None = None
         self._has_ended = False
-        # As what it has failed, whatever else it does.
+        # The failure that ends the call, whatever else it does.
         self._failure: UserCodeError | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
-        # Tasks that it has started by itself, and threads in which it has had something done.
+        # Tasks that the call has started, and threads that it uses.
         self.started: weakref.WeakSet[asyncio.Task[Any]] = weakref.WeakSet()
         self.threads: set[ThreadWork] = set()
         self._is_abandoned = asyncio.Event()
 
     async def run(self) -> Any:
-        """The function's result, awaited if it can be.
+        """Return the function's result, awaiting it if possible.
 
         Raises UserCodeError for whatever the function raised, and the cancellation if the runtime
-        cancelled it before it had ended. What runs on in threads of a function that was cancelled
-        is waited for.
+        cancelled the call before it ended. After a cancellation, waits for the threads that the
+        function has started.
         """
         self._loop, self._thread = asyncio.get_running_loop(), threading.current_thread()
         try:
-            # A task of its own: what the function leaves behind in it (cancel scopes, requests to
+            # A separate task, so that what the function leaves in it (cancel scopes, requests to
             # cancel it) ends with it.
             async with anyio.create_task_group() as group:
                 group.start_soon(self._carry_out)
@@ -128,7 +131,7 @@ class UserCall:
                 await self._threads_over()
                 raise
         except ExceptionGroup as leftovers:
-            # The function itself raises nothing here: this is anyio's, of scopes left open.
+            # The function raises nothing here: anyio raises this for scopes left open.
             self._error = self._error or leftovers
         self._look_at_leftovers()
         if self._failure is not None and isinstance(self._error, asyncio.CancelledError | None):
@@ -147,12 +150,15 @@ class UserCall:
                     each.cancel()
 
     def _look_at_leftovers(self) -> None:
-        """Name what the function leaves behind; what it has forgotten to await is a failure."""
+        """Report what the function leaves running.
+
+        A coroutine that it forgot to await is a failure.
+        """
         for task in [task for task in self.started if not task.done()]:
             coroutine = task.get_coro()
             code = getattr(coroutine, "cr_code", None)
             if code is None or not users_frames([(code.co_filename, code.co_firstlineno)]):
-                continue  # of a library, which may keep a connection
+                continue  # a library's task, which may keep a connection
             name, place = code.co_name, f"{Path(code.co_filename).name}:{code.co_firstlineno}"
             if (gathered := gathered_in_vain(task)) is not None:
                 gathered.add_done_callback(lambda each: each.cancelled() or each.exception())
@@ -168,7 +174,7 @@ class UserCall:
             self.report("after the end of", self, UserCodeError(text))
 
     def fail(self, failure: UserCodeError) -> None:
-        """End it as failed, whatever it would do; from any thread."""
+        """End the call as failed, whatever its result; may be called from any thread."""
         if self._loop is not None and threading.current_thread() is not self._thread:
             with contextlib.suppress(RuntimeError):  # the loop is closed
                 self._loop.call_soon_threadsafe(self.fail, failure)
@@ -181,25 +187,25 @@ class UserCall:
 
     @property
     def was_cancelled(self) -> bool:
-        """Whether the cancellation by the runtime has reached the function."""
+        """True if the runtime's cancellation has reached the function."""
         return self._driven is not None and self._driven.was_cancelled
 
     @property
     def late_failure(self) -> UserCodeError | None:
-        """What it raised in place of the cancellation, if anything."""
+        """What the function raised instead of its cancellation, if anything."""
         if self._error is None or isinstance(self._error, asyncio.CancelledError):
             return None
         return failure_of(self._error, self.function)
 
     def abandon(self) -> None:
-        """End it, whatever it shields itself from; what its threads do is not waited for."""
+        """End the call even if it shields itself, without waiting for its threads."""
         self._is_abandoned.set()
         if self._driven is not None and self._task is not None:
             self._driven.is_given_up = True
             self._task.cancel()
 
     def place(self) -> str:
-        """Where the function waits now: `robot.py:12`."""
+        """Return where the function waits now: `robot.py:12`."""
         if self._has_ended and self.threads:
             return next(iter(self.threads)).place
         frames = self._driven.frames() if self._driven is not None else []
@@ -216,8 +222,8 @@ class UserCall:
         UserCall.tasks.add(self._task)
         running_call.set(self)
         try:
-            # A shield, so that the runtime cancels the function in one way only, which it can tell
-            # from the timeouts of the function's own.
+            # A shield, so that the runtime cancels the function in one way only, which differs from
+            # the function's own timeouts.
             with anyio.CancelScope(shield=True) as self._scope:
                 if self.is_cancelled:
                     self._cancel()
@@ -238,7 +244,7 @@ class UserCall:
         self._has_ended = True
 
     def step(self, run: Callable[[], _T]) -> _T:
-        """Run one step of its code; raises what that raises."""
+        """Run one step of the call's code, and raise what it raises."""
         UserCall.stepping, before = self, UserCall.stepping
         UserCall.steps += 1
         try:
@@ -251,7 +257,10 @@ class UserCall:
 
 
 class ThreadWork:
-    """What a call has had done in a thread; `over` is set in the event loop once it has ended."""
+    """Work that a call runs in a thread.
+
+    `over` is set in the event loop once the work has ended.
+    """
 
     def __init__(self, place: str) -> None:
         self.place = place
@@ -259,7 +268,7 @@ class ThreadWork:
 
 
 def _tell_never_awaited(name: str, frames: list[tuple[str, int]]) -> bool:
-    """Fail the call of the program that has forgotten to await something, if it is one."""
+    """Fail the call whose code forgot to await something. Returns False if it is no call's code."""
     call = UserCall.stepping or running_call.get()
     if call is None:
         return False
@@ -273,8 +282,8 @@ tell_of_never_awaited(_tell_never_awaited)
 
 
 def gathered_in_vain(task: asyncio.Task[Any]) -> asyncio.Future[Any] | None:
-    """What `asyncio.gather` returned if it has made this task and nobody awaits that."""
-    # asyncio has no public way to it: the callback of each of its tasks has the future.
+    """Return the future of the `asyncio.gather` that made this task, if nobody awaits it."""
+    # asyncio has no public API for this: the callback of each of its tasks holds the future.
     for callback, _ in getattr(task, "_callbacks", None) or ():
         if getattr(callback, "__qualname__", "") == "gather.<locals>._done_callback":
             names = zip(callback.__code__.co_freevars, callback.__closure__ or (), strict=True)
@@ -285,7 +294,7 @@ def gathered_in_vain(task: asyncio.Task[Any]) -> asyncio.Future[Any] | None:
 
 
 class _Driven(Driven):
-    """What a call awaits."""
+    """What a call awaits, driven step by step."""
 
     def __init__(self, owner: UserCall, awaitable: Awaitable[Any]) -> None:
         super().__init__(awaitable, owner.token, owner.step)
@@ -296,11 +305,11 @@ class _Driven(Driven):
     def cancelled(self) -> None:
         self.was_cancelled |= self._owner.is_cancelled
         if self.was_cancelled:
-            self.gate = None  # it ends what must not be left undone
+            self.gate = None  # the function may now finish what must not be left undone
 
 
 def outside(function: Callable[..., None], *arguments: Any) -> None:
-    """Call a function of the robot's: what it does is not done by the call that is running."""
+    """Call a function of the robot itself, so that its work is not part of the running call."""
     context = copy_context()
     context.run(running_call.set, None)
     context.run(function, *arguments)
@@ -310,9 +319,9 @@ def outside(function: Callable[..., None], *arguments: Any) -> None:
 
 
 def failure_of(error: BaseException, function: Callable[..., Any]) -> UserCodeError:
-    """What a function raised as a failure: its reason names the place in the program.
+    """Return what a function raised as a failure, whose reason names the place in the program.
 
-    Of an exception group the first real exceptions are named.
+    For an exception group, the reason names its first real exceptions.
     """
     if isinstance(error, UserCodeError):
         return error
@@ -332,7 +341,7 @@ def _failure(error: BaseException, function: Callable[..., Any]) -> UserCodeErro
         reason = str(declared)
         return UserCodeError(reason, reason or "failed")
     details = "".join(traceback.format_exception(error, limit=-8))[-MAX_DETAILS:]
-    # A cancellation beside other exceptions of a group came from these.
+    # A cancellation beside other exceptions of a group was caused by them.
     real = [each for each in raised if not isinstance(each, asyncio.CancelledError)] or raised
     count = min(len(real), MAX_NAMED)
     named = [_one_failure(each, function, count) for each in real[:count]]
@@ -342,7 +351,7 @@ def _failure(error: BaseException, function: Callable[..., Any]) -> UserCodeErro
 
 
 def _exceptions_in(error: BaseException) -> Iterator[BaseException]:
-    """The exception, or those of a group and its groups, in their order."""
+    """Yield the exception, or those of a group and its nested groups, in order."""
     waiting = [error]
     while waiting:
         each = waiting.pop()
@@ -353,7 +362,7 @@ def _exceptions_in(error: BaseException) -> Iterator[BaseException]:
 
 
 def _one_failure(error: BaseException, function: Callable[..., Any], count: int) -> str:
-    """`KeyError: 'grip' (robot.py:12)`, not longer than its share of a reason."""
+    """Return `KeyError: 'grip' (robot.py:12)`, no longer than its share of a reason."""
     text = "".join(traceback.format_exception_only(error)).strip()
     if isinstance(error, asyncio.CancelledError):
         text = "CancelledError: the program cancelled it, or what it waited for"
@@ -366,7 +375,7 @@ def _one_failure(error: BaseException, function: Callable[..., Any], count: int)
 
 
 def wrong_result(function: Callable[..., Any], result: Any, expected: str) -> UserCodeError:
-    """The failure of a function that returned a wrong value; `expected` is the remedy."""
+    """Return the failure of a function with an invalid result; `expected` is the remedy."""
     code = code_of(function)
     name = code.co_name if code is not None else "the function"
     where = place_of(function, [])
@@ -374,7 +383,7 @@ def wrong_result(function: Callable[..., Any], result: Any, expected: str) -> Us
 
 
 def shown(value: Any) -> str:
-    """A value for a message: short, whatever it is."""
+    """Return a short text for any value, for a message."""
     try:
         text = reprlib.repr(value)
     except Exception:
@@ -386,7 +395,7 @@ def shown(value: Any) -> str:
 
 
 def code_of(function: Callable[..., Any]) -> CodeType | None:
-    """The code of a function, also of a decorated or partly applied one."""
+    """Return the code of a function, even a decorated or partially applied one."""
     function = inspect.unwrap(function)
     while isinstance(function, partial):
         function = inspect.unwrap(function.func)
@@ -395,10 +404,10 @@ def code_of(function: Callable[..., Any]) -> CodeType | None:
 
 
 def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str:
-    """The innermost of `frames`, outermost first, that is the program's: `robot.py:12`.
+    """Return the innermost of `frames` (outermost first) that is the program's: `robot.py:12`.
 
-    Of code of the program's folder, else of any that is neither ours nor Python's; with none, it is
-    where the function begins.
+    Frames from the program's folder come first, then any that are neither this package's nor
+    Python's. If there are none, it is where the function begins.
     """
     code = code_of(function)
     folder = Path(code.co_filename).parent if code is not None else None
@@ -412,18 +421,18 @@ def place_of(function: Callable[..., Any], frames: list[tuple[str, int]]) -> str
 
 
 def users_frames(frames: list[tuple[str, int]]) -> list[tuple[str, int]]:
-    """Those that are neither Python's nor this package's."""
+    """Return the frames that belong neither to Python nor to this package."""
     files = {file: Path(file) for file, _ in frames}
     return [(f, line) for f, line in frames if not is_library(files[f]) and not is_ours(files[f])]
 
 
 def is_ours(file: Path) -> bool:
-    """Of this package, but for the adapters, which are robots' programs."""
+    """True for files of this package, except the adapters, which are robots' programs."""
     return file.is_relative_to(_PACKAGE) and not file.is_relative_to(_PACKAGE / "adapters")
 
 
 def frames_of(frame: FrameType | None) -> list[tuple[str, int]]:
-    """File and line of a frame and its callers, the outermost first."""
+    """Return file and line of a frame and its callers, outermost first."""
     found = [(each.f_code.co_filename, line) for each, line in traceback.walk_stack(frame)]
     return found[::-1]
 
@@ -432,7 +441,7 @@ def frames_of(frame: FrameType | None) -> list[tuple[str, int]]:
 
 
 def is_interrupt(error: BaseException) -> bool:
-    """Whether Ctrl-C was pressed, and the program has not raised this itself."""
+    """True if Ctrl-C was pressed, and the program did not raise this itself."""
     if not isinstance(error, KeyboardInterrupt):
         return False
     if threading.current_thread() is not threading.main_thread():

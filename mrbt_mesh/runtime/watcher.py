@@ -58,17 +58,17 @@ if TYPE_CHECKING:  # most watchers record nothing
 
 CLOSE_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 10.0
-# How often it is looked whether the manifest has changed, and which processes run.
+# How often to check whether the manifest has changed, and which processes run.
 MANIFEST_US, PROCESSES_US = SECOND_US // 4, SECOND_US
-# A robot has mostly been heard so soon after its process has begun.
+# A robot is usually heard within this time after its process has begun.
 HEARD_WITHIN_US = 5 * SECOND_US
 
 
 class Watcher:
-    """Use it as `async with watching(...) as watcher`; then read `watcher.observer`."""
+    """An observer connected to a team: use `watching(...)`, then read `watcher.observer`."""
 
     def __init__(self, address: TeamAddress, batch_s: float = 0.0) -> None:
-        """`batch_s`: for so long after messages were taken in, others wait to be taken in together.
+        """After messages were processed, further ones wait `batch_s` to be processed together.
 
         Raises KeysError.
         """
@@ -91,7 +91,7 @@ class Watcher:
         self.changed = anyio.Event()
         self._asked: set[tuple[str, Incarnation]] = set()
         self._next_look_us = self._next_processes_us = 0
-        # Those of this machine that run: robot and pid -> since when that is known.
+        # Running processes on this machine: robot and pid -> since when they are known.
         self._processes: dict[tuple[str, int], int] = {}
         self._changes = self._changes_of(address)
         self._told = ""
@@ -113,11 +113,11 @@ class Watcher:
 
     @property
     def problem(self) -> str:
-        """Why the team may not be found any more; empty if nothing is known."""
+        """Why the team may have become unreachable; empty if nothing is known."""
         return self._changes.problem if self._changes is not None else ""
 
     async def open(self) -> None:
-        """Open the session; raises TransportError."""
+        """Open the session. Raises TransportError."""
         require_threads()
         self._inbox = Inbox(asyncio.get_running_loop(), self._wake, are_beats_quiet=True)
         keys = self._guard.keys if self._guard is not None else None
@@ -131,16 +131,16 @@ class Watcher:
         self._transport.declare_token(Incarnation(0, secrets.token_hex(4)))
 
     def close(self) -> None:
-        """Close the session, without waiting for long, and end the recording."""
+        """Close the session without a long wait, and end the recordings."""
         self._transport.close(CLOSE_TIMEOUT_S)
         for recording in self._recordings:
             recording.close()
 
     def begin_recording(self, to: RecordTo) -> None:
-        """Record all that is heard, what is known already first. The recording begins with the
-        mission that is in force now.
+        """Record everything that is heard, starting with what is already known.
 
-        Raises InputError if it cannot be written.
+        The recording begins with the mission now in force. Raises InputError if it cannot be
+        written.
         """
         from mrbt_mesh.runtime.observer_recording import observer_recording
 
@@ -148,9 +148,9 @@ class Watcher:
         self._recordings.append(observer_recording(to, self.observer, self.address.run, keys))
 
     def record_to(self, open_sink: Callable[[RunMetadata], MessageSink]) -> None:
-        """Give another sink all that is recorded, what is known already first.
+        """Also record to another sink, starting with what is already known.
 
-        Raises what `open_sink` does.
+        Raises what `open_sink` raises.
         """
         from mrbt_mesh.recording.observer_recorder import ObserverRecorder
         from mrbt_mesh.runtime.observer_recording import observer_metadata, to_observers_record
@@ -186,7 +186,7 @@ class Watcher:
             self._transport.ask(robot, MessageKind.PULL, pull, timeout_s)
 
     def _look_at_manifest(self, now_us: int) -> None:
-        """Take over which members there are now."""
+        """Apply a new manifest of the members."""
         manifest = self._manifest
         if manifest is None or now_us < self._next_look_us:
             return
@@ -200,8 +200,10 @@ class Watcher:
             self.observer.record.say(now_us, text)
 
     def _look_at_processes(self, now_us: int) -> None:
-        """Tell the observer which robots run, on this machine: who is silent need not be dead. And
-        whether the run has ended, which goes on if it is continued.
+        """Tell the observer which robots run on this machine, since a silent robot need not be
+        dead.
+
+        Also tell it whether the run has ended; a run that is continued has not.
         """
         run_dir, before = self.address.run_dir, self._processes
         if run_dir is None or now_us < self._next_processes_us:
@@ -223,13 +225,13 @@ class Watcher:
             self.changed.set()
 
     async def wait_for_change(self, timeout_s: float) -> None:
-        """Wait for news, at most `timeout_s`, and refresh."""
+        """Wait for news, at most `timeout_s`, then refresh."""
         before_us = self._looked_us or boottime_us()
         with anyio.move_on_after(timeout_s):
             await self.changed.wait()
         self.changed = anyio.Event()
         self._looked_us = boottime_us()
-        # As a robot does: messages may be unread, so no robot is suspected for its own lag.
+        # Like a robot, allow for own lag: messages may be unread, so no robot is suspected for it.
         lag_us = self._looked_us - before_us - round(timeout_s * SECOND_US)
         if lag_us > self.timing.heartbeat_us // 2:
             self.observer.membership.allow_for_own_lag(lag_us, self._looked_us)
@@ -237,7 +239,7 @@ class Watcher:
         await self._follow_team()
 
     async def _follow_team(self) -> None:
-        """Open the session anew if the robots have been started at other places."""
+        """Reconnect if the robots have been started at other endpoints."""
         if self._changes is None:
             return
         now_us = boottime_us()
@@ -255,19 +257,19 @@ class Watcher:
             self.observer.record.say(now_us, str(error))
 
     async def catch_up(self, timeout_s: float) -> None:
-        """Wait until the observer holds what the team does, at most `timeout_s`."""
+        """Wait until the observer has the team's facts, at most `timeout_s`."""
         with anyio.move_on_after(timeout_s):
             while not self.observer.caught_up:
                 await self.wait_for_change(self.timing.heartbeat_us / SECOND_US)
 
     def _put(self, event: Input, key: str | None) -> bool:
-        """Called by Zenoh's threads."""
+        """Queue an input. Called on Zenoh's threads."""
         if isinstance(event, MessageReceived):
             event = replace(event, arrived_us=boottime_us())
         return self._inbox.put(event, key)
 
     def _wake(self) -> None:
-        """Messages wait: the first one after a pause is taken in at once."""
+        """Schedule the processing of messages. The first one after a pause is processed at once."""
         loop = asyncio.get_running_loop()
         wait_s = max(0.0, self._next_batch_s - loop.time())
         self._next_batch_s = loop.time() + wait_s + self._batch_s
@@ -281,8 +283,9 @@ class Watcher:
         waiting, at_us = [*self._inbox.take(), *self._gate.take_refused()], boottime_us()
         timed: list[tuple[Input, int]] = []
         for event in reversed(waiting):
-            # Other inputs arrived before the message that follows them. A message has its own time:
-            # one that was put behind it may have arrived before, in a thread that had to wait.
+            # Other inputs get the time of the message that follows them. A message has its own
+            # time: a message that is queued later may have arrived earlier, on a thread that had to
+            # wait.
             if isinstance(event, MessageReceived):
                 at_us = event.arrived_us or at_us
             timed.append((event, at_us))
@@ -324,12 +327,12 @@ class Watcher:
         now_us: int,
         envelope: Envelope | None = None,
     ) -> None:
-        """Hand on a message; one that is not authentic is noted among those refused."""
+        """Pass a message on. One that is not authentic is noted as refused."""
         if self._guard is not None:
             try:
                 _, data = self._guard.open(data, kind, source, envelope)
             except RefusedError:
-                # From now on this robot is asked in a later life.
+                # Requests to this robot are sealed for a later life from now on.
                 self._asked.discard((source, self.observer.membership.peers[source].incarnation))
                 return
             except WireError as error:
@@ -338,36 +341,43 @@ class Watcher:
         take(data, now_us)
 
     async def command(self, robot: str, command: str, argument: str = "") -> tuple[bool, str]:
-        """Send a word to one robot: (whether it was obeyed, what it answered)."""
+        """Send a command to one robot. Returns whether it obeyed, and its answer."""
         good, answer = await self._ask(robot, command, argument)
         return good is True, str(answer)
 
     async def operate(
         self, robot: str, step: CommandStep, entry: Entry, passes_on: bool
     ) -> dict[str, Any] | None:
-        """Ask one robot for a step of a command (`operate_body`); None: it gives no answer."""
+        """Ask one robot for a step of a command (`operate_body`).
+
+        Returns None if it does not answer.
+        """
         good, answer = await self._ask(robot, OPERATE, operate_body(step, entry, passes_on))
         if good is False:
             return {"refused": str(answer), "cause": INVALID}
         return answer if good and isinstance(answer, dict) else None
 
     async def _ask(self, robot: str, command: str, argument: Any) -> tuple[bool | None, Any]:
-        """Whether a robot obeys (None: it does not answer), and what it says. Others may answer as
-        well: what the robot has signed counts first.
+        """Return whether a robot obeys (None: no answer), and its answer.
+
+        Others may answer as well: an answer signed by the robot takes precedence.
         """
         header = self.observer.replica.header
         data = encode(header, MessageKind.COMMAND, command_body(command, argument))
         try:
             return await self._ask_once(robot, data)
         except RefusedError:
-            # It is asked in a later life now, or as the process that has answered.
+            # The retry uses a later life, or addresses the process that has answered.
             try:
                 return await self._ask_once(robot, data)
             except RefusedError as error:
                 return None, str(error)
 
     async def _ask_once(self, robot: str, command: bytes) -> tuple[bool | None, Any]:
-        """Send a command once; raises RefusedError if the robot takes none of this life."""
+        """Send a command once.
+
+        Raises RefusedError if the robot refuses commands from this session.
+        """
         sealed = command if self._guard is None else self._guard.seal_command(command, robot)
         loop, answers = asyncio.get_running_loop(), asyncio.Queue[bytes | None]()
 
@@ -393,12 +403,18 @@ class Watcher:
         return good, doubtful
 
     def make_command(self, name: str, value: Any, operator: str, version: Version) -> Entry:
-        """A command of this operator, signed in a team with keys. Raises ValueError."""
+        """Return this operator's command as an entry, signed in a team with keys.
+
+        Raises ValueError.
+        """
         keys = self._guard.keys if self._guard is not None else None
         return make_command(name, value, operator, version, self.address.run, keys)
 
     def _opened_answer(self, answer: bytes, robot: str) -> tuple[bytes, bool]:
-        """(answer, whether it is authentic): robots that do not know our key answer without one."""
+        """Return the answer and whether it is authentic.
+
+        Robots that do not know our key answer unsigned.
+        """
         if self._guard is None:
             return answer, True
         try:
@@ -408,7 +424,7 @@ class Watcher:
 
 
 def _safe(answer: Any) -> Any:
-    """Plain data of a robot's answer, with texts that are safe to show."""
+    """Return the plain data of a robot's answer with its texts made safe to print."""
     if isinstance(answer, str):
         return printable(answer)
     if isinstance(answer, list):
@@ -425,14 +441,14 @@ async def watching(
     tell_past: Callable[[Observer], None] | None = None,
     batch_s: float = 0.0,
 ) -> AsyncIterator[Watcher]:
-    """An open Watcher, which records what it hears if that is wanted.
+    """Yield an open Watcher, which records what it hears if `record` is given.
 
-    `tell_past` gives its observer what happened before it listens. `batch_s`: see `Watcher`.
-    Raises TransportError if the session cannot be opened, InputError if nothing can be recorded.
+    `tell_past` gives the observer past events before it listens. `batch_s`: see `Watcher`. Raises
+    TransportError if the session cannot be opened, InputError if it cannot record.
     """
     watcher = Watcher(address, batch_s)
     if tell_past is not None:
-        # In a thread: a long past takes seconds, in which views of other teams go on.
+        # In a thread: a long history takes seconds, during which views of other teams must go on.
         await anyio.to_thread.run_sync(tell_past, watcher.observer)
     if record is not None:
         watcher.begin_recording(record)

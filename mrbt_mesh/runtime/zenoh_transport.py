@@ -61,14 +61,14 @@ from mrbt_mesh.runtime.token_holders import OBSERVER, Change, Holder, LifeOf, To
 REOPEN_CLOSE_TIMEOUT_S = 1.0
 # How long a robot, and an observer, wait for the first router to answer.
 ROUTER_WAIT_S, OBSERVER_WAIT_S, ROUTER_RETRY_S = 30.0, 3.0, 0.25
-# How long a router may take to list its links, and the largest list.
+# How long a router may take to list its links, and the maximum size of its answer.
 ROUTER_ANSWER_S = 0.5
-# A router ends a token before it forgets the link: while it lists that, it is asked again after
-# these times.
+# A router ends a token before it forgets the link. While it still lists the link, it is asked again
+# after these times.
 ROUTER_AGAIN_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 MAX_ROUTER_ANSWER_BYTES = 1 << 20
 NO_ROUTER = "direct"
-# Why something is not looked at.
+# Reasons for refusing an input.
 TOO_LARGE = f"more than {MAX_MESSAGE_BYTES} bytes"
 # A question names at most 1,000 robots, with a digest each.
 MAX_QUERIES, MAX_QUERY_BYTES = 1_000, 128 << 10
@@ -77,10 +77,10 @@ TOO_MANY_TOKENS = "too many liveliness tokens to check"
 
 
 class ZenohTransport:
-    """One session: publishes, asks and answers, and turns what arrives into agent inputs.
+    """One Zenoh session: publishes, asks, answers, and turns what arrives into agent inputs.
 
-    `deliver(input, key)` is called on Zenoh's threads; see `Inbox.put` and `FloodGate.deliver`.
-    So is `life_of`.
+    `deliver(input, key)` is called on Zenoh's threads (see `Inbox.put` and `FloodGate.deliver`),
+    and so is `life_of`.
     """
 
     def __init__(self, config: TransportConfig, deliver: Deliver, life_of: LifeOf) -> None:
@@ -88,13 +88,13 @@ class ZenohTransport:
         self._deliver = deliver
         self._prefix = f"mrbt/{config.team}"
         self._session: zenoh.Session | None = None
-        # With the router that it names.
+        # The token, and the router that it names.
         self._token: tuple[zenoh.LivelinessToken, str] | None = None
         self._incarnation: Incarnation | None = None
         self._queries: dict[int, zenoh.Query] = {}
         self._query_number = 0
         self._lock = threading.Lock()
-        # By how often they were asked before.
+        # Questions that wait, by how often they were asked before.
         self._asked: dict[int, list[AskRouter]] = {}
         self._heard_us: dict[str, int] = {}
         self._holders = TokenHolders(life_of)
@@ -103,14 +103,14 @@ class ZenohTransport:
     # -- life of the session --------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the session and subscribe; raises TransportError. Blocks: call it in a thread."""
+        """Open the session and subscribe. Raises TransportError. Blocks, so call it in a thread."""
         config = self._config
         if config.routers:
             session = self._open_client()
         else:
             session = open_session(session_config(config), config.listen)
         keys = [(f"{kind}/*", kind) for kind in (MessageKind.HEARTBEAT, MessageKind.FACT)]
-        # Messages to some robots are sent once more for observers.
+        # Messages to specific robots are sent a second time for observers.
         to = f"to/{self._config.robot}/*" if self._config.robot else "watch/*"
         for key, kind in [*keys, (to, MessageKind.HEARTBEAT)]:
             session.declare_subscriber(
@@ -128,7 +128,7 @@ class ZenohTransport:
             self.declare_token(self._incarnation)
 
     def _list_tokens(self, session: zenoh.Session) -> None:
-        """Have all tokens delivered, and from then on their changes."""
+        """Subscribe to tokens: all that exist are delivered first, then their changes."""
         with self._lock:
             self._holders.clear()
         listed = threading.Event()
@@ -139,7 +139,10 @@ class ZenohTransport:
         self._token_subscriber = subscriber
 
     def follow_tokens(self) -> None:
-        """List all tokens again if some were passed over (`TokenHolders`); call it in a thread."""
+        """List all tokens again if some were skipped (`TokenHolders`).
+
+        Blocks, so call it in a thread.
+        """
         session, before = self._session, self._token_subscriber
         with self._lock:
             is_due = self._holders.must_list_again()
@@ -149,7 +152,7 @@ class ZenohTransport:
                 self._list_tokens(session)
 
     def _open_client(self) -> zenoh.Session:
-        """Wait for a router."""
+        """Open a client session, waiting for a router. Raises TransportError."""
         settings = session_config(self._config)
         until_s = time.monotonic() + (ROUTER_WAIT_S if self._config.robot else OBSERVER_WAIT_S)
         while True:
@@ -163,29 +166,31 @@ class ZenohTransport:
             time.sleep(ROUTER_RETRY_S)
 
     def close(self, timeout_s: float) -> None:
-        """Close the session, waiting at most `timeout_s`; an isolated one takes 10 s."""
+        """Close the session, waiting at most `timeout_s`: an isolated session takes 10 s."""
         session, self._session, self._token = self._session, None, None
         if session is not None:
             close_session(session, timeout_s)
 
     def reopen(self, config: TransportConfig | None = None) -> None:
-        """Replace the session by a new one: the only repair for a split one. `config`: of another
-        configuration.
+        """Replace the session by a new one, which is the only repair for a split session.
 
-        Raises TransportError while the old one still holds its port; then call it again.
+        `config` replaces the configuration. Raises TransportError while the old session still holds
+        its port; then call it again.
         """
         self._config = config or self._config
         self.close(REOPEN_CLOSE_TIMEOUT_S)
         self.open()
 
     def heard_us(self, robot: str) -> int | None:
-        """When, on `boottime_us`, a beat last came from the robot itself, over its own link."""
+        """Return when the last beat came from the robot itself, over its own link, on
+        `boottime_us`.
+        """
         return self._heard_us.get(robot)
 
     def linked(self) -> frozenset[str]:
-        """Robots to which there is a transport, whatever comes over it.
+        """Return the robots to which there is a transport, whatever is sent over it.
 
-        None for a client: its only link is the one to its router, which it dials alone.
+        Empty for a client, whose only link is the one to its router.
         """
         session = self._session
         if session is None or self._config.routers:
@@ -200,15 +205,15 @@ class ZenohTransport:
     # -- sending --------------------------------------------------------------------------
 
     def publish(self, kind: MessageKind, data: bytes, to: tuple[str, ...] | None = None) -> None:
-        """Send to these robots and to observers, or to all.
+        """Send to the robots in `to` and to observers; None sends to all.
 
-        What is sent while the session is being reopened is lost.
+        Messages sent while the session is being reopened are lost.
         """
         session = self._session
         if session is None:
             return
         places = (str(kind),) if to is None else (*(f"to/{robot}" for robot in to), "watch")
-        # It may be closed in another thread meanwhile.
+        # The session may be closed in another thread meanwhile.
         with contextlib.suppress(zenoh.ZError):
             for place in places:
                 session.put(
@@ -228,9 +233,9 @@ class ZenohTransport:
         timeout_s: float,
         deliver: Callable[[Input, str | None], object] | None = None,
     ) -> None:
-        """Ask one robot; the pages of its answer, or None if there is none, come to `deliver`.
+        """Ask one robot. The pages of its answer, or None if there is none, go to `deliver`.
 
-        One that is given here gets None in any case, as the end of all answers.
+        A `deliver` that is given here always gets None as the end of all answers.
         """
         give: Callable[[Input, str | None], object] = deliver or self._deliver
         session = self._session
@@ -258,7 +263,8 @@ class ZenohTransport:
                 Callback(on_reply, on_end, indirect=False),
                 payload=data,
                 timeout=timeout_s,
-                # Or Zenoh would ask only a session that claims to know all, perhaps a stranger's.
+                # Otherwise Zenoh asks only a session that claims to be complete, perhaps a
+                # stranger's.
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -268,10 +274,10 @@ class ZenohTransport:
             give(AnswerReceived(peer, None), None)
 
     def ask_router(self, effect: AskRouter, times: int = 0) -> None:
-        """Ask a router, which was asked `times` before; call it in the event loop.
+        """Ask a router that was asked `times` before. Call it in the event loop.
 
-        When a router dies, the tokens of all its clients end at once: what is asked in one turn of
-        the loop is one question.
+        When a router dies, the tokens of all its clients end at once, so questions of one loop turn
+        are sent as one.
         """
         asked = self._asked.setdefault(times, [])
         asked.append(effect)
@@ -290,10 +296,11 @@ class ZenohTransport:
     def ask_routers(
         self, asked: Sequence[AskRouter], again: Callable[[AskRouter], None] | None = None
     ) -> None:
-        """Ask which links routers have: RouterAnswered is delivered for each robot.
+        """Ask all routers for their links, and deliver a RouterAnswered for each robot.
 
-        All routers are asked, once for all robots: one may have a link to another router by now. If
-        the robot's own router lists a link to it, `again` is called instead.
+        One question covers all robots, and all routers are asked because a robot may have moved to
+        another router. If the router that the question names still lists a link to the robot,
+        `again` is called instead.
         """
         session = self._session
         links: dict[str, frozenset[str]] = {}
@@ -338,7 +345,7 @@ class ZenohTransport:
                 found.drop()
 
     def declare_token(self, incarnation: Incarnation) -> None:
-        """Show the liveliness token of this incarnation and take an older one down."""
+        """Declare the liveliness token of this incarnation, and withdraw an older one."""
         self._incarnation = incarnation
         session = self._session
         if session is None:
@@ -356,7 +363,7 @@ class ZenohTransport:
                 old[0].undeclare()
 
     def follow_router(self) -> None:
-        """See that the token names the router that this session is linked to by now."""
+        """Declare the token again if this session is now linked to another router."""
         session, token = self._session, self._token
         if session is None or token is None or not self._config.routers:
             return
@@ -383,7 +390,10 @@ class ZenohTransport:
                 self._heard_us[source] = boottime_us()
 
     def _on_token(self, sample: zenoh.Sample, listed: threading.Event) -> None:
-        """Until all are `listed`, it is no link's thread that brings this."""
+        """Process a change of a token.
+
+        Until all are `listed`, this is not called on a link's thread.
+        """
         token = _parse_token(str(sample.key_expr).removeprefix(f"{self._prefix}/alive/"))
         source, change = NOBODY, Change.PASSED_OVER
         if token is not None:
@@ -397,12 +407,12 @@ class ZenohTransport:
                 self._deliver(InputRefused(source, TOO_MANY_TOKENS, 1), None)
         elif change is not Change.NOTHING and token is not None:
             event = TokenChanged(robot, incarnation, change is Change.HELD, holder.router)
-            # A later change of that life replaces it.
+            # A later change of the same incarnation replaces it.
             self._deliver(event, f"token/{robot}/{incarnation}")
 
     def _on_query(self, query: zenoh.Query, kind: MessageKind) -> None:
         payload, attachment = query.payload, query.attachment
-        # It is kept until it is answered.
+        # A query is kept in memory until it is answered.
         if sum(len(part) for part in (payload, attachment) if part is not None) > MAX_QUERY_BYTES:
             self._deliver(InputRefused(NO_SOURCE, QUERY_TOO_LARGE, 1), None)
             return
@@ -410,7 +420,7 @@ class ZenohTransport:
             self._query_number += 1
             number = self._query_number
             self._queries[number] = query
-            # Queries that the agent never came to are given up, oldest first.
+            # Queries that the agent never answered are dropped, oldest first.
             while len(self._queries) > MAX_QUERIES:
                 del self._queries[min(self._queries)]
         data = payload.to_bytes() if payload is not None else b""
@@ -420,7 +430,7 @@ class ZenohTransport:
 
 
 def _parse_token(name: str) -> tuple[str, Incarnation, Holder] | None:
-    """The parts of a token's key behind the team; None: it is no robot's."""
+    """Parse the part of a token's key after the team; None if it is not a robot's token."""
     parts = name.split("/")
     if len(parts) != 5 or not is_robot_id(parts[0]):
         return None
@@ -432,12 +442,12 @@ def _parse_token(name: str) -> tuple[str, Incarnation, Holder] | None:
 
 
 def _router_of(session: zenoh.Session) -> str:
-    """The router that a client is linked to now; empty for a peer."""
+    """Return the router to which a client is linked now; empty for a peer."""
     return next((str(zid) for zid in session.info.routers_zid()), "")
 
 
 def linked_sessions(answer: bytes) -> dict[str, frozenset[str]]:
-    """A router and the sessions that it has links to, by its answer; empty if that is malformed."""
+    """Parse a router's answer: its id -> the sessions it has links to. Empty if malformed."""
     try:
         data = json.loads(answer)
         return {str(data["zid"]): frozenset(str(each["peer"]) for each in data["sessions"])}

@@ -1,8 +1,8 @@
-"""A tree taken apart at its marks: what the team does itself, and what one robot does each time.
+"""Divides a tree at its marks: what the team does itself, and what one robot does each time.
 
-The nodes above marks become nodes of the team's tree. A marked node is a task, so are the children
-of a parallel one, and so is what stands together between tasks. A robot does each with a blackboard
-of its own, which is empty at first. What that would break is refused.
+The nodes above marks become nodes of the team's tree. A marked node is a task; so is each child of
+a parallel node, and each group of neighbours between tasks. A robot does each task with a separate
+blackboard, which is empty at first. Whatever that would break is refused.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from mrbt_mesh.core.bt.tree import NodeSpec
 from mrbt_mesh.errors import FileError, Problem
 
 _LOOPS = frozenset({"RetryUntilSuccessful", "Repeat", "KeepRunningUntilFailure"})
-# Children next to one another that one robot can do as one task.
+# In these, neighbouring children can be one task of one robot.
 _IN_ORDER = frozenset({"Sequence", "AsyncSequence", "Fallback", "AsyncFallback"})
-# For these a child that is skipped is like one that has succeeded.
+# For these, a skipped child is like one that has succeeded.
 _GOES_ON = frozenset({"Sequence", "AsyncSequence", "SequenceWithMemory"})
 _SKIPPABLE = frozenset({"RunOnce", "SkipUnlessUpdated"})
 _DECIDED_BY_ALL = _IN_ORDER | {"SequenceWithMemory", "ReactiveSequence", "ReactiveFallback"}
@@ -35,7 +35,7 @@ _LONGEST_NAME = 64
 
 @dataclass
 class TreeCutter:
-    """Takes one tree apart; `tasks` gets the pieces."""
+    """Divides one tree; `tasks` gets the pieces."""
 
     tree: ExpandedTree
     marks: Marks
@@ -43,11 +43,11 @@ class TreeCutter:
     pieces: list[Piece] = field(default_factory=list)
 
     def team_tree(self) -> NodeSpec:
-        """The team's tree, whose actions are global tasks. Raises FileError."""
+        """Return the team's tree, whose actions are global tasks. Raises FileError."""
         root = self._node(self.tree.root, False, True)
         problems = [*self._entries(), *self.tasks.problems]
         if problems:
-            # One for each node, however often its tree is used.
+            # One problem per node, however often its tree is used.
             once = {(each.file, each.line, each.path): each for each in reversed(problems)}
             raise FileError(sorted(once.values(), key=lambda each: (each.file, each.line)))
         written = access_below([self.tree.root], self.tasks.library).writes
@@ -59,7 +59,7 @@ class TreeCutter:
         return found.spec
 
     def _refusal(self, problem: Problem) -> Problem:
-        """Why a node cannot be the team's, and which mark makes it so."""
+        """Return why a node cannot be the team's, and which mark makes it so."""
         for node in self.tree.root.walk():
             mark = self.marks.above.get(id(node))
             if mark is not None and node.path == problem.path and node.line == problem.line:
@@ -68,9 +68,9 @@ class TreeCutter:
         return problem
 
     def _node(self, node: ExpandedNode, is_again: bool, may_skip: bool) -> ExpandedNode:
-        """The node of the team in place of this one.
+        """Return the team's node for this node.
 
-        `is_again`: a loop above may begin it again; `may_skip`: above it are Sequences alone.
+        `is_again`: a loop above may restart it; `may_skip`: there are only Sequences above it.
         """
         if id(node) not in self.marks.above:
             return self._task(Piece((node,), None, is_again), may_skip)
@@ -84,7 +84,7 @@ class TreeCutter:
             else self._task(Piece(tuple(group), node, is_again), may_skip)
             for group in self._groups(node, is_parallel)
         ]
-        # A mission's names have no slash, which paths are made of.
+        # Names in a mission have no slash, because paths are made of them.
         name = node.name.replace("/", "-").replace("\n", " ")[:_LONGEST_NAME]
         if not is_parallel:
             return replace(node, children=children, name=name)
@@ -99,7 +99,7 @@ class TreeCutter:
         )
 
     def _groups(self, node: ExpandedNode, is_parallel: bool) -> Iterator[list[ExpandedNode]]:
-        """The children, those together that one robot does."""
+        """Yield the children, grouped by what one robot does together."""
         group: list[ExpandedNode] = []
         for child in node.children:
             is_apart = id(child) in self.marks.team or id(child) in self.marks.above
@@ -136,7 +136,7 @@ class TreeCutter:
         )
 
     def _entries(self) -> Iterator[Problem]:
-        """Entries that would have to go from one robot to another."""
+        """Yield problems of entries that would have to pass from one robot to another."""
         library = self.tasks.library
         writes = [access_below(piece.nodes, library) for piece in self.pieces]
         for number, piece in enumerate(self.pieces):
@@ -174,7 +174,7 @@ def _all(piece: Piece) -> Iterator[ExpandedNode]:
 
 
 def _is_skippable(node: ExpandedNode) -> bool:
-    """Whether a node may end as SKIPPED, after which a Fallback goes on."""
+    """Return whether a node may end as SKIPPED, after which a Fallback continues."""
     if {"_skipIf", "_while"} & node.conditions.keys() or node.type in _SKIPPABLE:
         return True
     if node.type == "Precondition":

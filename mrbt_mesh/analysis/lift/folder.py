@@ -27,7 +27,7 @@ from mrbt_mesh.formats.mission_writer import mission_text, tree_data
 from mrbt_mesh.formats.shipped import MISSION, mission_name
 
 TREES, PROGRAM = "trees.xml", "robot.py"
-# Of an activation and a node's number: mrbt_mesh/adapters/btcpp_trees.py.
+# Length of an activation and a node's number: mrbt_mesh/adapters/btcpp_trees.py.
 _LONGEST_CHECKPOINT = 24
 _TEST = '''\
 """The mission in virtual time, also with a fault. Run it with `pytest`.
@@ -49,8 +49,10 @@ def test_another_robot_replaces_one_that_dies(run_mission: RunMission) -> None:
 
 @dataclass(frozen=True)
 class TreeFiles:
-    """Where a tree is: its file, its ID (None: the main tree), files and folders with SubTrees and
-    models, and SubTrees in no file that are actions of the program.
+    """Where a tree is.
+
+    Its file, its ID (None: the main tree), files and folders with SubTrees and models, and SubTrees
+    in no file that are actions of the program.
     """
 
     file: Path
@@ -77,10 +79,10 @@ def lift_files(
     folder: Path | None = None,
     program: Path | None = None,
 ) -> Lifted:
-    """Lift a tree for a team of so many robots. Raises InputError and FileError.
+    """Lift a tree for a team with this number of robots. Raises InputError and FileError.
 
-    `folder` is where the files will be; None: only find out. `program`: the robots' program;
-    without it one is written, to be filled in.
+    `folder` is where the files will be; None: only analyse. `program`: the robots' program; without
+    it, one is written, to be filled in.
     """
     library, tree = library_and_tree(files)
     library.take_in(tree)
@@ -110,9 +112,9 @@ def lift_files(
 
 
 def library_and_tree(files: TreeFiles) -> tuple[Library, str]:
-    """The checked file and the ID of the tree to lift; raises InputError.
+    """Return the checked file and the ID of the tree to lift. Raises InputError.
 
-    It is the main tree, or where BehaviorTree.CPP asks for a name, the only one that no other tree
+    It is the main tree or, where BehaviorTree.CPP requires a name, the only tree that no other tree
     of the file uses.
     """
     library, findings = check_file(files.file, others=_known_besides(files))
@@ -134,7 +136,10 @@ def library_and_tree(files: TreeFiles) -> tuple[Library, str]:
 
 
 def _known_besides(files: TreeFiles) -> Library:
-    """The trees and models of other files, and of all files of folders; raises InputError."""
+    """Return the trees and models of other files, and of all files of folders.
+
+    Raises InputError.
+    """
     documents = [read_document(path) for path in files.models]
     for folder in files.folders:
         if not folder.is_dir():
@@ -144,7 +149,7 @@ def _known_besides(files: TreeFiles) -> Library:
 
 
 def _check_subtrees(tree: ExpandedTree) -> None:
-    """Nobody can carry out a SubTree that is in none of the files: raises FileError."""
+    """Raise FileError for a SubTree that is in none of the files: nobody could carry it out."""
     problems = [
         Problem(
             node.file,
@@ -161,7 +166,7 @@ def _check_subtrees(tree: ExpandedTree) -> None:
 
 
 def _mission_data(lifted: Lifted, name: str, program: str, robots: int) -> dict[str, Any]:
-    """The mission file: every task is one for one robot, and fails when that one fails."""
+    """Return the mission file: every task is for one robot, and fails when that robot fails."""
     tasks = lifted.tasks.values()
     data: dict[str, Any] = {"mission": name, "program": program}
     data["local_tasks"] = {task.name: _local_task(task) for task in tasks}
@@ -200,7 +205,7 @@ def _local_task(task: LiftedTask) -> dict[str, Any]:
 
 
 def _checkpoint(task: LiftedTask) -> str:
-    """The entry of the team's blackboard with a task's last checkpoint."""
+    """Return the blackboard entry with a task's last checkpoint."""
     return f"{task.name}{CHECKPOINT}"
 
 
@@ -225,7 +230,7 @@ def _check(files: Mapping[str, str], source: Path) -> None:
 
 
 def explained(lifted: Lifted) -> Iterator[str]:
-    """The tasks, with the nodes that each has, for people."""
+    """Yield a description of the tasks, with the nodes of each."""
     if len(lifted.uses) == 1:
         (use,) = lifted.uses
         after = "its last checkpoint" if use.task.has_checkpoints else "the beginning"

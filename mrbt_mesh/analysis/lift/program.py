@@ -1,4 +1,6 @@
-"""A robot's program for a BehaviorTree.CPP tree, to be filled in: `mrbt tree lift --new`."""
+"""Generates a robot's program, to be filled in, for a BehaviorTree.CPP tree: `mrbt tree lift
+--new`.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ _ANY_TYPE = ("", "AnyTypeAllowed", "BT::AnyTypeAllowed", "BT::Any")
 
 # A name that a script compares with a text.
 _COMPARED = r"(?<!\w){0}\s*[=!]=\s*'([^'\"\\]*)'|'([^'\"\\]*)'\s*[=!]=\s*{0}(?!\w)"
-# Longer lines of a program are broken.
+# Longer lines of a program are wrapped.
 WIDTH = 100
 _HEAD = '''\
 """The leaves of {tree}: one function for each of them."""
@@ -91,13 +93,13 @@ class {called}(TreeNode):
 
 @dataclass
 class _Needs:
-    """The requirements of a tree. `uses`: its own nodes, by type.
+    """What a tree needs from its program.
 
-    `at_once`: types of nodes that are done at every tick. `in_scripts`: a value for each entry that
-    scripts read, with which they can be run. `entries`: those that the tree only reads, with the
-    type in Python, if that is known. `enums`: names in scripts that look like an enum's. `sources`:
-    those of Nav2's nodes. `kinds`: types in Python of entries, as models and scripts have them;
-    `object` for those that only scripts write.
+    `uses`: its own nodes, by type. `at_once`: types of nodes that are completed in every tick.
+    `in_scripts`: a value for each entry that scripts read, with which they can be run. `entries`:
+    those that the tree only reads, with their Python type if it is known. `enums`: names in scripts
+    that look like an enum's. `sources`: those of Nav2's nodes. `kinds`: Python types of entries
+    according to models and scripts; `object` for those that only scripts write.
     """
 
     uses: dict[str, list[ExpandedNode]] = field(default_factory=dict)
@@ -110,7 +112,7 @@ class _Needs:
     taken: set[str] = field(default_factory=lambda: set(_RESERVED))
 
     def called(self, name: str, prefix: str) -> str:
-        """A name in the program for this one: an identifier that is not taken yet."""
+        """Return a name for the program: an identifier that is not taken yet."""
         chosen = re.sub(r"\W+", "_", name)
         if keyword.iskeyword(chosen) or not chosen.isidentifier() or chosen in _RESERVED:
             chosen = f"{prefix}_{chosen}"
@@ -123,7 +125,10 @@ class _Needs:
 
 
 def _python_type(cpp: str) -> str:
-    """The type of a port in Python; empty if any will do, a text for those that have none."""
+    """Return the Python type of a port.
+
+    Empty if any will do, `str` for types without a counterpart.
+    """
     if cpp in _ANY_TYPE:
         return ""
     if cpp in INTEGERS:
@@ -164,7 +169,7 @@ def _needs(library: Library, root: ExpandedNode) -> _Needs:
         needs.kinds.setdefault(name, "object")
     written = access_below([root], library).writes
     found = {name for name in {*reads, *needs.in_scripts} - written if name.isidentifier()}
-    # A script's name in a SubTree is that of an entry of the SubTree's, unless it is an enum's.
+    # A name in a SubTree's script is an entry of the SubTree, unless it is an enum's.
     bare = {name: re.sub(r"^\w*_\d+__", "", name) for name in found}
     enums = {n for n in found if n not in reads and re.fullmatch(r"[A-Z][A-Z0-9_]*", bare[n])}
     needs.enums = sorted({bare[name] for name in enums})
@@ -176,9 +181,10 @@ def _needs(library: Library, root: ExpandedNode) -> _Needs:
 
 
 def program_text(library: Library, tree: str, file: str) -> str:
-    """A robot's program: a function for each leaf of a tree, a class for other nodes of its own.
+    """Return a robot's program: a function for each leaf of a tree, a class for its other own
+    nodes.
 
-    And functions for entries that it only reads, enums, and Nav2's sources.
+    It also has functions for entries that the tree only reads, enums, and Nav2's sources.
     """
     needs = _needs(library, expand(library, tree).root)
     parts = [f'robot.enum("{name}", {number})\n' for number, name in enumerate(needs.enums)]
@@ -255,7 +261,7 @@ def _function(name: str, uses: list[ExpandedNode], library: Library, needs: _Nee
 
 
 def _writes(ports: dict[str, tuple[Direction, str, bool]], asked: dict[str, str]) -> list[str]:
-    """The lines that write ports. `asked`: values for those whose entries scripts read."""
+    """Return the lines that write ports. `asked`: values for those whose entries scripts read."""
     lines = []
     for port, (direction, kind, may_miss) in ports.items():
         if direction is Direction.OUTPUT or (direction is Direction.INOUT and port in asked):
@@ -268,7 +274,7 @@ def _writes(ports: dict[str, tuple[Direction, str, bool]], asked: dict[str, str]
 
 
 def _value(name: str, kind: str, asked: str | None = None) -> str:
-    """The value of an output not filled in yet; `asked`: what a script compares it with."""
+    """Return the value of an output not filled in yet; `asked`: what a script compares it with."""
     if name in _NO_ERROR:
         return _NO_ERROR[name]
     if kind == "str" and asked == _NUMBER:
@@ -286,16 +292,16 @@ def _signature(head: str, parameters: list[str], result: str) -> str:
 def _ports(
     uses: list[ExpandedNode], model: NodeManifest | None, needs: _Needs
 ) -> dict[str, tuple[Direction, str, bool]]:
-    """Each port with its direction, its type in Python, and whether it may be missing.
+    """Return each port with its direction, its Python type, and whether it may be missing.
 
-    Without a model, one that only ever points to entries may be written. What the model has and
-    no node is given is left out.
+    Without a model, a port that only ever points to entries may be written. Ports of the model that
+    no node has are omitted.
     """
     found: dict[str, tuple[Direction, str, bool]] = {}
     for port in model.ports.values() if model else ():
         if port.default is None and not any(port.name in use.ports for use in uses):
             continue
-        # Editors write an output that is left out as an empty text.
+        # Editors write an omitted output as an empty text.
         is_written = port.direction is not Direction.INPUT
         given = [
             port.name in use.ports and not (is_written and not use.ports[port.name]) for use in uses
@@ -303,7 +309,7 @@ def _ports(
         missing = not all(given) and port.default is None
         direction, texts = port.direction, [use.ports.get(port.name, "") for use in uses]
         if is_written and any(t and pointer(t, port.name) is None for t in texts):
-            # A node that is given a constant there has nothing to write to.
+            # A node with a constant there has nothing to write to.
             direction = Direction.INPUT
         kind = _python_type(port.type) or _guessed(port.name, uses, needs)
         found[port.name] = (direction, kind, missing)
@@ -317,7 +323,7 @@ def _ports(
 
 
 def _guessed(port: str, uses: list[ExpandedNode], needs: _Needs) -> str:
-    """The type of a port without one: that of the entries that it points to, else a text."""
+    """Return the type of a port without one: that of the entries that it points to, else a text."""
     texts = [use.ports[port] for use in uses if port in use.ports]
     keys = [pointer(text, port) for text in texts]
     kinds = {needs.kinds[key] for key in keys if key in needs.kinds}

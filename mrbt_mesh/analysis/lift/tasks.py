@@ -1,8 +1,8 @@
 """The local tasks of a lifted tree: trees that robots run, and the calls for them.
 
-A piece that is a whole SubTree is that tree; of others a tree is written. Entries that are
-constants, given to a SubTree or standing at the only node of a piece, become arguments of the local
-task if they can be such, else its `ports`. So equal pieces are one local task.
+A piece that is a whole SubTree becomes that tree; for other pieces a tree is written. Constants,
+passed to a SubTree or at the only node of a piece, become arguments of the local task if possible,
+else its `ports`. So equal pieces are one local task.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ _LONGEST = 48  # so that a number and `_checkpoint` still fit
 
 @dataclass(frozen=True)
 class Piece:
-    """What one robot does as one task: a node with all below it, or neighbours, in the place of
-    their parent `within`. `is_again`: a loop of the team may begin it again.
+    """What one robot does as one task: a node with everything below it, or neighbouring nodes.
+
+    Neighbours replace their parent `within`. `is_again`: a loop of the team may restart it.
     """
 
     nodes: tuple[ExpandedNode, ...]
@@ -74,7 +75,7 @@ class TaskUse:
 
 @dataclass
 class TaskTrees:
-    """All local tasks of the tree `tree` of a library, which has been expanded.
+    """All local tasks of the expanded tree `tree` of a library.
 
     `trees`: the <BehaviorTree> elements to write, by ID. `problems`: what cannot be a task.
     """
@@ -91,21 +92,21 @@ class TaskTrees:
 
     def __post_init__(self) -> None:
         found = access_below([self.expanded.root], self.library)
-        # Only the robot's program gives them values, by these names.
+        # Entries that only the robot's program sets, by these names.
         self._outside = found.reads - found.writes - self.expanded.constants.keys()
         known = [each for tree in self.library.trees.values() for each in tree.element.walk()]
         self._taken = {*map(type_id, known), *self.library.trees, *self.library.models}
         self._taken |= {*BUILTIN, *NAV2_NODES, *RESERVED_NAMES}
 
     def flow(self, piece: Piece) -> EntryFlow:
-        """What a piece reads before it has written it."""
+        """Return the entries that a piece reads before it has written them."""
         if piece.within is not None and "Fallback" in piece.within.type:
             each = [entry_flow(node, self.library) for node in piece.nodes]
             return EntryFlow(frozenset().union(*(one.kept for one in each)), frozenset())
         return flow_in_turn(piece.nodes, self.library)
 
     def use(self, piece: Piece) -> str:
-        """The call for a piece."""
+        """Return the call for a piece."""
         first, name = piece.nodes[0], self._wanted(piece)
         if first is self.expanded.root:
             tree, values = self.tree, dict[str, str]()
@@ -131,7 +132,10 @@ class TaskTrees:
         return call
 
     def _has_checkpoints(self, piece: Piece) -> bool:
-        """Whether another robot can begin it in the middle; notes what is wrong with that."""
+        """Return whether another robot can begin it in the middle.
+
+        Errors are added to `problems`.
+        """
         try:
             if not any(is_marked(n, CHECKPOINT) for top in piece.nodes for n in top.walk()):
                 return False
@@ -144,7 +148,7 @@ class TaskTrees:
         return True
 
     def _wanted(self, piece: Piece) -> str:
-        """The task's name, if that is free: the node's, or those of its first and last leaves."""
+        """Return the task's preferred name: the node's, or those of its first and last leaves."""
         first = piece.nodes[0]
         if first is self.expanded.root:
             name = self.tree
@@ -162,7 +166,7 @@ class TaskTrees:
     # -- trees ------------------------------------------------------------------------------------
 
     def _is_plain(self, node: ExpandedNode) -> bool:
-        """Whether a SubTree can be run as a tree of its own, with values for what it is given."""
+        """Return whether a SubTree can run as a separate tree, with values for its ports."""
         if node.category is not Category.SUBTREE or node.conditions:
             return False
         remaps_all, given, _ = self.library.subtree_ports(node.element)
@@ -173,7 +177,7 @@ class TaskTrees:
         return is_alone and not any("$" in text or "@" in text for text in texts)
 
     def _content(self, piece: Piece, name: str) -> tuple[Element, dict[str, str]]:
-        """The root of a piece's tree, and the values of its entries at first."""
+        """Return the root of a piece's tree, and the initial values of its entries."""
         first = piece.nodes[0]
         content = [node.element.copy() for node in piece.nodes]
         for element in (inner for each in content for inner in each.walk()):
@@ -186,7 +190,7 @@ class TaskTrees:
         entries = [entry for entry in keys.values() if entry not in fixed]
         is_odd = len(set(entries)) < len(entries) or any("$" in text for text in values.values())
         for key, entry in keys.items():
-            # The program would give its value to the wrong entry.
+            # Otherwise the program would set the wrong entry.
             is_odd = is_odd or (key != entry and bool({key, entry} & self._outside))
         if is_odd:
             attributes = {"ID": self._tree(name, root)}
@@ -198,7 +202,10 @@ class TaskTrees:
         return root, values
 
     def _keys(self, piece: Piece) -> dict[str, str]:
-        """The keys that a piece uses in a SubTree, and their entries; of the main tree none."""
+        """Return the keys that a piece in a SubTree uses, and their entries.
+
+        Empty in the main tree.
+        """
         scope = piece.nodes[0].scope
         if scope.outer is None:
             return {}
@@ -210,7 +217,7 @@ class TaskTrees:
     def _made_ports(
         self, node: ExpandedNode, element: Element, taken: Iterable[str]
     ) -> dict[str, str]:
-        """Make entries of the constants at a node; the values by port."""
+        """Turn the constants at a node into entries; return the values by port."""
         named = {pointer(text, key) for key, text in element.attributes.items()} | {*taken}
         model = self.library.model(node.type)
         found = {}
@@ -226,7 +233,7 @@ class TaskTrees:
         return found
 
     def _tree(self, name: str, root: Element) -> str:
-        """The ID of the tree with this content."""
+        """Return the ID of the tree with this content."""
         text = write_content(root)
         if text not in self._tree_ids:
             wanted = f"{name}_task" if name in self._taken else name
@@ -236,7 +243,7 @@ class TaskTrees:
         return self._tree_ids[text]
 
     def _add(self, name: str, tree: Element) -> None:
-        """Write a tree, and those that it uses."""
+        """Add a tree, and those that it uses."""
         if name in self.trees:
             return
         self.trees[name] = tree.copy()
@@ -262,7 +269,7 @@ class TaskTrees:
         return self.tasks[self._names[key]]
 
     def document(self, file: str) -> Document:
-        """The file with all trees, and the models of their nodes."""
+        """Return the file with all trees, and the models of their nodes."""
         root = Element("root", {"BTCPP_format": "4"}, [*self.trees.values()])
         used = {type_id(each) for tree in self.trees.values() for each in tree.walk()}
         models = [m for name, m in self.library.models.items() if name in used]
@@ -277,7 +284,7 @@ class TaskTrees:
 
 
 def _like(parent: ExpandedNode, children: tuple[ExpandedNode, ...]) -> ExpandedNode:
-    """A control as `parent` is, with some of its children."""
+    """Return a control of the same type as `parent`, with only these children."""
     names = (parent.type, parent.category, parent.name, parent.path, parent.file, parent.line)
     made = ExpandedNode(*names, {}, {}, False, parent.element, parent.scope)
     made.children = list(children)

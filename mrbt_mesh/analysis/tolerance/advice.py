@@ -1,8 +1,8 @@
 """The cheapest extra robots or capabilities that make a team weakly or strongly fault tolerant.
 
-A model of what is added, in which the mission must survive without faults and after each of a
-list of single faults. The list grows: whatever single fault is fatal to the enlarged team is
-added to it and the model is solved again, until none is. So the last answer is the cheapest one.
+The model has the additions as variables, and requires that the mission survives without faults and
+after each of a list of single faults. Any single fault that is fatal to the enlarged team is added
+to the list and the model is solved again, until there is none. So the last answer is the cheapest.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _Source: TypeAlias = tuple[str, str]
 
 @dataclass(frozen=True)
 class Additions:
-    """What to add: numbers of robots by type, and capabilities of robots that are there.
+    """What to add: numbers of robots by type, and capabilities of existing robots.
 
-    `cost` is None if nothing helps, or nothing was found in time. `bound`: nothing cheaper does.
+    `cost` is None if nothing helps, or nothing was found in time. `bound`: nothing cheaper helps.
     """
 
     cost: int | None
@@ -52,7 +52,7 @@ class Additions:
 
 
 def enlarged(mission: Mission, robots: Mapping[str, int], extra: Iterable[Capability]) -> Mission:
-    """The mission with more robots, named +TYPE-1 and so on, and more capabilities."""
+    """Return the mission with more robots, named +TYPE-1 and so on, and more capabilities."""
     team = dict(mission.robots)
     for robot, name in extra:
         able = dict(team[robot].capabilities) | {name: MICRO}
@@ -65,7 +65,7 @@ def enlarged(mission: Mission, robots: Mapping[str, int], extra: Iterable[Capabi
 
 
 def re_read(reading: Reading, mission: Mission) -> Reading:
-    """The question of the serial reading about the same mission with another team."""
+    """Return the serial reading's question about the same mission with another team."""
     services, _, _ = serial_services(mission)
     return Reading(mission, services, reading.required)
 
@@ -77,7 +77,10 @@ def advise(
     limit_s: float,
     kinds: tuple[bool, bool] = (True, True),
 ) -> Additions:
-    """The cheapest additions; `kinds`: whether robots, and whether capabilities, may be added."""
+    """Return the cheapest additions.
+
+    `kinds`: whether robots, and whether capabilities, may be added.
+    """
     deadline_s = time.monotonic() + limit_s
     single = robot_faults(reading.mission) if is_strong else capability_faults(reading.mission)
     if reading.is_feasible and not reading.critical(single):
@@ -107,7 +110,7 @@ def advise(
 
 
 def _canonical(mission: Mission, fault: Fault) -> Fault:
-    """New robots of one type are alike: the first represents all."""
+    """Return a fault that stands for those alike: of the new robots of a type, the first."""
     robot = _robot_of(fault)
     if robot in mission.robots:
         return fault
@@ -143,14 +146,14 @@ class _Advice:
         prices = [costs.robot(kind) * count for kind, count in self.robots.items()]
         prices += [costs.capability(name) * added for (_, name), added in self.extra.items()]
         self.cost = sum(prices)
-        # Among equally cheap ones that with the fewest parts.
+        # Among equally cheap additions, prefer the fewest parts.
         self.parts = sum(self.robots.values()) + sum(self.extra.values())
         self.weight = MAX_EXTRA_ROBOTS * max(1, len(self.robots)) + len(self.extra) + 1
         self.model.minimize(self.cost * self.weight + self.parts)
         self.settled: dict[int, Variable] = {}
 
     def solve(self, limit_s: float) -> Additions | None:
-        """The cheapest additions for the faults so far; None if nothing helps."""
+        """Return the cheapest additions for the faults so far; None if nothing helps."""
         solver = cp_model.CpSolver()
         solver.parameters.num_workers = 1
         solver.parameters.random_seed = SEED
@@ -167,7 +170,7 @@ class _Advice:
         return Additions(cost, bound, status == cp_model.OPTIMAL, robots, extra)
 
     def survive(self, fault: Fault | None) -> None:
-        """The mission must not be ruined after this fault, None: without faults."""
+        """Require that the mission is not ruined after this fault; None: without faults."""
         required = self.reading.required
         formulas = required.formulas
         true: dict[int, Variable] = {}
@@ -188,7 +191,7 @@ class _Advice:
         self.model.add(true[required.ruin] == 0)
 
     def _feasible(self, number: int, fault: Fault | None) -> Variable:
-        """A literal that may be true only if the service is feasible after the fault."""
+        """Return a literal that may be true only if the service is feasible after the fault."""
         wanted = self.reading.services[number]
         if fault is not None and not self._may_change(wanted, fault) and number in self.settled:
             return self.settled[number]
@@ -197,7 +200,7 @@ class _Advice:
             self.settled[number] = feasible
         self._flow(wanted, fault, feasible)
         if wanted.exclusive and isinstance(fault, str):
-            # One dead of n leaves a majority of n from three on.
+            # After one death, n robots keep a majority only if n is at least three.
             total = len(self.mission.robots) + sum(self.robots.values())
             self.model.add(total >= 3).only_enforce_if(feasible)
         return feasible
@@ -208,7 +211,7 @@ class _Advice:
         return any(type_name(need.local_task) == type_name(fault[1]) for need in wanted.needs)
 
     def _flow(self, wanted: Service, fault: Fault | None, when: Variable) -> None:
-        """Enough posts for every need if `when` is true, no robot at two."""
+        """Require enough robots for every need if `when` is true, none of them twice."""
         rows: dict[_Source, list[Variable]] = {}
         for need in wanted.needs:
             posts = []
@@ -221,7 +224,7 @@ class _Advice:
         for (kind, name), row in rows.items():
             supply: Variable = 1
             if kind == "type":
-                # The one that the fault hits is counted apart from the others of its type.
+                # The robot that the fault hits is counted apart from the others of its type.
                 is_hit = fault is not None and _robot_of(fault) == _first_of(name)
                 supply = self.robots[name] - (self.any_new[name] if is_hit else 0)
             elif kind == "hit":
@@ -229,12 +232,12 @@ class _Advice:
             self.model.add(sum(row) <= supply)
 
     def _present(self, need: JointNeed, fault: Fault | None) -> Iterator[tuple[_Source, Variable]]:
-        """The robots that are there and may meet a need, or may if something is added."""
+        """Yield existing robots that can meet a need, or could with an addition."""
         name = type_name(need.local_task)
         for robot in sorted(self.mission.robots):
             added = self.extra.get((robot, name))
             if fault == (robot, name) and added is not None and robot in need.entries:
-                # It loses what was added here; if nothing was, it is able as before.
+                # The fault removes the addition; without an addition, the robot stays able.
                 yield ("robot", robot), 1 - added
             elif fault in (robot, (robot, name), (robot, need.local_task)):
                 continue
@@ -244,7 +247,7 @@ class _Advice:
                 yield ("robot", robot), added
 
     def _added(self, need: JointNeed, fault: Fault | None) -> Iterator[tuple[_Source, Variable]]:
-        """New robots that may meet a need."""
+        """Yield new robots that can meet a need."""
         names = (need.local_task, type_name(need.local_task))
         for kind in self.robots:
             able = {*self.mission.robot_types[kind], ANYBODY}

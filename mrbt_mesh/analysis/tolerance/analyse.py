@@ -1,4 +1,4 @@
-"""The whole analysis of a mission, as data: what `mrbt analyze` prints."""
+"""The complete analysis of a mission as data, as printed by `mrbt analyze`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mrbt_mesh.core.mission.mission import Costs, Mission
 from mrbt_mesh.features.constraints.kinds import constraints_of
 from mrbt_mesh.formats.cautions import cautions
 
-# Called with what is being worked out, how much of it is done, and how much there is.
+# Called with the current question, the number of those done, and their total.
 Say = Callable[[str, int, int], None]
 
 SERIAL = "serial"
@@ -45,7 +45,7 @@ _SIDE_CONSTRAINTS = (
 
 
 def assumptions(mission: Mission) -> tuple[str, ...]:
-    """What the figures rest on, and what they leave out of this mission."""
+    """Return what the figures are based on, and what they ignore in this mission."""
     left_out = [str(constraint) for constraint in constraints_of(mission)]
     own = sorted(
         {
@@ -64,7 +64,7 @@ def assumptions(mission: Mission) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class ReadingResult:
-    """One reading: both kinds of faults, and the obstacle if it is not feasible."""
+    """The result of one reading for both kinds of faults."""
 
     question: Question
     major: Tolerance
@@ -72,20 +72,20 @@ class ReadingResult:
 
     @property
     def is_weak(self) -> bool:
-        """Whether every single minor fault is survived."""
+        """True if every single minor fault is survived."""
         return self.question.reading.is_feasible and not self.minor.critical
 
     @property
     def is_strong(self) -> bool:
-        """Whether every single major fault is survived."""
+        """True if every single major fault is survived."""
         return self.question.reading.is_feasible and not self.major.critical
 
 
 @dataclass(frozen=True)
 class TaskSlack:
-    """A global task: how many robots, whichever they are, it can lose (-1: infeasible).
+    """How many robots, whichever they are, a global task can lose (-1: infeasible).
 
-    `needs`: local task, nu, capable robots. `is_indispensable`: infeasible, it alone ruins the
+    `needs`: local task, nu, capable robots. `is_indispensable`: if infeasible, it alone ruins the
     mission.
     """
 
@@ -98,7 +98,7 @@ class TaskSlack:
 
 @dataclass(frozen=True)
 class Advice:
-    """Ways to one kind of tolerance: the cheapest, with robots only, with capabilities only."""
+    """Additions for one kind of tolerance: the cheapest, only robots, and only capabilities."""
 
     cheapest: Additions
     robots_only: Additions
@@ -107,7 +107,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything that is known of a mission's fault tolerance."""
+    """The results about a mission's fault tolerance."""
 
     mission: Mission
     readings: dict[str, ReadingResult]
@@ -123,7 +123,7 @@ class Analysis:
 
     @property
     def is_complete(self) -> bool:
-        """Whether no time ran out: every figure is proved."""
+        """True if every figure is proved, because no time limit was reached."""
         proved = [
             answer.is_proved
             for result in self.readings.values()
@@ -136,7 +136,7 @@ class Analysis:
         return all(proved)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data; the keys are documented in docs/how-to/analyze.md."""
+        """Return plain data; the keys are documented in docs/how-to/analyze.md."""
         main = _reading_json(self.main)
         others = {
             name: _reading_json(result) for name, result in self.readings.items() if name != SERIAL
@@ -178,7 +178,7 @@ class Analysis:
 
 
 def analyse(mission: Mission, costs: Costs, limit_s: float, say: Say = lambda *_: None) -> Analysis:
-    """Work out everything; each question put to a solver gets at most `limit_s` seconds.
+    """Analyse a mission; each question to a solver gets at most `limit_s` seconds.
 
     Raises TooLargeError if the tree has too many combinations.
     """
@@ -229,7 +229,7 @@ def _slacks(question: Question, indispensable: set[int]) -> tuple[TaskSlack, ...
 
 
 def fault_json(fault: Fault) -> Any:
-    """A robot's id, or {"robot": ..., "capability": ...}."""
+    """Return a robot's id, or {"robot": ..., "capability": ...}."""
     return fault if isinstance(fault, str) else {"robot": fault[0], "capability": fault[1]}
 
 
@@ -258,7 +258,7 @@ def _tolerance_json(kind: Tolerance) -> dict[str, Any]:
 
 
 def _bounds(answer: Answer, is_most: bool) -> list[int | None]:
-    """[least, most] that the true figure can be; equal if it is proved."""
+    """Return the [least, most] that the true figure can be; equal if it is proved."""
     ends = [answer.value, answer.bound]
     return ends if is_most else ends[::-1]
 

@@ -1,6 +1,6 @@
 """Global tasks for the robots that did another one before (`same_robot_as`), as services.
 
-Which robots do the first task is up to the plan, and they may be lost as soon as they have done it.
+The plan decides which robots do the first task, and they may be lost as soon as they have done it.
 So the second task can only be counted on if it can be served whichever robots did the first one,
 with none of them lost, and if the first one is always done before.
 """
@@ -17,12 +17,12 @@ from mrbt_mesh.core.bt.tree import Kind, Tree
 from mrbt_mesh.core.mission.mission import GlobalTask, Mission, Need
 
 MAX_CHOICES = 200
-# Their success means that of the child on the way to a task: of all, or of the first one.
+# Their success implies that of the child on the way to a task: of all children, or of the first.
 _OF_ALL = frozenset({Kind.SEQUENCE, Kind.SUBTREE, Kind.RETRY, Kind.REPEAT, Kind.TIMEOUT})
 
 
 def bound_services(mission: Mission, task: GlobalTask) -> tuple[Service, ...]:
-    """What it takes, besides enough robots, to serve a task with `same_robot_as`."""
+    """Return what is needed, besides enough robots, to serve a task with `same_robot_as`."""
     bound = {need.local_task: need for need in task.needs if need.same_robot_as and need.min_robots}
     if not bound:
         return ()
@@ -52,7 +52,7 @@ def bound_services(mission: Mission, task: GlobalTask) -> tuple[Service, ...]:
         found.append(Service(name, (task.id,), limited, False, is_bound=True))
     if found:
         return tuple(found)
-    # Too many choices: each need by itself, the others without the robots that may be bound.
+    # Too many choices: each bound need alone, the others without the robots that may be bound.
     taken = {robot for robots, _ in befores.values() for robot in robots}
     limited = tuple(
         _all_but_spare(each, bound[each.local_task], befores[each.local_task])
@@ -64,7 +64,7 @@ def bound_services(mission: Mission, task: GlobalTask) -> tuple[Service, ...]:
 
 
 def _before(mission: Mission, need: Need) -> tuple[list[str], int]:
-    """The robots that may have done it, and how many of them will have."""
+    """Return the robots that may have done it, and how many of them will have."""
     before = need.same_robot_as
     assert before is not None
     robots = [
@@ -79,7 +79,10 @@ def _before(mission: Mission, need: Need) -> tuple[list[str], int]:
 def _choices(
     befores: dict[str, tuple[list[str], int]], needs: int
 ) -> Iterator[dict[str, set[str]]]:
-    """The ways in which robots may have done it, if these are few; one need alone is a count."""
+    """Yield the ways in which robots may have done it, if these are few.
+
+    One need alone is a count.
+    """
     if needs == 1 or prod(comb(len(r), count) for r, count in befores.values()) > MAX_CHOICES:
         return
     for chosen in product(*(combinations(robots, count) for robots, count in befores.values())):
@@ -87,7 +90,7 @@ def _choices(
 
 
 def _limited(need: JointNeed, chosen: dict[str, set[str]]) -> JointNeed:
-    """A need, met only by those chosen if it is bound to what they did."""
+    """Return a need; if it is bound, only the chosen robots can meet it."""
     if need.local_task not in chosen:
         return need
     robots = chosen[need.local_task]
@@ -95,14 +98,16 @@ def _limited(need: JointNeed, chosen: dict[str, set[str]]) -> JointNeed:
 
 
 def _all_but_spare(need: JointNeed, bound: Need, before: tuple[list[str], int]) -> JointNeed:
-    """As many of the robots that may have done it have to be able as make any choice sufficient."""
+    """Return a need for enough able robots, of those that may have done it, to make any choice
+    sufficient.
+    """
     robots, count = before
     entries = {robot: e for robot, e in need.entries.items() if robot in robots}
     return JointNeed(need.local_task, len(robots) - count + bound.min_robots, entries)
 
 
 def is_done_before(tree: Tree, need: Need, task: str) -> bool:
-    """Whether the tree reaches a task only once what `same_robot_as` names has succeeded."""
+    """Return whether the tree reaches a task only after what `same_robot_as` names succeeded."""
     before = need.same_robot_as
     assert before is not None
     places = [node.index for node in tree.actions() if node.subject == before.global_task]

@@ -1,6 +1,7 @@
-"""How many faults a mission survives: the most that some choice of faults leaves, the fewest that
-are fatal, and which are fatal alone. Exact, with proofs of optimality; a limit on the time gives
-bounds instead.
+"""How many faults a mission survives.
+
+Computes the largest set of faults that it survives, the smallest set that is fatal, and the faults
+that are fatal alone. Exact, with proofs of optimality; with a time limit, bounds instead.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ MAX_NEEDS = 8
 
 @dataclass(frozen=True)
 class Reading:
-    """A mission as one question sees it: services, and which of them it cannot do without."""
+    """A mission as one question sees it: its services, and which of them are required."""
 
     mission: Mission
     services: tuple[Service, ...]
@@ -38,38 +39,38 @@ class Reading:
 
     @cached_property
     def at_first(self) -> frozenset[int]:
-        """The services that matter and that are infeasible without faults."""
+        """The services that matter and are infeasible without faults."""
         return self.infeasible(FaultyTeam(self.mission))
 
     def infeasible(self, team: FaultyTeam) -> frozenset[int]:
-        """The services that matter and that this team cannot do."""
+        """Return the services that matter and that this team cannot perform."""
         return frozenset(
             each for each in self.required.services if not team.is_feasible(self.services[each])
         )
 
     def survives(self, team: FaultyTeam) -> bool:
-        """Whether the mission is not ruined: the definition, by the runtime's own check."""
+        """Return whether the mission is not ruined: the definition, by the runtime's own check."""
         return not self.required.is_ruined(self.infeasible(team))
 
     @cached_property
     def is_feasible(self) -> bool:
-        """Whether it survives without faults."""
+        """True if the mission survives without faults."""
         return not self.required.is_ruined(self.at_first)
 
     @cached_property
     def relied_on(self) -> Mapping[int, frozenset[Fault]]:
-        """What each service that matters relies on without faults, if it is feasible."""
+        """What each feasible service that matters relies on without faults."""
         team = FaultyTeam(self.mission)
         found = {each: team.relies_on(self.services[each]) for each in self.required.services}
         return {each: used for each, used in found.items() if used is not None}
 
     def may_change(self, number: int, fault: Fault) -> bool:
-        """Whether a fault can make a difference to a service."""
+        """Return whether a fault can make a difference to a service."""
         wanted = self.services[number]
         return fault in wanted.touched_by or (wanted.exclusive and isinstance(fault, str))
 
     def broken_by(self, fault: Fault) -> frozenset[int]:
-        """The services that matter and are infeasible with one fault."""
+        """Return the services that matter and are infeasible with one fault."""
         team = FaultyTeam(self.mission).with_faults(fault)
         changed = {
             each
@@ -79,14 +80,17 @@ class Reading:
         return self.at_first | changed
 
     def critical(self, faults: Sequence[Fault]) -> list[Fault]:
-        """The faults each of which alone is fatal: exhaustive."""
+        """Return all faults that are fatal alone."""
         is_ruined = functools.cache(self.required.is_ruined)
         return [fault for fault in faults if is_ruined(self.broken_by(fault))]
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What is known of one kind of fault. `most` and `fewest` name the faults of one such set."""
+    """The results for one kind of fault.
+
+    `max_tolerated` and `min_fatal` list the faults of one such set.
+    """
 
     total: int
     max_tolerated: Answer
@@ -95,7 +99,7 @@ class Tolerance:
 
 
 def tolerance(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Tolerance:
-    """Faults of one kind; `limit_s` is for each of the two questions put to the solver."""
+    """Analyse faults of one kind; `limit_s` is for each of the two questions to the solver."""
     if not reading.is_feasible:
         return Tolerance(len(faults), Answer(None, None, True), Answer(0, 0, True), ())
     critical = reading.critical(faults)
@@ -116,9 +120,9 @@ def _relevant(reading: Reading, faults: Sequence[Fault]) -> list[Fault]:
 
 
 def _greedy(reading: Reading, faults: Sequence[Fault]) -> tuple[Fault, ...]:
-    """Faults, one after the other, that the mission survives together with those before.
+    """Choose faults one after another that the mission survives together with the previous ones.
 
-    What is kept is spread over the robots: a task needs different ones.
+    The capabilities that remain are spread over the robots, because a task needs different robots.
     """
     robots = sorted(reading.mission.robots)
     places = {robot: place for place, robot in enumerate(robots)}
@@ -152,9 +156,9 @@ def _greedy(reading: Reading, faults: Sequence[Fault]) -> tuple[Fault, ...]:
 
 
 def max_tolerated(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answer:
-    """The largest set of faults that the mission survives; the bound is from above.
+    """Return the largest set of faults that the mission survives; the bound is from above.
 
-    The model knows small sets of needs at first; whatever a solution overlooks is added.
+    The model first has small sets of needs; sets that a solution violates are added.
     """
     deadline_s = time.monotonic() + limit_s
     relevant = _relevant(reading, faults)
@@ -202,10 +206,10 @@ def _forbid(
 
 
 def min_fatal(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answer:
-    """The smallest set of faults that ruins the mission; the bound is from below.
+    """Return the smallest set of faults that ruins the mission; the bound is from below.
 
-    No value, and proved: not even all of them do. The alternatives at the top of the
-    requirement are looked into one after the other, the most promising first.
+    No value, and proved, means that not even all faults ruin it. The alternatives at the top of the
+    requirement are examined one after another, the most promising first.
     """
     if reading.survives(FaultyTeam(reading.mission).with_faults(*faults)):
         return Answer(None, None, True)
@@ -242,14 +246,16 @@ def min_fatal(reading: Reading, faults: Sequence[Fault], limit_s: float) -> Answ
 
 
 def _branches(reading: Reading) -> tuple[Formula, ...]:
-    """The alternatives at the top of what ruins the mission."""
+    """Return the alternatives at the top of what ruins the mission."""
     term = reading.required.formulas.terms[reading.required.ruin]
     return term.parts if term.service < 0 and not term.is_all else (reading.required.ruin,)
 
 
 @dataclass(frozen=True)
 class _Estimate:
-    """A formula takes at least `least` faults, `fatal` are some, and only `touched` matter."""
+    """An estimate for a formula: at least `least` faults, `fatal` suffice, and only `touched`
+    matter.
+    """
 
     least: int
     fatal: tuple[Fault, ...]
@@ -257,7 +263,7 @@ class _Estimate:
 
 
 def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Estimate]:
-    """An estimate for each part of what ruins the mission."""
+    """Return an estimate for each part of what ruins the mission."""
     team, is_major = FaultyTeam(reading.mission), isinstance(faults[0], str)
     formulas = reading.required.formulas
     found: dict[Formula, _Estimate] = {}
@@ -269,7 +275,7 @@ def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Esti
             wanted = reading.services[term.service]
             touched = frozenset(f for f in faults if reading.may_change(term.service, f))
             if not touched and team.is_feasible(wanted):
-                # No faults of this kind do it.
+                # No faults of this kind break it.
                 found[each] = _Estimate(len(faults) + 1, tuple(faults), touched)
             elif team.is_feasible(wanted):
                 single = fewest_to_break(team, wanted, is_major)
@@ -277,7 +283,7 @@ def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Esti
             else:
                 found[each] = _Estimate(0, (), touched)
         elif term.is_all:
-            # What no two parts share has to be lost for each of them.
+            # Disjoint parts must each lose their own faults.
             is_split = sum(len(part.touched) for part in parts) == len(touched)
             least = [part.least for part in parts]
             union = tuple(dict.fromkeys(fault for part in parts for fault in part.fatal))
@@ -291,7 +297,7 @@ def _estimates(reading: Reading, faults: Sequence[Fault]) -> dict[Formula, _Esti
 def _unique_branches(
     reading: Reading, branches: Sequence[tuple[int, Formula]]
 ) -> list[tuple[int, Formula]]:
-    """Without single services that differ from another one only in their names."""
+    """Omit single services that differ from another one only in their names."""
     seen = set()
     found = []
     for lower, part in branches:
@@ -309,22 +315,22 @@ def _unique_branches(
 
 # -- the fewest that break one service, without a solver -----------------------------------------
 # By Hall's theorem some set of its needs must end up with fewer able robots than it asks for, so
-# for every set the robots that are cheapest to take from it are counted. What it costs to take a
-# robot from a set of needs is 1 for its death, else the capabilities that it must lose.
+# for every set the robots that are cheapest to remove are counted. Removing a robot from a set of
+# needs costs 1 for its death, else the number of capabilities that it must lose.
 
 
 @dataclass(frozen=True)
 class Breaking:
-    """It takes at least `least` faults, and `chosen` do it."""
+    """How a service breaks: at least `least` faults, and `chosen` suffice."""
 
     least: int
     chosen: tuple[Fault, ...]
 
 
 def fewest_to_break(team: FaultyTeam, wanted: Service, is_major: bool) -> Breaking:
-    """The fewest faults of one kind that make a feasible service infeasible.
+    """Return the fewest faults of one kind that make a feasible service infeasible.
 
-    With more than `MAX_NEEDS` different needs `chosen` may be more than `least`.
+    With more than `MAX_NEEDS` different needs, `chosen` may have more than `least`.
     """
     needs = merged(wanted.needs, is_major)
     choices = []
@@ -340,13 +346,13 @@ def fewest_to_break(team: FaultyTeam, wanted: Service, is_major: bool) -> Breaki
         choices.append(tuple(robots[: len(robots) - majority(robots) + 1]))
     best = min(choices, key=len)
     if len(needs) > MAX_NEEDS:
-        # No fault takes more than one robot from a set of needs.
+        # No fault removes more than one robot from a set of needs.
         return Breaking(team.slack(wanted) + 1, best)
     return Breaking(len(best), best)
 
 
 def _cheapest(subset: Sequence[JointNeed], is_major: bool) -> tuple[Fault, ...]:
-    """The fewest faults after which these needs find one robot too few."""
+    """Return the fewest faults that leave these needs one robot short."""
     able = sorted({robot for need in subset for robot in need.entries})
     too_many = len(able) - sum(need.count for need in subset) + 1
     if is_major:
@@ -362,7 +368,7 @@ def _cheapest(subset: Sequence[JointNeed], is_major: bool) -> tuple[Fault, ...]:
 
 
 def removal(ways: tuple[tuple[Capability, ...], ...]) -> tuple[Capability, ...]:
-    """The fewest capabilities that hit every one of these ways."""
+    """Return the fewest capabilities that hit every one of these ways."""
     forced = {way[0] for way in ways if len(way) == 1}
     open_ways = {way for way in ways if forced.isdisjoint(way)}
     entries = sorted({entry for way in open_ways for entry in way})

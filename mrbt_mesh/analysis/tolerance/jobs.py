@@ -1,8 +1,8 @@
-"""The fault tolerance of types of jobs: of each type on its own, with the worst arguments.
+"""The fault tolerance of job types: of each type alone, with the worst arguments.
 
-One job of the type is the whole mission. Which arguments it has matters only where robots have
-capabilities for single local tasks (`lift(3)`): each value that such a capability names is tried
-out, and one of the others.
+One job of the type is the whole mission. Its arguments matter only if robots have capabilities for
+single local tasks (`lift(3)`): each value that such a capability names is tried, and one of the
+others.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from mrbt_mesh.core.mission.mission import Costs, JobParameter, JobType, Mission
 from mrbt_mesh.core.mission.names import split_call, type_name
 
 MAX_COMBINATIONS = 100
-# Combinations that are looked at until one has arguments that a job may have.
+# How many combinations are tried to find arguments that a job may have.
 MAX_TRIED = 10_000
 
 
 @dataclass(frozen=True)
 class JobAnalysis:
-    """A type of jobs, the arguments with which the fewest faults are survived, and how many."""
+    """A type of jobs, the arguments with which it survives the fewest faults, and its analysis."""
 
     type: str
     arguments: tuple[str, ...]
@@ -34,14 +34,14 @@ class JobAnalysis:
 
     @property
     def scarce(self) -> tuple[str, ...]:
-        """The types of the local tasks of the global tasks that can lose the fewest robots."""
+        """The types of the local tasks of those global tasks that can lose the fewest robots."""
         tasks = self.analysis.tasks
         least = min((task.slack for task in tasks), default=0)
         needs = (need for task in tasks if task.slack == least for need in task.needs)
         return tuple(sorted({type_name(local_task) for local_task, _, _ in needs}))
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data, as of a mission."""
+        """Return plain data, like that of a mission."""
         found = {"arguments": list(self.arguments), "scarce": list(self.scarce)}
         return found | self.analysis.to_json()
 
@@ -49,7 +49,7 @@ class JobAnalysis:
 def analyse_jobs(
     mission: Mission, costs: Costs, limit_s: float, say: Say = lambda *_: None
 ) -> list[JobAnalysis]:
-    """Each type of a mission's jobs, by name; for `limit_s` see `analyse`.
+    """Analyse each type of a mission's jobs, by name; for `limit_s` see `analyse`.
 
     Raises TooLargeError for a type with too many combinations, of its tree or its arguments.
     """
@@ -64,7 +64,7 @@ def analyse_jobs(
 
 
 def _tolerated(job: JobAnalysis) -> tuple[int, ...]:
-    """What is compared: the more faults are survived, the larger."""
+    """Sort key: greater if more faults are survived."""
     main = job.analysis.main
     kinds = (main.major, main.minor)
     fewest = (-1 if k.min_fatal.value is None else k.min_fatal.value for k in kinds)
@@ -75,7 +75,7 @@ def _tolerated(job: JobAnalysis) -> tuple[int, ...]:
 
 
 def single_jobs(mission: Mission, known: JobType) -> Iterator[tuple[tuple[str, ...], Mission]]:
-    """Missions of one job, for arguments of every kind that makes a difference."""
+    """Yield missions of one job, for arguments of every kind that makes a difference."""
     named = _named_values(mission, known)
     choices = [_representatives(each, named[each.name]) for each in known.parameters]
     fitting = (args for args in islice(product(*choices), MAX_TRIED) if not known.problem(args))
@@ -88,7 +88,7 @@ def single_jobs(mission: Mission, known: JobType) -> Iterator[tuple[tuple[str, .
 
 
 def _named_values(mission: Mission, known: JobType) -> Mapping[str, set[str]]:
-    """Parameter -> texts in capabilities for single local tasks."""
+    """Return parameter -> texts in capabilities for single local tasks."""
     able = [name for robot in mission.robots.values() for name in robot.capabilities]
     texts = {text for name in able for text in split_call(name)[1]}
     return {
@@ -97,13 +97,13 @@ def _named_values(mission: Mission, known: JobType) -> Mapping[str, set[str]]:
 
 
 def _representatives(parameter: JobParameter, named: set[str]) -> list[str]:
-    """The values that are named, and one of the others, if there are any."""
+    """Return the named values, and one of the others if there are any."""
     other = next((value for value in parameter.values() if value not in named), None)
     return [*sorted(named), *([] if other is None else [other])]
 
 
 def _single_job(mission: Mission, name: str, arguments: tuple[str, ...]) -> Mission:
-    """The mission whose tree is that of one job."""
+    """Return the mission whose tree is that of one job."""
     whole = with_jobs(mission, [OpenJob(name, name, arguments)])
     nodes = whole.tree.nodes
     root = next(n.index for n in nodes if n.job and nodes[n.parent].kind is Kind.JOBS)
@@ -115,7 +115,7 @@ def _single_job(mission: Mission, name: str, arguments: tuple[str, ...]) -> Miss
 
 
 def _plain(tree: Tree, index: int) -> NodeSpec:
-    """A subtree of a job, as that of a mission without jobs."""
+    """Return a subtree of a job, as in a mission without jobs."""
     node = tree.nodes[index]
     children = tuple(_plain(tree, child) for child in node.children)
     return replace(node.spec(children), origin=-1, job="")

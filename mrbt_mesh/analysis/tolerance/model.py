@@ -1,8 +1,8 @@
-"""The pieces of the optimisation models (CP-SAT): services that hold, services that break, trees.
+"""The parts of the optimisation models (CP-SAT): services that hold, services that break, trees.
 
-Both rest on Hall's theorem: a service is feasible when every set of its needs finds as many
-robots, able to do one of them, as the set asks for. So a service *holds* by a constraint per set of
-needs (those that matter are added while solving), and *breaks* by one set for which it fails.
+Both rest on Hall's theorem: a service is feasible if every set of its needs finds as many robots,
+able to do one of them, as the set asks for. So a service *holds* by a constraint per set of needs
+(those that matter are added while solving), and *breaks* by one set for which it fails.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ MAX_NEEDS_IN_FULL = 6
 
 @dataclass(frozen=True)
 class Answer:
-    """What a solver found. `value` is None if there is no solution.
+    """The result of a solver. `value` is None if there is no solution.
 
-    `bound`: no solution is better than this; equal to `value` if it is proved optimal.
-    `is_proved`: whether the answer, or that there is none, is certain.
+    `bound`: no solution is better than this; equal to `value` if it is proved optimal. `is_proved`:
+    the answer, or that there is none, is certain.
     """
 
     value: int | None
@@ -39,9 +39,9 @@ class Answer:
 
 
 class FaultModel:
-    """Which faults of one kind happen: a count for each group of faults that are interchangeable.
+    """Which faults of one kind happen, as a count for each group of interchangeable faults.
 
-    Robots that can do the same are interchangeable, capabilities are not.
+    Robots with the same abilities are interchangeable, capabilities are not.
     """
 
     def __init__(self, services: Sequence[Service], faults: Sequence[Fault]) -> None:
@@ -74,26 +74,27 @@ class FaultModel:
             )
 
     def hint(self, happened: Iterable[Fault]) -> None:
-        """Start from this choice."""
+        """Hint this choice to the solver."""
         known = set(happened)
         for first, members in self.groups.items():
             self.model.add_hint(self.lost[first], len(known & set(members)))
 
     def chosen(self, values: Mapping[Fault, int]) -> tuple[Fault, ...]:
-        """The faults of a solution."""
+        """Return the faults of a solution."""
         return tuple(f for first, n in values.items() for f in self.groups[first][:n])
 
     # -- sets of needs ------------------------------------------------------------------------
 
     def _room(self, service: int, subset: Subset) -> tuple[int, set[str]]:
-        """(how many of its able robots a set of needs can spare, those robots)."""
+        """Return how many able robots a set of needs can spare, and the able robots."""
         needs = [self.needs[service][index] for index in subset]
         able = {robot for need in needs for robot in need.entries}
         return len(able) - sum(need.count for need in needs), able
 
     def _gone(self, service: int, subset: Subset, able: set[str], is_break: bool) -> Any:
-        """How many robots can no longer do any of a set of needs: at least that many if the
-        service is to hold, at most if it is to break.
+        """Return how many robots can no longer do any of a set of needs.
+
+        The count is at least the true number if the service is to hold, at most if it is to break.
         """
         if any(robot in self._group_of for robot in able):
             return sum(self.lost[first] for first in self.groups if first in able)
@@ -106,7 +107,7 @@ class FaultModel:
         return sum(terms)
 
     def _out(self, robot: str, ways: tuple[tuple[Capability, ...], ...], is_break: bool) -> Literal:
-        """Whether a robot has lost every one of these ways."""
+        """Return a literal: a robot has lost every one of these ways."""
         losses = [[self.lost[entry] for entry in way if entry in self.lost] for way in ways]
         if len(losses) == 1 and len(losses[0]) == 1:
             return losses[0][0]
@@ -132,7 +133,7 @@ class FaultModel:
     # -- what survives ------------------------------------------------------------------------
 
     def hold_set(self, service: int, subset: Subset, unless: Literal = None) -> None:
-        """A set of needs finds its robots, unless `unless` is true."""
+        """Constrain a set of needs to find its robots, unless `unless` is true."""
         spare, able = self._room(service, subset)
         gone = self._gone(service, subset, able, is_break=False)
         if isinstance(gone, int):
@@ -144,7 +145,10 @@ class FaultModel:
             constraint.only_enforce_if(unless.negated())
 
     def _hold(self, service: int, robots: Sequence[str], unless: Literal = None) -> None:
-        """Necessary for a service; sufficient for one need. Other sets follow on demand."""
+        """Add constraints necessary for a service; sufficient for one need.
+
+        Other sets follow on demand.
+        """
         count = len(self.needs[service])
         subsets: list[Subset] = [(index,) for index in range(count)]
         if count > MAX_NEEDS_IN_FULL:
@@ -159,7 +163,10 @@ class FaultModel:
                     constraint.only_enforce_if(unless.negated())
 
     def keep(self, required: Requirement, robots: Sequence[str]) -> dict[int, Literal]:
-        """The mission is not ruined; service -> what excuses it from being feasible."""
+        """Constrain the model so that the mission survives.
+
+        Returns, per service, the literal that exempts it.
+        """
         formulas = required.formulas
         excuses: dict[int, Literal] = {}
         true: dict[int, Literal] = {}
@@ -187,7 +194,10 @@ class FaultModel:
     # -- what breaks --------------------------------------------------------------------------
 
     def _break(self, service: int, robots: Sequence[str], when: Literal, least: int) -> None:
-        """The service is infeasible if `when` is true; it takes at least `least` faults."""
+        """Constrain the service to be infeasible if `when` is true.
+
+        That takes at least `least` faults.
+        """
         needs = self.needs[service]
         reasons = []
         if len(needs) <= MAX_NEEDS_IN_FULL:
@@ -209,7 +219,7 @@ class FaultModel:
         self.model.add(self.total >= least).only_enforce_if(when)
 
     def _break_any(self, needs: Sequence[JointNeed]) -> Literal:
-        """Some set of many needs asks for more robots than are able to do any of it."""
+        """Return a literal: some set of many needs asks for more robots than can do any of it."""
         when = self.model.new_bool_var("")
         asked = [self.model.new_bool_var("") for _ in needs]
         able: list[Any] = []
@@ -234,7 +244,10 @@ class FaultModel:
         return when
 
     def ruin(self, required: Requirement, robots: Sequence[str], least: Mapping[int, int]) -> None:
-        """The mission is ruined; `least`: service -> how many faults it takes at least."""
+        """Constrain the model so that the mission is ruined.
+
+        `least`: service -> its fewest faults.
+        """
         formulas = required.formulas
         true: dict[int, Literal] = {}
         for each in formulas.below(required.ruin):
@@ -253,9 +266,9 @@ class FaultModel:
 def optimum(
     model: cp_model.CpModel, variables: Mapping[Any, Any], limit_s: float
 ) -> tuple[Answer, dict[Any, int]]:
-    """Solve; the answer, and the variables' values (empty without a solution).
+    """Solve the model; return the answer, and the variables' values (empty without a solution).
 
-    One worker and a fixed seed: the same answer every time, unless the limit cuts it short.
+    One worker and a fixed seed give the same answer every time, unless the time limit is reached.
     """
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1
@@ -266,7 +279,7 @@ def optimum(
     if status == cp_model.INFEASIBLE:
         return Answer(None, None, True), {}
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
-        # The bound that the solver reports then need not be one.
+        # The solver's bound is not reliable then.
         return Answer(None, None, False), {}
     proved = status == cp_model.OPTIMAL
     # The bound is a float that may be a little below its integer.

@@ -1,4 +1,4 @@
-"""The questions that are asked about a mission: which services, and which of them are required."""
+"""The questions about a mission: its services, and which of them are required."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _ONCE = frozenset({Kind.RETRY, Kind.REPEAT, Kind.KEEP_RUNNING_UNTIL_FAILURE, Kin
 
 @dataclass(frozen=True)
 class Question:
-    """A reading, and why it has no answer where the mission is not feasible at all."""
+    """A reading, and the obstacle if the mission is not feasible at all."""
 
     reading: Reading
     obstacle: str = ""
 
 
 def serial(mission: Mission) -> Question:
-    """The tree run serially if need be: each task that is required can be served alone."""
+    """The tree runs serially if necessary: each required task can be served alone."""
     services, numbers, deciding = serial_services(mission)
 
     def waits(task: str) -> bool:
@@ -48,12 +48,16 @@ def serial(mission: Mission) -> Question:
 def serial_services(
     mission: Mission,
 ) -> tuple[tuple[Service, ...], dict[str, list[int]], dict[str, int]]:
-    """The services of a mission; global task -> those that it takes to do it; -> that to fail."""
+    """Return the services of a mission.
+
+    Also returns global task -> the services needed to perform it, and -> the service needed to
+    fail.
+    """
     services, numbers = _tasks(mission)
     deciding: dict[str, int] = {}
     for task in mission.global_tasks.values():
         if task.exclusive and task.blocked_fail_after_us is not None:
-            # When it has been blocked it fails if a majority lives to decide it.
+            # A blocked task fails only if a living majority can decide it.
             deciding[task.id] = len(services)
             services = (*services, Service(f"a majority for {task.id}", (task.id,), (), True))
     return (*services, somebody(mission)), numbers, deciding
@@ -67,7 +71,7 @@ def every_task(mission: Mission) -> Question:
 
 
 def parallel_width(mission: Mission) -> Question:
-    """What the fault-free plan serves at one time stays feasible together."""
+    """What the fault-free plan serves at the same time stays feasible together."""
     try:
         stages = tuple({each.tasks: each for each in widths(mission)}.values())
     except StuckError as error:
@@ -87,7 +91,7 @@ READINGS: dict[str, Callable[[Mission], Question]] = {
 
 
 def _tasks(mission: Mission) -> tuple[tuple[Service, ...], dict[str, list[int]]]:
-    """Each global task served alone; global task -> the services that it takes."""
+    """Return a service per global task alone, and global task -> the services it needs."""
     tasks = mission.global_tasks.values()
     services = [service(mission, (task,), task.id) for task in tasks]
     numbers = {each.name: [number] for number, each in enumerate(services)}
@@ -99,7 +103,7 @@ def _tasks(mission: Mission) -> tuple[tuple[Service, ...], dict[str, list[int]]]
 
 
 def _all_before(mission: Mission, task: str, numbers: Mapping[str, list[int]]) -> list[int]:
-    """The services of a task and of those whose robots it needs."""
+    """Return the services of a task and of the tasks whose robots it needs."""
     seen, waiting = dict.fromkeys([task]), [task]
     for each in waiting:
         befores = [need.same_robot_as for need in mission.global_tasks[each].needs]
@@ -138,7 +142,7 @@ class StuckError(ValueError):
 
 
 def widths(mission: Mission) -> list[Service]:
-    """What the fault-free plan serves at one time, stage by stage.
+    """Return what the fault-free plan serves at the same time, stage by stage.
 
     Raises StuckError if it gets stuck.
     """
@@ -166,7 +170,7 @@ def widths(mission: Mission) -> list[Service]:
 
 
 class _LockStep(PresentFacts):
-    """What the tree reads: every leaf has a name of its own, and ends as the run wants it."""
+    """The facts that the tree reads: each leaf has its own name, and ends as the run wants it."""
 
     def __init__(self, tree: Tree) -> None:
         self._acts = tree.containing(Kind.ACTION)
@@ -194,7 +198,7 @@ class _LockStep(PresentFacts):
                     self.wanted[child] = passing if leads_on else wanted
 
     def _want_a_branch(self, node: Node, wanted: Status) -> None:
-        """The first branch that leads on to work."""
+        """Choose the first branch that leads on to work."""
         condition, *branches = node.children
         works = [self._acts[branch] for branch in branches]
         is_then = works[0] or not any(works)
@@ -211,11 +215,11 @@ class _LockStep(PresentFacts):
         return spec if children else replace(spec, subject=str(index))
 
     def condition(self, name: str) -> bool:
-        """The value that leads on to work."""
+        """Return the value that leads on to work."""
         return self.wanted[int(name)] is Status.SUCCESS
 
     def task_status(self, subject: str, activation: str) -> Status:
-        """Served requests end as the tree wants them."""
+        """End served requests as the tree wants them."""
         del activation
         index = int(subject)
         return self.wanted[index] if index in self.done else Status.RUNNING

@@ -1,4 +1,4 @@
-"""An analysis as people read it in a terminal."""
+"""Renders an analysis for a terminal."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ READING_NAMES = {
 
 
 def grouped(faults: Iterable[Fault]) -> list[str]:
-    """Robots as they are; capabilities as `move_frame on C1, C2`."""
+    """Return robots as they are, and capabilities as `move_frame on C1, C2`."""
     robots = [fault for fault in faults if isinstance(fault, str)]
     holders: dict[str, list[str]] = {}
     for fault in faults:
@@ -45,13 +45,13 @@ def grouped(faults: Iterable[Fault]) -> list[str]:
 
 
 def shortened(names: Sequence[str], most: int = MAX_NAMED) -> str:
-    """The first few of many."""
+    """Return the first few of many names."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
 def faults_text(faults: Iterable[Fault], separator: str = "; ") -> str:
-    """A set of faults in words; `none` if it is empty."""
+    """Return a set of faults in words; `none` if it is empty."""
     faults = list(faults)
     if not faults:
         return "none"
@@ -63,7 +63,7 @@ def faults_text(faults: Iterable[Fault], separator: str = "; ") -> str:
 
 
 def figure(answer: Answer, is_most: bool) -> str:
-    """The figure, or the range that it is known to be in."""
+    """Return the figure, or the range in which it is known to be."""
     if answer.is_proved:
         return "-" if answer.value is None else str(answer.value)
     low, high = (answer.value, answer.bound) if is_most else (answer.bound, answer.value)
@@ -71,14 +71,14 @@ def figure(answer: Answer, is_most: bool) -> str:
 
 
 def additions_text(found: Additions) -> str:
-    """`1 x C` or `move_frame for B1`."""
+    """Return `1 x C` or `move_frame for B1`."""
     parts = [f"{count} x {kind}" for kind, count in found.robots.items()]
     parts += [f"{name} for {robot}" for robot, name in found.capabilities]
     return shortened(parts, 6)
 
 
 def advice_rows(advice: Advice) -> list[tuple[str, str, str]]:
-    """(way, addition, cost)."""
+    """Return rows of (way, addition, cost)."""
     rows = []
     for way, found in (
         ("cheapest", advice.cheapest),
@@ -97,7 +97,7 @@ def advice_rows(advice: Advice) -> list[tuple[str, str, str]]:
 
 
 def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
-    """Tasks of one type with the same figures as one row: `diagnose_part (5 alike)`."""
+    """Return tasks of one type with the same figures as one row: `diagnose_part (5 alike)`."""
     rows: dict[object, list[TaskSlack]] = {}
     for each in tasks:
         needs = tuple((type_name(name), least, able) for name, least, able in each.needs)
@@ -112,7 +112,7 @@ def task_groups(tasks: Sequence[TaskSlack]) -> list[tuple[str, TaskSlack]]:
 
 
 def render_analysis(analysis: Analysis) -> Printable:
-    """The whole report."""
+    """Return the whole report."""
     parts: list[Printable] = [_headline(analysis)]
     assumed = assumptions(analysis.mission)
     remarks = [Styled(assumed[0], "yellow")] if assumed is not ASSUMPTIONS else []
@@ -137,7 +137,7 @@ def render_analysis(analysis: Analysis) -> Printable:
 
 
 def render_jobs(mission: str, jobs: Sequence[JobAnalysis]) -> Printable:
-    """What a job of each type survives, in short, and the report of each."""
+    """Return a summary of what a job of each type survives, and the report of each."""
     heading = (
         "a job of type",
         "survives any one robot",

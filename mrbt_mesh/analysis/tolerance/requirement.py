@@ -21,7 +21,7 @@ from typing import TypeAlias
 from mrbt_mesh.core.bt.tree import Kind, Node, Tree
 from mrbt_mesh.errors import InputError
 
-# Formulas are numbered; equal ones have the same number.
+# Formulas are numbered; equal formulas have the same number.
 Formula: TypeAlias = int
 NEVER: Formula = 0
 ALWAYS: Formula = 1
@@ -29,7 +29,7 @@ MAX_FORMULAS = 2_000_000
 
 
 class TooLargeError(InputError):
-    """A tree whose combinations are more than can be worked out."""
+    """A tree has too many combinations to be analysed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class Formulas:
         return self._known[term]
 
     def below(self, formula: Formula) -> list[Formula]:
-        """`formula` and all that it is made of, smallest first."""
+        """Return `formula` and all its parts, smallest first."""
         found = {formula}
         queue = [formula]
         for each in queue:
@@ -108,7 +108,7 @@ class Requirement:
     ruin: Formula
 
     def is_ruined(self, infeasible: Collection[int]) -> bool:
-        """Whether the mission is ruined if these services are infeasible."""
+        """Return whether the mission is ruined if these services are infeasible."""
         holds: dict[Formula, bool] = {NEVER: False, ALWAYS: True}
         for each in self.formulas.below(self.ruin):
             if each in holds:
@@ -129,11 +129,13 @@ class Requirement:
 
     @property
     def indispensable(self) -> list[int]:
-        """The services each of which alone ruins the mission."""
+        """The services that ruin the mission alone."""
         return [each for each in self.services if self.is_ruined({each})]
 
     def simplified(self) -> Requirement:
-        """The same, written as *any of the indispensable ones* where that is all there is to it."""
+        """Return the same, simplified to *any of the indispensable services* where that is
+        equivalent.
+        """
         needed = self.indispensable
         if not self.is_ruined(set(self.services) - set(needed)):
             return every(needed)
@@ -141,7 +143,7 @@ class Requirement:
 
 
 def every(services: Collection[int]) -> Requirement:
-    """All of these services are required."""
+    """Return the requirement that needs all of these services."""
     formulas = Formulas()
     return Requirement(formulas, formulas.any(formulas.atom(each) for each in services))
 
@@ -149,7 +151,7 @@ def every(services: Collection[int]) -> Requirement:
 # Can succeed, can fail: with every service feasible (ideal), and as things are.
 State: TypeAlias = tuple[bool, bool, bool, bool]
 States: TypeAlias = dict[State, Formula]
-# Global task -> the service without which it cannot fail either. One that is not named always can.
+# Global task -> the service without which it cannot even fail. Tasks not listed can always fail.
 Deciding: TypeAlias = Mapping[str, int]
 _Merge: TypeAlias = Callable[[tuple[int, ...], State], tuple[int, ...]]
 
@@ -160,10 +162,11 @@ def tree_requirement(
     waits: Callable[[str], bool],
     deciding: Deciding = MappingProxyType({}),
 ) -> Requirement | None:
-    """What `tree` requires; `services`: global task -> the numbers of those that it takes, `waits`:
-    blocked for ever or not.
+    """Return what `tree` requires.
 
-    None if the root cannot succeed even with every service feasible. Raises TooLargeError.
+    None if its root cannot succeed even if every service is feasible. `services`: global task ->
+    the numbers of the services that it needs. `waits`: whether a task is blocked forever rather
+    than failing. Raises TooLargeError.
     """
     states = _Builder(tree, services, waits, deciding)
     found = states.of(tree.nodes[0])
@@ -189,7 +192,7 @@ class _Builder:
         self._acts = tree.containing(Kind.ACTION)
 
     def of(self, node: Node) -> States:
-        """The combinations that the conditions below `node` allow, with their formulas."""
+        """Return the combinations that the conditions below `node` allow, with their formulas."""
         if node.kind is Kind.CONDITION:
             return {(True, False, True, False): ALWAYS, (False, True, False, True): ALWAYS}
         if node.kind is Kind.ACTION:
@@ -197,7 +200,7 @@ class _Builder:
             fails = not self.waits(node.subject)
             found = {(True, True, True, True): ALWAYS, (True, True, False, fails): lacking}
             if node.subject in self.deciding:
-                # Whether it could succeed makes no difference where it has to fail.
+                # If it must fail, whether it could succeed makes no difference.
                 none_left = self.formulas.atom(self.deciding[node.subject])
                 found[True, True, not fails, False] = none_left
             return found
@@ -222,7 +225,7 @@ class _Builder:
         return {state: self.formulas.any(parts) for state, parts in found.items()}
 
     def _decorator(self, node: Node) -> Callable[[bool, bool], tuple[bool, bool]]:
-        """(can succeed, can fail) of the child -> of the node."""
+        """Return the map from (can succeed, can fail) of the child to those of the node."""
         endless = node.limit < 0
         acts = self._acts[node.index]
         match node.kind:
@@ -238,7 +241,7 @@ class _Builder:
                 return lambda s, f: (s and not endless, f)
             case Kind.KEEP_RUNNING_UNTIL_FAILURE:
                 return lambda _s, f: (False, f)
-            case Kind.TIMEOUT:  # what acts may take too long, blocked or not
+            case Kind.TIMEOUT:  # actions may take too long, blocked or not
                 return lambda s, f: (s, f or acts)
         return lambda s, f: (s, f)
 
@@ -249,7 +252,7 @@ class _Builder:
         merge: _Merge,
         result: Callable[[tuple[int, ...]], State],
     ) -> States:
-        """Take in one child after the other."""
+        """Merge the children one after another."""
         before: dict[tuple[int, ...], Formula] = {start: ALWAYS}
         for child in children:
             after: dict[tuple[int, ...], list[Formula]] = {}
@@ -264,7 +267,7 @@ class _Builder:
         return {state: self.formulas.any(parts) for state, parts in found.items()}
 
     def _parallel(self, children: Sequence[States], needed: int, failures: int) -> States:
-        """Counts of children that can succeed and that can fail, as far as they matter."""
+        """Count children that can succeed and that can fail, as far as the counts matter."""
         enough = (needed, failures or len(children) - needed + 1) * 2
 
         def merge(counts: tuple[int, ...], own: State) -> tuple[int, ...]:
@@ -279,7 +282,7 @@ class _Builder:
 
 
 def _by_halves(merge: Callable[[bool, bool, bool, bool], tuple[bool, bool]]) -> _Merge:
-    """Merge (succeeds, fails) so far with those of a child: of the ideal, and as things are."""
+    """Merge (succeeds, fails) so far with those of a child, in the ideal and in the actual case."""
 
     def both(before: tuple[int, ...], own: State) -> tuple[int, ...]:
         s, f, actual_s, actual_f = map(bool, before)
@@ -298,7 +301,7 @@ def _bools(state: tuple[int, ...]) -> State:
 
 
 def _in_branches(before: tuple[int, ...], own: State) -> tuple[int, ...]:
-    """Condition, then-branch, else-branch: first what the condition can do, then with branches."""
+    """Merge condition, then-branch and else-branch, in this order."""
     if not before:
         return own
     s, f, actual_s, actual_f, *chosen = before

@@ -1,8 +1,8 @@
-"""Services: what a team must be able to do at one time, and whether it can.
+"""Services: what a team must be able to do at the same time, and whether it can.
 
-A service is one global task, or several that the fault-free plan serves together. It is feasible
-when every need finds its nu robots, no robot twice: the paper's problem (2) is consistent, which
-the runtime decides in `core.consistency`. Exclusive tasks also need a living majority of the robots
+A service is one global task, or several that the fault-free plan serves together. It is feasible if
+every need finds its nu robots, no robot twice: the paper's problem (2) is consistent, which the
+runtime decides in `core.consistency`. Exclusive tasks also need a living majority of the robots
 that the mission names.
 """
 
@@ -30,9 +30,9 @@ ANYBODY = "a living robot"
 
 @dataclass(frozen=True)
 class JointNeed:
-    """`count` robots at one time, each able to do `local_task`.
+    """`count` robots at the same time, each able to do `local_task`.
 
-    `entries`: robot -> those of its capabilities that it must have kept for it.
+    `entries`: robot -> the capabilities that it must still have.
     """
 
     local_task: str
@@ -42,9 +42,10 @@ class JointNeed:
 
 @dataclass(frozen=True)
 class Service:
-    """Needs that must be met at one time; `name` is for people.
+    """Needs that must be met at the same time; `name` is for messages.
 
-    `is_bound`: about robots that did something before, of which no others can take the place.
+    `is_bound`: the needs are bound to robots that did something before, which no others can
+    replace.
     """
 
     name: str
@@ -66,19 +67,19 @@ class Service:
 def entries_of(
     capabilities: Collection[str], robot: str, local_task: str
 ) -> tuple[Capability, ...]:
-    """What a robot must keep to do a local task; empty if it never could.
+    """Return what a robot must keep to do a local task; empty if it never could do it.
 
-    Losing either a capability for the ground local task or the one for its type ends it.
+    Losing the capability for the ground local task, or the one for its type, ends it.
     """
     names = dict.fromkeys((local_task, type_name(local_task)))
     return tuple((robot, name) for name in names if name in capabilities)
 
 
 def service(mission: Mission, tasks: tuple[GlobalTask, ...], name: str) -> Service:
-    """The service of doing these global tasks at one time.
+    """Return the service of performing these global tasks at the same time.
 
-    Needs that the same robots meet with the same capabilities become one; one that asks for nobody
-    is none.
+    Needs that the same robots meet with the same capabilities are merged; a need for no robots is
+    omitted.
     """
     counts: dict[str, int] = {}
     for task in tasks:
@@ -97,13 +98,15 @@ def service(mission: Mission, tasks: tuple[GlobalTask, ...], name: str) -> Servi
 
 
 def somebody(mission: Mission) -> Service:
-    """A robot that lives: a team of nobody does nothing, not even where nothing is to be done."""
+    """Return the service of any living robot: a team without robots does nothing, even if nothing
+    needs to be done.
+    """
     anyone = JointNeed(ANYBODY, 1, dict.fromkeys(sorted(mission.robots), ()))
     return Service("anything, as there is no robot", (), (anyone,), False)
 
 
 def merged(needs: Sequence[JointNeed], is_major: bool = False) -> tuple[JointNeed, ...]:
-    """The same needs, those that the same capabilities (or robots, `is_major`) meet as one."""
+    """Return the needs, merging those met by the same capabilities (or robots, if `is_major`)."""
     found: dict[tuple[object, ...], JointNeed] = {}
     for need in needs:
         key = tuple(sorted(need.entries if is_major else need.entries.items()))
@@ -121,15 +124,15 @@ class FaultyTeam:
 
     @cached_property
     def alive(self) -> tuple[str, ...]:
-        """Living robots, sorted."""
+        """The living robots, sorted."""
         return tuple(robot for robot in sorted(self.mission.robots) if robot not in self.faults)
 
     def with_faults(self, *faults: Fault) -> FaultyTeam:
-        """The same team with these faults as well."""
+        """Return the same team with these additional faults."""
         return FaultyTeam(self.mission, self.faults | set(faults))
 
     def able(self, need: JointNeed) -> dict[str, int]:
-        """Robots that can meet a need."""
+        """Return the robots that can meet a need."""
         return {
             robot: 0
             for robot, entries in sorted(need.entries.items())
@@ -137,11 +140,14 @@ class FaultyTeam:
         }
 
     def has_majority(self) -> bool:
-        """Whether exclusive tasks find their grants."""
+        """Return whether exclusive tasks can get their grants."""
         return len(self.alive) >= majority(self.mission.robots)
 
     def seating(self, needs: Sequence[JointNeed]) -> dict[str, int] | None:
-        """A way to meet all needs at one time: robot -> index of its need; None: there is none."""
+        """Return a way to meet all needs at the same time: robot -> index of its need.
+
+        None: impossible.
+        """
         together = Consistency(self.alive)
         for index, need in enumerate(needs):
             if not together.keep(index, [self.demand(need)], {}):
@@ -149,19 +155,20 @@ class FaultyTeam:
         return together.matched
 
     def demand(self, need: JointNeed) -> Demand:
-        """A need as the runtime's demand."""
+        """Return a need as the runtime's demand."""
         request = Request(0, need.local_task, "")
         able = self.able(need)
         return Demand(request, need.local_task, need.count, need.count, need.count, (), able)
 
     def can_meet(self, needs: Sequence[JointNeed]) -> bool:
-        """Whether all needs can be met at one time, no robot twice."""
+        """Return whether all needs can be met at the same time, no robot twice."""
         return self.seating(needs) is not None
 
     def relies_on(self, wanted: Service) -> frozenset[Fault] | None:
-        """Faults one of which it takes to make a service infeasible (None: it is so already).
+        """Return faults of which at least one is necessary to make a service infeasible.
 
-        They are what one way to do it makes use of, so without any of them it can be done.
+        None if it is infeasible already. These are the robots and capabilities used by one way to
+        perform it, which remains possible without any of these faults.
         """
         seated = self.seating(wanted.needs)
         if seated is None or (wanted.exclusive and not self.has_majority()):
@@ -172,13 +179,13 @@ class FaultyTeam:
         return frozenset(used)
 
     def is_feasible(self, wanted: Service) -> bool:
-        """Whether this team can do all of a service at one time."""
+        """Return whether this team can perform all of a service at the same time."""
         return self.relies_on(wanted) is not None
 
     def overasked(self, needs: Sequence[JointNeed]) -> list[int]:
-        """The indices of a smallest part of infeasible needs that is infeasible by itself.
+        """Return the indices of a minimal part of infeasible needs that is infeasible by itself.
 
-        It asks for more robots than are able to do any of it (Hall's theorem).
+        It asks for more robots than can do any of it (Hall's theorem).
         """
         part = list(range(len(needs)))
         for index in list(part):
@@ -188,7 +195,10 @@ class FaultyTeam:
         return part
 
     def slack(self, wanted: Service) -> int:
-        """How many robots, whichever they are, a service can lose; -1 if it is infeasible."""
+        """Return how many robots, whichever they are, a service can lose.
+
+        -1 if it is infeasible.
+        """
         if not self.is_feasible(wanted):
             return -1
         least = self.tightest(wanted.needs)[0]
@@ -197,7 +207,7 @@ class FaultyTeam:
         return least
 
     def tightest(self, needs: Sequence[JointNeed]) -> tuple[int, list[int]]:
-        """How many robots feasible needs can lose, and the needs that cannot lose one more.
+        """Return how many robots feasible needs can lose, and the needs that cannot lose one more.
 
         By Hall's theorem, s robots can go if each need alone could ask for s more.
         """
@@ -215,12 +225,12 @@ class FaultyTeam:
 
 
 def robot_faults(mission: Mission) -> list[Fault]:
-    """Every single major fault."""
+    """Return every single major fault."""
     return [*sorted(mission.robots)]
 
 
 def capability_faults(mission: Mission) -> list[Fault]:
-    """Every single minor fault, of level 1."""
+    """Return every single minor fault, of level 1."""
     return [
         (robot, name)
         for robot in sorted(mission.robots)

@@ -22,8 +22,9 @@ MOST_STEPS = 3
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """`text`: what happens, for people: `fails`. `at_s`: when, in seconds from the start of the
-    run; None: nobody knows.
+    """What happens next. `text` is a phrase: `fails`.
+
+    `at_s`: when, in seconds from the start of the run; None: unknown.
     """
 
     text: str
@@ -31,7 +32,7 @@ class NextStep:
 
 
 def next_of_task(observer: Observer, task: str, now_us: int) -> list[NextStep]:
-    """Of a global task that is requested; raises KeyError for one that is not known."""
+    """Return the next steps of a requested global task. Raises KeyError if it is unknown."""
     _ = observer.facts.mission.global_tasks[task]
     plan = observer.plan
     requests = plan.evaluation.requests if plan is not None and not observer.is_over else ()
@@ -40,7 +41,7 @@ def next_of_task(observer: Observer, task: str, now_us: int) -> list[NextStep]:
 
 
 def next_of_robot(observer: Observer, robot: str, now_us: int) -> list[NextStep]:
-    """Of a robot; raises KeyError for one that is not known."""
+    """Return the next steps of a robot. Raises KeyError if it is unknown."""
     if robot not in observer.robots():
         raise KeyError(robot)
     if observer.is_over:
@@ -62,7 +63,7 @@ def next_of_robot(observer: Observer, robot: str, now_us: int) -> list[NextStep]
 
 
 def _of_held(observer: Observer, robot: str) -> list[NextStep]:
-    """Who takes over what a dead robot had, where nobody has yet."""
+    """Return who takes over what a dead robot had, if nobody has done so yet."""
     fault = next((f for f in reversed(observer.record.major) if f.robot == robot), None)
     held, plan = fault.held if fault is not None else None, observer.plan
     if fault is None or held is None or plan is None or fault.replacement is not None:
@@ -73,7 +74,7 @@ def _of_held(observer: Observer, robot: str) -> list[NextStep]:
 
 
 def next_of_job(observer: Observer, job: str, now_us: int) -> list[NextStep]:
-    """Of a job; raises KeyError for one that is not known."""
+    """Return the next steps of a job. Raises KeyError if it is unknown."""
     jobs = observer.facts.jobs
     known = jobs.known[job] if jobs is not None else None
     if known is None:
@@ -90,12 +91,15 @@ def next_of_job(observer: Observer, job: str, now_us: int) -> list[NextStep]:
 
 
 def steps_to_json(steps: Iterable[NextStep]) -> list[dict[str, Any]]:
-    """Plain data."""
+    """Return plain data."""
     return [asdict(step) for step in steps]
 
 
 def run_seconds(observer: Observer, unix_us: int | None) -> float | None:
-    """A Unix time in seconds from the start of the run; None: no time, or not known."""
+    """Return a Unix time in seconds from the start of the run.
+
+    None if there is none or it is unknown.
+    """
     ahead_us = observer.clock_ahead_us()
     if not unix_us or ahead_us is None:
         return None
@@ -121,7 +125,7 @@ def _of_activations(observer: Observer, activations: list[str], now_us: int) -> 
 
 
 def _of_waiting(observer: Observer, waiting: Waiting) -> list[NextStep]:
-    """What becomes of a request that is not served."""
+    """Return what becomes of a request that is not served."""
     if not waiting.is_blocked:
         awaits_robots = not (waiting.held_by or waiting.awaited)
         return [NextStep("begins once robots are free")] if awaits_robots else []
@@ -135,7 +139,7 @@ def _of_waiting(observer: Observer, waiting: Waiting) -> list[NextStep]:
 
 
 def _blocked_since_us(observer: Observer, waiting: Waiting) -> int | None:
-    """Since when a request is blocked without a break, whatever the reasons were."""
+    """Return since when a request has been blocked continuously, whatever the reasons were."""
     since_us: int | None = None
     for episode in reversed(observer.record.blocked):
         if episode.request == waiting.global_task and episode.to_us in (None, since_us):
@@ -144,7 +148,7 @@ def _blocked_since_us(observer: Observer, waiting: Waiting) -> int | None:
 
 
 def _expected(step: ExpectedStep, now_s: float | None) -> NextStep:
-    """`begins_s` counts from now."""
+    """Return an expected step; its `begins_s` counts from now."""
     where = f" at {step.place}" if step.place else ""
     partners = f" with {', '.join(step.partners)}" if step.partners else ""
     at_s = None if now_s is None else round(now_s + step.begins_s, 3)

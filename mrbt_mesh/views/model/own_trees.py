@@ -1,7 +1,7 @@
 """T_A and T_Li of one robot, with the statuses of their nodes as far as they can be seen.
 
 A robot reports the statuses of the roots, and of the tree that carries out its local task if there
-is one; the rest follows from the facts of the team.
+is one; the rest follows from the team's facts.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ class OwnTrees:
 
 
 class RunningTree(NamedTuple):
-    """The tree that carries out a robot's local task: the statuses of its nodes in preorder; empty
-    if none does.
+    """The tree that carries out a robot's local task, with the statuses of its nodes in preorder.
+
+    Both are empty if there is none.
     """
 
     local_task: str
@@ -66,7 +67,7 @@ class RunningTree(NamedTuple):
 
 
 def running_tree(observer: Observer, robot: str) -> RunningTree:
-    """As the robot has last reported it."""
+    """Return the running tree as the robot last reported it."""
     claim, peer = observer.claim(robot), observer.membership.peers.get(robot)
     beat = peer.heartbeat if peer is not None and peer.state.is_member else None
     if claim is None or beat is None or claim.phase is not Phase.RUNNING:
@@ -75,7 +76,7 @@ def running_tree(observer: Observer, robot: str) -> RunningTree:
 
 
 def _assignment_facts(plan: Plan) -> OwnFacts:
-    """What the leaves of T_A returned when this plan was made."""
+    """Return what the leaves of T_A returned when this plan was computed."""
     holding = {NEW_GLOBAL_TASK_EXECUTED, *([CHECK_CONSISTENCY] if plan.consistent else [])}
     solved = Status.SUCCESS if plan.feasible else Status.FAILURE
     return OwnFacts(frozenset(holding), {ASSIGN_AGENTS: solved})

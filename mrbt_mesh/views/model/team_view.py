@@ -27,14 +27,14 @@ from mrbt_mesh.views.model.own_trees import running_tree
 from mrbt_mesh.views.model.timeline import TimelineView
 from mrbt_mesh.views.model.why import fault_sentence, takeover_told, why_takeover
 
-# A team that has another plan than a moment ago agrees within this time.
+# Robots whose plans differ normally agree within this time.
 AGREED_US = 500_000
 
 
 class AgreementView:
-    """Remembers since when each robot differs from most of the others.
+    """Tracks since when each robot's plan has differed from that of most others.
 
-    `differing`: those that have done so for longer than it takes to agree.
+    `differing`: the robots that have differed for longer than it takes to agree.
     """
 
     def __init__(self) -> None:
@@ -42,22 +42,24 @@ class AgreementView:
         self.differing: list[str] = []
 
     def look(self, observer: Observer, now_us: int) -> dict[str, float | None]:
-        """Robot that differs -> since when, in s."""
+        """Return the robots that differ -> since when, in s."""
         differ = robots_that_differ(observer)
         self._since_us = {robot: self._since_us.get(robot, now_us) for robot in differ}
         self.differing = [r for r, at_us in self._since_us.items() if now_us > at_us + AGREED_US]
         return {r: observer.record.seconds(at_us) for r, at_us in self._since_us.items()}
 
 
-# How often the forecast is made anew while something is late.
+# How often the forecast is updated while something is late.
 LATE_US = SECOND_US
-# How many activations of a node are remembered, so that none is counted twice.
+# How many activations of a node are remembered, to count each only once.
 KNOWN_ACTIVATIONS = 100
 
 
 def since_us(row: JobRow, history: JobHistory | None, ended_us: int | None) -> int | None:
-    """Since when a job that is seen for the first time has been in its state, on the observer's
-    clock; None: that is not known. `ended_us`: when it ended, also by the end of the mission.
+    """Return since when a job that is seen for the first time has been in its state.
+
+    The time is on the observer's clock; None if it is not known. `ended_us`: when the job ended,
+    possibly by the end of the mission.
     """
     if history is None or row.state == HELD:
         return None
@@ -69,15 +71,15 @@ def since_us(row: JobRow, history: JobHistory | None, ended_us: int | None) -> i
 
 
 class TeamState:
-    """The team as it is now, as its observer knows it. Puts these items into `changes`:
+    """The current state of the team, as its observer knows it. Puts these items into `changes`:
 
-    `team`: command, rounds, revision, the one that is pending, whether it has started, how it
-    ended. `headline`: how it is, the worst first, as objects of `level` (bad, warn, info, good) and
-    `text`. `robot/ID`: a robot. `task/NAME`: a global task. `job/ID`: a job, as `JobRow`, and in
-    seconds from the start of the run `since_s`: since when it has been in its state, None if nobody
-    saw it become so, and `deadline_s`, None without one, or without the team's clock. `node/N`:
-    `[status, robots, note, activations]` of a node of T_G that was ever ticked. `place/NAME`: a
-    place of the map. `position/ID`: the position that a robot reports.
+    `team`: command, rounds, revision, the pending revision, whether it has started, how it ended.
+    `headline`: statements about its state, the worst first, as objects of `level` (bad, warn, info,
+    good) and `text`. `robot/ID`: a robot. `task/NAME`: a global task. `job/ID`: a job, as `JobRow`,
+    plus in seconds from the start of the run `since_s` (since when it has been in its state, None
+    if nobody saw the change) and `deadline_s` (None without a deadline, or without the team's
+    clock). `node/N`: `[status, robots, note, activations]` of a node of T_G that was ever ticked.
+    `place/NAME`: a place of the map. `position/ID`: the position that a robot reports.
     """
 
     def __init__(self, observer: Observer, changes: ChangeLog) -> None:
@@ -85,24 +87,24 @@ class TeamState:
         self.changes = changes
         self._agreement = AgreementView()
         self._rows = JobRows()
-        # Each with the time in s since when it has been in its state; None: not known.
+        # Each job with the time in s since when it has been in its state; None: not known.
         self._jobs: dict[str, tuple[JobRow, float | None]] = {}
-        # What tasks and nodes follow from; a new plan follows from a change of the others.
+        # The versions that tasks and nodes depend on; a new plan follows a change of the other two.
         self._causes: tuple[int, int, int] = (-1, -1, 0)
         self._begin(observer.mission)
 
     def _begin(self, mission: Mission) -> None:
-        """Nothing is known yet of this mission's tree, tasks and places."""
+        """Reset the items of the tree, tasks and places for a mission."""
         self._mission = mission
         self._statuses = bytes(len(mission.tree.nodes))
         self._marked: set[int] = set()
-        # Node -> how many activations it had, and the newest of them.
+        # Node -> the number of its activations, and the newest of them.
         self._activations: dict[int, tuple[int, dict[str, None]]] = {}
         self._counted: Plan | None = None
         self._places = told_places(mission)
 
     def update(self, now_us: int) -> None:
-        """Look at the observer, which is up to date."""
+        """Put items from the observer, which must be up to date."""
         observer = self.observer
         if observer.mission is not self._mission:
             self._take_up(observer.mission)
@@ -119,7 +121,9 @@ class TeamState:
             self._what_follows_from_facts(now_us)
 
     def _take_up(self, mission: Mission) -> None:
-        """A revision of the mission is in force: its nodes, tasks and places have other items."""
+        """Switch to a revision that is in force: remove items of nodes, tasks and places that it
+        lacks.
+        """
         for index in range(len(self._mission.tree.nodes)):
             self.changes.put(f"node/{index}", None)
         for name in self._mission.global_tasks.keys() - mission.global_tasks.keys():
@@ -193,7 +197,10 @@ class TeamState:
         }
 
     def _pending_revision(self) -> dict[str, Any] | None:
-        """The revision that waits for robots, its proposer, and these robots."""
+        """Return the revision that waits for robots, its proposer, and these robots.
+
+        None if there is none.
+        """
         facts, in_force = self.observer.facts, self._mission.revision_number
         pending = facts.revisions.pending(in_force) if facts.is_revised else None
         if pending is None or self.observer.is_over:
@@ -241,14 +248,15 @@ class TeamState:
         }
 
     def _position(self, robot: str) -> dict[str, Any] | None:
-        """Its last reported position."""
+        """Return a robot's last reported position."""
         peer = self.observer.membership.peers.get(robot)
         where = peer.position if peer is not None else None
         return where.in_units() if where is not None else None
 
     def _state(self, robot: str, peer: Peer | None) -> str:
-        """As `State`, or `joining`, or `leaving`: announced, but still there. One that has ended
-        with the run has left.
+        """Return the `State` of a robot, or `joining`, or `leaving` (announced, but still there).
+
+        A robot that ended with the run has left.
         """
         state, record = self.observer.robot_state(robot), self.observer.record
         if state is State.DEAD and record.result is not None:
@@ -262,7 +270,7 @@ class TeamState:
         return str(state)
 
     def _working(self) -> dict[str, list[str]]:
-        """Activation -> robots that have claimed it."""
+        """Return activation -> the robots that have claimed it."""
         working: dict[str, list[str]] = {}
         for robot in sorted(self.observer.robots(), key=name_order):
             claim = self.observer.claim(robot)
@@ -316,8 +324,8 @@ class TeamState:
 class TakeoversView:
     """Puts `why/N` into a log: the explanation of takeover N.
 
-    It is made at once, since the reasons change later; its times follow what is known of them. Of
-    takeovers before this was made the reasons are not known.
+    It is made at once, because the reasons change later; its times are updated as more is known.
+    The reasons of takeovers before this object was made are not known.
     """
 
     def __init__(self, observer: Observer) -> None:
@@ -328,7 +336,7 @@ class TakeoversView:
         self._past = {i for i, fault in enumerate(major) if fault.reassigned_us is not None}
 
     def put(self, log: ChangeLog) -> None:
-        """Explain what has happened since."""
+        """Explain takeovers that are new, or whose times have changed."""
         for index, fault in enumerate(self._observer.record.major):
             if fault.reassigned_us is None:
                 continue
@@ -346,25 +354,29 @@ class TakeoversView:
 
 
 class Shown(Protocol):
-    """What a page or a terminal shows: a running team (`TeamView`), or a recording of one."""
+    """What a page or a terminal shows: a running team (`TeamView`), or a recording of a team."""
 
     changes: ChangeLog
 
     @property
     def observer(self) -> Observer:
-        """The team as it is shown now."""
+        """The team as currently shown."""
 
     def update(self, now_us: int) -> bool:
-        """Bring `changes` up to date; whether anything has changed."""
+        """Bring `changes` up to date; return whether anything has changed."""
 
     def seconds(self, at_us: int) -> float | None:
-        """A time of the clock as seconds from the start of the run; None: it has not begun."""
+        """Return a time of the clock in seconds from the start of the run.
+
+        None if it has not begun.
+        """
 
 
 class TeamView:
-    """Follows one observer of a running team. `changes` has the items of `TeamState`,
-    `TimelineView` and `TakeoversView`, and if the team travels its `forecast`, whose times count
-    from `at_s`.
+    """Follows the observer of a running team.
+
+    `changes` has the items of `TeamState`, `TimelineView` and `TakeoversView`, and, if the team
+    travels, its `forecast`, whose times count from `at_s`.
     """
 
     def __init__(self, observer: Observer) -> None:
@@ -373,12 +385,15 @@ class TeamView:
         self._state = TeamState(observer, self.changes)
         self._timeline = TimelineView(observer)
         self._takeovers = TakeoversView(observer)
-        # Foretold again with every plan, and when something expected has not happened.
+        # The forecast is updated with every plan, and when something expected has not happened.
         self._foretold: Plan | None = None
         self._late_us: float = math.inf
 
     def update(self, now_us: int) -> bool:
-        """Look at the observer, which is up to date; whether anything has changed."""
+        """Put items from the observer, which must be up to date.
+
+        Return whether anything has changed.
+        """
         before = self.changes.version
         self._state.update(now_us)
         self._timeline.put(self.changes)
@@ -395,5 +410,5 @@ class TeamView:
         self._late_us = now_us + max(LATE_US, next_s * SECOND_US)
 
     def seconds(self, at_us: int) -> float | None:
-        """A time of the observer's clock in seconds from the start of the run."""
+        """Return a time of the observer's clock in seconds from the start of the run."""
         return self.observer.record.seconds(at_us)

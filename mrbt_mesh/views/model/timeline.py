@@ -1,4 +1,4 @@
-"""The timeline of a run: work, faults and events. A late page gets all of it that is kept."""
+"""The timeline of a run: work, faults and events. A late page gets everything that is kept."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from mrbt_mesh.views.model.changes import ChangeLog
 class TimelineView:
     """Puts `work/N`, `fault/N`, `loss/N`, `event/N` and `unwatched/N` of a run into a log.
 
-    Times in seconds from the start of the run; `_ms` count from the fault, `_after` are the same in
-    words. `has_ended`: the robot's process is known to have ended. `wanted`: nobody has taken its
-    work over, and the tree still requests it. `older`: it is from before the run was watched, so
-    when it began is not known. `unwatched`: a time of which nothing is known, `from_s` None: all
-    before.
+    Times are in seconds from the start of the run; `_ms` count from the fault, and `_after` are the
+    same in words. `has_ended`: the robot's process is known to have ended. `wanted`: nobody has
+    taken its work over, and the tree still requests it. `older` of an item: it is from before the
+    run was watched, so its begin is not known. `unwatched`: a period of which nothing is known;
+    `from_s` None: everything before.
 
-    `older`: for `work` and `event` a number, and which ones below it are kept. Readers drop the
-    others, which are not put as None.
+    `older` as an item: for `work` and `event`, a number and which items below it are kept. Readers
+    drop the others, which are not put as None.
     """
 
     def __init__(self, observer: Observer) -> None:
         self._observer = observer
         self._record = observer.record
-        # What is in the log, by kind and number; of work also that which may change.
+        # What is in the log, by kind and number, and the work that may still change.
         self._shown: dict[str, set[int]] = {"work": set(), "event": set()}
         self._open_work: list[int] = []
         self._works = self._events = 0

@@ -1,5 +1,6 @@
-"""Why a robot does its task, a task waits, or a robot took over: a sentence with numbers, and the
-other candidates.
+"""Explains why a robot does its task, a task waits, or a robot took over.
+
+An explanation is a sentence with numbers, and the other candidates.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from mrbt_mesh.observer.task_log import TaskRecord, TaskState
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A robot that can do a local task, or could. `performance` in units; None: it made no bid.
+    """A robot that can do a local task, or could.
 
-    `chosen`: the plan has it there. `reason`: why, or why not.
+    `performance` is in units; None: it made no bid. `chosen`: the plan assigns it. `reason`: why,
+    or why not.
     """
 
     robot: str
@@ -36,7 +38,7 @@ class Candidate:
 
 
 def candidates(observer: Observer, activation: str, local_task: str) -> list[Candidate]:
-    """All robots with the capability, the chosen first, then by performance."""
+    """Return all robots with the capability, the chosen ones first, then by performance."""
     found = []
     for robot, known in observer.facts.members.items():
         declared = performance(known.member.capabilities, local_task)
@@ -85,13 +87,13 @@ def _candidate(
         return Candidate(robot, units, False, f"is free: {plan.idle[robot]}")
     claim = observer.claim(robot)
     if claim is not None:
-        # A plan made from a recording may not count on it yet.
+        # A plan computed from a recording may not count on it yet.
         return Candidate(robot, units, False, f"does {claim.local_task} for {claim.global_task}")
     return Candidate(robot, units, False, "is joining")
 
 
 def _lost(member: Member, local_task: str) -> str:
-    """Why a member cannot use a capability now."""
+    """Return why a member cannot use a capability now."""
     for found, text in (
         (member.lost, "has lost this capability"),
         (member.pending, "cannot use this capability yet"),
@@ -103,7 +105,7 @@ def _lost(member: Member, local_task: str) -> str:
 
 
 def _failures(observer: Observer, task: str) -> str:
-    """Why robots failed at a global task: the last reason of each."""
+    """Return why robots failed at a global task: the last reason of each."""
     said = {e.robot: e for e in observer.record.failures if e.global_task == task and e.reason}
     robots = sorted(said, key=name_order)
     return "".join(f" {r} failed at {said[r].local_task}: {said[r].reason}." for r in robots)
@@ -124,7 +126,7 @@ def _number(each: Candidate) -> str:
 
 
 def _others(found: list[Candidate], but: str) -> str:
-    """The other candidates, as a sentence."""
+    """Return a sentence about the other candidates."""
     others = [each for each in found if each.robot != but]
     if not others:
         return "No other robot has this capability."
@@ -146,7 +148,7 @@ def _answer(
 
 
 def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
-    """Why a robot does what it does; raises KeyError for one that is not known."""
+    """Explain what a robot does. Raises KeyError if it is unknown."""
     if robot not in observer.robots():
         raise KeyError(robot)
     plan, state = observer.plan, observer.robot_state(robot)
@@ -169,7 +171,7 @@ def why_robot(observer: Observer, robot: str) -> dict[str, Any]:
 
 
 def why_task(observer: Observer, task: str) -> dict[str, Any]:
-    """The state of a global task and why; raises KeyError for one that is not known."""
+    """Explain the state of a global task. Raises KeyError if it is unknown."""
     _ = observer.facts.mission.global_tasks[task]
     record = observer.record.task_log.tasks.get(task, TaskRecord())  # of a job, none
     plan = observer.plan
@@ -181,7 +183,7 @@ def why_task(observer: Observer, task: str) -> dict[str, Any]:
 
 
 def _why_request(observer: Observer, plan: Plan, request: Request) -> dict[str, Any]:
-    """Who serves a request, or why nobody does."""
+    """Explain who serves a request, or why nobody does."""
     task, activation = request.subject, request.activation
     known = observer.facts.mission.global_tasks[task]
     waiting = next((w for w in plan.waiting if w.activation == activation), None)
@@ -210,8 +212,9 @@ def _why_request(observer: Observer, plan: Plan, request: Request) -> dict[str, 
 
 
 def why_job(observer: Observer, job: str) -> dict[str, Any]:
-    """The state of a job and why: that of its first task that waits, else of the first that is
-    carried out; raises KeyError for one that is not known.
+    """Explain the state of a job by its first waiting task, else by its first running one.
+
+    Raises KeyError if it is unknown.
     """
     row = next((row for row in JobRows().of(observer) if row.id == job), None)
     if row is None:
@@ -224,7 +227,7 @@ def why_job(observer: Observer, job: str) -> dict[str, Any]:
         return _answer(subject, f"{job} is {row.state}{why}.{_by(set(row.robots))}", [])
     waiting = {w.activation for w in plan.waiting}
     first = min(own, key=lambda request: request.activation not in waiting)
-    # The reason is that of its task.
+    # The reason of the job is the reason of its task.
     told = _why_request(observer, plan, first)
     return told | {"subject": subject, "sentence": f"{job} is {row.state}: {told['sentence']}"}
 
@@ -249,7 +252,9 @@ def _needed(need: Need) -> str:
 
 
 def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
-    """Why the replacement took over, as things stand now: ask when it has just happened."""
+    """Explain why the replacement took over, by the current state: call it right after the
+    takeover.
+    """
     told, held = takeover_told(observer, fault), fault.held
     if held is None:
         return told
@@ -257,7 +262,7 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
     sentence = told["sentence"]
     if fault.replacement is not None:
         own = next((each for each in found if each.robot == fault.replacement), None)
-        # The plan may still be the one before the death.
+        # The plan may still be the one from before the death.
         known = {fault.replacement: "has taken over", fault.robot: "is dead"}
         found = [replace(e, chosen=e is own, reason=known.get(e.robot, e.reason)) for e in found]
         found.sort(key=lambda each: not each.chosen)
@@ -268,14 +273,14 @@ def why_takeover(observer: Observer, fault: MajorFault) -> dict[str, Any]:
 
 
 def takeover_told(observer: Observer, fault: MajorFault) -> dict[str, Any]:
-    """A takeover without its reasons, which are not known any more."""
+    """Describe a takeover without its reasons, which are no longer known."""
     held: Claim | None = fault.held
     subject = f"takeover of {held.local_task}" if held else f"death of {fault.robot}"
     return _answer(subject, fault_sentence(observer, fault), [])
 
 
 def fault_sentence(observer: Observer, fault: MajorFault) -> str:
-    """A death with its times, and who took over."""
+    """Describe a death with its times, and who took over."""
     at_s = observer.record.seconds(fault.at_us) or 0.0
     text = f"{fault.robot} died at {at_s:.1f} s"
     if fault.is_older:

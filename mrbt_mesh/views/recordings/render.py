@@ -1,4 +1,4 @@
-"""The results of `mrbt recording verify` and `what-if`, for a terminal."""
+"""Renders the results of `mrbt recording verify` and `what-if` for a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mrbt_mesh.cli.printing import Printable, Stack, Styled
 from mrbt_mesh.cli.terminal import table
 from mrbt_mesh.views.replay.findings import ON_TRUST, Verification
 
-# Findings that are printed; `--json` has all.
+# How many findings are printed; `--json` has all.
 MOST_FINDINGS = 20
 _TASK_STATES = ("success", "failure", "running", "cancelled", "not_started")
 _COUNTED = {
@@ -27,7 +27,7 @@ _COUNTED = {
 
 
 def render_verdict(verdict: Verification, accepted: Collection[str]) -> Printable:
-    """Counts, takeovers with their causes, what is proved, what is not, and by which key."""
+    """Return counts, takeovers with their causes, what is proved, what is not, and by which key."""
     counts = table("", "", right=(0,))
     for name, text in _COUNTED.items():
         if name in verdict.counts:
@@ -61,7 +61,7 @@ def render_verdict(verdict: Verification, accepted: Collection[str]) -> Printabl
 
 
 def _basis(verdict: Verification) -> Styled:
-    """What all signatures depend on."""
+    """Return what all signatures depend on."""
     if not verdict.team_key:
         return Styled("Without keys everything can be forged: this proves nothing.", "bold yellow")
     compare = "compare it with your own: `mrbt keys show`"
@@ -69,7 +69,7 @@ def _basis(verdict: Verification) -> Styled:
 
 
 def render_what_if(data: Mapping[str, Any]) -> Printable:
-    """The recorded run beside its simulated continuation, and the assumptions."""
+    """Return the recorded run beside its simulated continuation, and the assumptions."""
     rows = table("", "what happened", "what if")
     both = (data["recorded"], data["what_if"])
     rows.add_row("result", *(Styled(row["result"], "bold") for row in both))
@@ -98,5 +98,5 @@ def _time(seconds: float | None) -> str:
 
 
 def _blocked(summary: Mapping[str, Any]) -> list[str]:
-    """Requests that were blocked at the end."""
+    """Return requests that were blocked at the end."""
     return [f"{row['request']} {row['reason']}" for row in summary["blocked"] if row["to"] is None]

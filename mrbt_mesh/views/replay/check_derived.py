@@ -1,4 +1,4 @@
-"""What follows from other facts must follow: the end of a job, when it is due, the result of all.
+"""Checks facts that follow from other facts: the end of a job, when it is due, the result of all.
 
 A robot writes these for the whole team, so its own word is not enough.
 """
@@ -18,7 +18,7 @@ from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedF
 
 # The clocks of a team's computers may differ by this much.
 CLOCKS_US = 5_000_000
-# Before this, in nanoseconds since 1970, a recording is one of virtual time.
+# A recording with an earlier epoch, in nanoseconds since 1970, is in virtual time.
 _REAL_NS = 10**18
 
 
@@ -34,7 +34,7 @@ class DerivedCheck:
         self._outcome_us: int | None = None
 
     def planned(self, facts: TeamFacts, plan: Plan) -> None:
-        """This plan was made of these facts."""
+        """Note that this plan was computed from these facts."""
         self._facts, self._plan, self._ends = facts, plan, {}
         if facts.jobs is None:
             return
@@ -44,8 +44,10 @@ class DerivedCheck:
                 self._ends[name] = record.state, record.robots
 
     def own(self, entry: Entry, at_us: int) -> None:
-        """Raises ValueError for a fact that follows neither from the plan before it nor from an
-        outcome of the same moment: the tick of an outcome is part of no plan.
+        """Check a fact of the robot itself.
+
+        Raises ValueError if it follows neither from the plan before it nor from an outcome of the
+        same moment: the tick of an outcome is part of no plan.
         """
         record = entry.record
         if isinstance(record, JobEnd) and record.state is JobState.CANCELLED:
@@ -72,8 +74,8 @@ class DerivedCheck:
 
 
 def early(checks: Sequence[CheckedRecording]) -> Iterator[tuple[CheckedRecording, RecordedFact]]:
-    """Facts of jobs that were due, or had expired, before the time for it, by all recordings that
-    have them.
+    """Yield facts that jobs were due or had expired which came too early in all recordings with
+    them.
     """
     known: dict[tuple[str, str], list[tuple[int, CheckedRecording, RecordedFact]]] = {}
     for check in checks:
@@ -88,7 +90,7 @@ def early(checks: Sequence[CheckedRecording]) -> Iterator[tuple[CheckedRecording
 
 
 def due_us(facts: TeamFacts, entry: Entry) -> int | None:
-    """The Unix time before which this fact about a job is false; None: there is none."""
+    """Return the Unix time before which this fact about a job is false; None: there is none."""
     jobs, kind = facts.jobs, entry.parts[0]
     known = jobs.known.get(entry.parts[1]) if jobs is not None and len(entry.parts) > 1 else None
     job = known.job if known is not None else None

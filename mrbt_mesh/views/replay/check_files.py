@@ -1,4 +1,4 @@
-"""The other files of a run directory: what the recordings, or signatures, prove of them."""
+"""Checks the other files of a run directory against the recordings or signatures."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ _CHECKED = {
 
 @dataclass(frozen=True)
 class RunDirFiles:
-    """The files of a run beside its recordings; None, or empty: there is none. `missions`: the
-    texts of mission.json and revision.json by name. `others`: the names of those that nothing
-    signs.
+    """The files of a run besides its recordings; None, or empty: there is none.
+
+    `missions`: the texts of mission.json and revision.json by name. `others`: the names of files
+    that nothing signs.
     """
 
     summary: SummaryFile | None = None
@@ -44,7 +45,7 @@ class RunDirFiles:
 
 
 def read_run_dir_files(run_dir: Path) -> RunDirFiles:
-    """Raises InputError."""
+    """Read the files of a run directory. Raises InputError."""
     summary, signature = run_dir / SUMMARY_FILE, run_dir / SIGNATURE_FILE
     missions = [run_dir / name for name in (MISSION_FILE, REVISION_FILE)]
     known = {path.name for path in observer_files(run_dir)} | _CHECKED
@@ -77,10 +78,10 @@ def check_files(
     manifest: Manifest | None,
     missions: Collection[str],
 ) -> tuple[list[RecordingFinding], list[Gap], list[NotedCommand]]:
-    """Where they differ from the recordings or from what was signed, and what nobody has signed;
-    and the commands that were noted.
+    """Return contradictions, gaps, and the noted commands.
 
-    `missions`: the digests of the missions that were in force.
+    Contradictions are differences from the recordings or from what was signed; gaps are what nobody
+    has signed. `missions`: the digests of the missions that were in force.
     """
     findings: list[RecordingFinding] = []
     gaps: list[Gap] = []
@@ -121,13 +122,13 @@ def _mission(name: str, text: str, team_digest: str, missions: Collection[str]) 
 
 
 def _end_of_commands(files: RunDirFiles, run: str) -> Iterator[str]:
-    """The summary's signature has the last line that was there then."""
+    """Check the file against the summary's signature, which covers the last line at that time."""
     if files.summary is None or not files.summary.signature:
         return
     try:
         signed = parse_signature(files.summary.signature, run)
     except ValueError:
-        return  # a finding of the summary
+        return  # reported as a finding of the summary
     if signed.covered.commands not in heads(files.commands):
         yield f"it lacks lines that were there when {SUMMARY_FILE} was signed"
 

@@ -1,7 +1,7 @@
-"""Recordings that other files of a run name must be here, as far as they were written then.
+"""Checks that recordings named by other files of a run exist, as far as they were written then.
 
-A recording names those that were there when it began, and summary.json those of the whole run. So
-no part of a run that was continued can be taken away, or put in the place of a newer one.
+A recording names those that existed when it began, and summary.json those of the whole run. So no
+part of a continued run can be removed, or replaced by an older one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _REMEDY = "give all recordings of the run"
 def check_named(
     by: str, named: Sequence[NamedRecording], recordings: Sequence[Recording]
 ) -> Iterator[Gap | RecordingFinding]:
-    """What is not as the file `by` names it: a gap if it is missing, a change if it is another."""
+    """Yield differences from what the file `by` names: a gap if missing, a change if different."""
     for each in named:
         here = [r for r in recordings if first_part(r.path).name == each.name]
         if any(_has(recording, each) for recording in (*here, *recordings)):
@@ -37,9 +37,9 @@ def check_named(
 
 
 def not_covered(covered: Covered, recordings: Sequence[Recording]) -> Iterator[Recording]:
-    """The recordings that go on after others, and were not there when a summary was signed.
+    """Yield the recordings that continue others and did not exist when a summary was signed.
 
-    A robot that was started again once the mission was over adds nothing to what has ended.
+    A robot that was restarted after the mission's end adds nothing to what has ended.
     """
     for recording in recordings:
         is_named = any(_has(recording, each) for each in covered.recordings)
@@ -48,7 +48,7 @@ def not_covered(covered: Covered, recordings: Sequence[Recording]) -> Iterator[R
 
 
 def _began_at_the_end(recording: Recording) -> bool:
-    """Whether it is of a robot to which the mission was over from the first."""
+    """Return whether it is of a robot for which the mission was over from the beginning."""
     topics = recording.records.topics
     if not recording.metadata.robot or channels.STATUSES not in topics:
         return False
@@ -57,7 +57,7 @@ def _began_at_the_end(recording: Recording) -> bool:
 
 
 def _has(recording: Recording, named: NamedRecording) -> bool:
-    """Whether it has what is named, or had it in a part that is not kept."""
+    """Return whether it has what is named, or had it in a part that was not kept."""
     is_kept = recording.metadata.part == 1 or named.number > recording.metadata.after_number
     if is_kept:
         return recording.has(named.number, named.check)

@@ -1,4 +1,4 @@
-"""One recording checked by itself: its facts, its plans, and whether its robot followed them."""
+"""Checks one recording by itself: its facts, its plans, and whether its robot followed them."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from mrbt_mesh.views.replay.check_steps import StepCheck
 from mrbt_mesh.views.replay.check_work import WorkCheck
 from mrbt_mesh.views.replay.checked_recording import CheckedRecording, RecordedFact
 
-# How many plans are kept: robots make the same one at about the same time.
+# How many plans are kept: robots compute the same plan at about the same time.
 KEPT_PLANS = 200
 _Cause = tuple[bytes, frozenset[str], tuple[tuple[str, Incarnation], ...]]
 
 
 class PlanAgain:
-    """Makes plans again by the plain definitions, mostly once for the same facts and alive set."""
+    """Recomputes plans by the plain definitions, mostly once for the same facts and alive set."""
 
     def __init__(self, mission: Mission) -> None:
         self.mission = mission
         self._made: dict[_Cause, Plan] = {}
 
     def plan(self, facts: TeamFacts, alive: Mapping[str, Incarnation]) -> Plan:
-        """The plan for these facts, with these robots alive."""
+        """Return the plan for these facts and these living robots."""
         key = (facts.map.digest(), facts.revoked, tuple(sorted(alive.items())))
         if key not in self._made:
             self._made[key] = make_plan(facts, alive, default_solver)
@@ -51,12 +51,12 @@ class PlanAgain:
         return self._made[key]
 
     def obsolete(self, facts: TeamFacts) -> list[tuple[str, str]]:
-        """(author, name) of the facts that no node can read any more, sorted."""
+        """Return (author, name) of the facts that no node can read any more, sorted."""
         return facts.obsolete(facts.activations)
 
 
 class RecordingCheck(CheckedRecording):
-    """Go through `steps` once."""
+    """Checks a recording. Iterate over `steps` once."""
 
     def __init__(
         self, recording: Recording, plans: PlanAgain, authorship: Authorship | None
@@ -82,7 +82,7 @@ class RecordingCheck(CheckedRecording):
         self._actions: list[RecordedMessage] = []
 
     def steps(self) -> Iterator[int]:
-        """Check every record, in order; yields the Unix time of each, in us."""
+        """Check every record in order; yield the Unix time of each, in us."""
         epoch_us = self.recording.metadata.epoch_ns // 1_000
         for damage in self.recording.damage:
             self.add_to(damage.number, damage.text)
@@ -95,7 +95,7 @@ class RecordingCheck(CheckedRecording):
             except ValueError as error:
                 self.add(record, str(error))
                 if isinstance(error, NothingNewError):
-                    # Perhaps an earlier record has a version that came later.
+                    # An earlier record may have a version that came later.
                     before = self._latest[record.data["author"], record.data["name"]]
                     text = f"it does not fit record {record.number}: one of them is false"
                     self.add(before, text)
@@ -105,11 +105,11 @@ class RecordingCheck(CheckedRecording):
             self._end()
 
     def _end(self) -> None:
-        """The recording is whole: nothing may be missing at its end."""
+        """Check the end of a complete recording, where nothing may be missing."""
         self._steps.end()
         events = [each.data["event"] for each in self.recording.records.of(channels.LIFE)]
         if events[-2:] not in (["joined", "stopped"], ["caught_up", "stopped"]):
-            return  # it took no part in the end, or its plan was still being made
+            return  # it did not take part at the end, or its plan was still being computed
         plan, state = self.plan, self.state
         if plan is not None and plan.packed != self._plans.plan(state.facts, state.alive).packed:
             number = self.recording.records[-1].number
@@ -118,8 +118,9 @@ class RecordingCheck(CheckedRecording):
     # -- parts --------------------------------------------------------------------------------
 
     def _join(self, number: int) -> None:
-        """Before the record of this number, the state at the beginning of each later part must be
-        that at the end of the part before it.
+        """Check later parts that begin before the record of this number.
+
+        The state at the beginning of each must be the state at the end of the part before it.
         """
         while self._later_parts and self._later_parts[0].metadata.after_number < number:
             part = self._later_parts.pop(0)
@@ -139,7 +140,7 @@ class RecordingCheck(CheckedRecording):
                 self.add_to(begin, f"{text}: other {differing or 'changes'}")
 
     def _take_state(self, record: RecordedMessage) -> None:
-        """A record of the state at the beginning of a recording that begins late."""
+        """Apply a record of the state at the beginning of a recording that begins late."""
         entry = self.state.apply(record)
         if entry is not None:
             self._fact(record, entry)
@@ -152,7 +153,7 @@ class RecordingCheck(CheckedRecording):
             self._begin_late(record.data)
 
     def _begin_late(self, data: Mapping[str, Any]) -> None:
-        """The state is whole: its plan follows from its facts."""
+        """Check the complete state at the beginning: its plan must follow from its facts."""
         state = self.state
         if data["incarnation"]:
             life = read_incarnation(data["incarnation"])

@@ -1,6 +1,6 @@
-"""What a recording says of one moment must fit together: actions, facts, and other robots.
+"""Checks that what a recording says of one moment fits together: actions, facts, other robots.
 
-A robot records each of its steps whole, with one time.
+A robot records each of its steps completely, with one time.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ _STATES = ("alive", "suspect", "dead")
 class StepCheck:
     """Call `before` and `after` a record is applied, and `end` after the last one.
 
-    `_running`: the start of the present action. `_finished`: the start of an action that has
-    finished, and its end, until its outcome is written: with plans made apart that is later.
+    `_running`: the start of the current action. `_finished`: the start and end of a finished action
+    until its outcome is written; that is later if plans are computed in a thread.
     """
 
     def __init__(self, checked: CheckedRecording) -> None:
@@ -40,20 +40,20 @@ class StepCheck:
     def begin(
         self, actions: Iterable[RecordedMessage], ticket: int, robots: Mapping[str, Any]
     ) -> None:
-        """The recording begins late: with this state of the robot's action, and of the others."""
+        """Start from this state of the action and the other robots: the recording begins late."""
         self._ticket = ticket
         self._running = next((each for each in actions if each.data["event"] == "started"), None)
         self._states = {robot: said["state"] for robot, said in robots.items()}
 
     def before(self, record: RecordedMessage) -> None:
-        """With a later record the step is over."""
+        """End the step if this record has a later time."""
         if self._step and record.at_us != (begun_us := self._step[0].at_us):
             if record.at_us < begun_us:
                 self._checked.add(record, "its time is before that of the record before it")
             self._end_step()
 
     def after(self, record: RecordedMessage, entry: Entry | None) -> None:
-        """A record of the step, and its fact, if it is one."""
+        """Add a record to the step, with its fact if it is one."""
         self._step.append(record)
         if record.topic == channels.ACTIONS:
             self._action(record)
@@ -67,12 +67,12 @@ class StepCheck:
                 self._outcome(record, entry, entry.record)
 
     def _is_news(self, entry: Entry) -> bool:
-        """Whether an own outcome comes for the first time."""
+        """Return whether an own outcome comes for the first time."""
         begun = self._checked.begins_after
         return entry.hash not in self._outcomes and (begun is None or entry.version > begun)
 
     def end(self) -> None:
-        """Nothing follows."""
+        """Finish: nothing follows."""
         self._end_step()
         self._expect_no_outcome()
 
@@ -94,7 +94,7 @@ class StepCheck:
     # -- the robot's own actions ----------------------------------------------------------------
 
     def _action(self, record: RecordedMessage) -> None:
-        """Actions follow one another, each with the next number."""
+        """Check that actions follow one another, each with the next number."""
         event, ticket, running = record.data["event"], record.data["ticket"], self._running
         if event == "started":
             self._expect_no_outcome()
@@ -117,7 +117,7 @@ class StepCheck:
             self._running = None
 
     def _outcome(self, record: RecordedMessage, entry: Entry, outcome: Outcome) -> None:
-        """What the team knows of an action is what the robot recorded of it."""
+        """Check that what the team knows of an action is what the robot recorded of it."""
         finished, self._finished = self._finished, None
         _, activation, local_task, *coalition = entry.parts
         place = (activation, local_task, "".join(coalition))
@@ -137,13 +137,14 @@ class StepCheck:
     # -- the others -----------------------------------------------------------------------------
 
     def _check_states(self) -> None:
-        """A fault of a robot fits what is then known of it; both ways."""
+        """Check that a robot's fault and its state fit each other, in both directions."""
         faults = {
             record.data["robot"]: record
             for record in self._step
             if record.topic == channels.FAULTS and record.data["event"] in _STATES
         }
-        # A robot that was late takes in much at one time, and may be alive again at the end of it.
+        # A robot that was late processes much at the same time, so another may be alive again at
+        # its end.
         said = {
             (record.data["robot"], record.data["state"])
             for record in self._step
@@ -164,11 +165,11 @@ class StepCheck:
 
 
 def _is_start(record: RecordedMessage) -> bool:
-    """Whether a local task itself starts."""
+    """Return whether a local task itself starts."""
     is_started = record.topic == channels.ACTIONS and record.data["event"] == "started"
     return is_started and "travel_to" not in record.data
 
 
 def _place(record: RecordedMessage) -> tuple[str, str, str]:
-    """Of an action's start."""
+    """Return the place of an action's start."""
     return record.data["activation"], record.data["local_task"], record.data["coalition"]

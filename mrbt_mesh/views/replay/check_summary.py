@@ -1,4 +1,4 @@
-"""summary.json: whether its observer has signed it, and against the recording of that observer."""
+"""Checks summary.json: its observer's signature, and that observer's recording."""
 
 from __future__ import annotations
 
@@ -28,8 +28,9 @@ class SummaryFile:
 def check_summary(
     summary: SummaryFile, recordings: Sequence[Recording], manifest: Manifest | None
 ) -> tuple[list[RecordingFinding], list[Gap]]:
-    """Where it differs from the one observer's recording, if that has the whole run; and whether it
-    is signed, in a team with keys.
+    """Return differences from the only observer's recording, if that has the whole run, and gaps.
+
+    In a team with keys, the signature is checked as well.
     """
     findings, gaps = [], []
     if manifest is not None and not summary.signature:
@@ -49,7 +50,7 @@ def check_summary(
 
 
 def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
-    """There must be one if its observer has come to its end."""
+    """Report a missing summary: it must exist if its observer has come to its end."""
     for each in recordings:
         if each.metadata.has_summary and any(signed.is_end for signed in each.signatures):
             text = f"it is missing, and was written at the end of {each.name}"
@@ -59,7 +60,9 @@ def missing_summary(recordings: Sequence[Recording]) -> Iterator[Gap]:
 def _signed(
     summary: SummaryFile, recordings: Sequence[Recording], manifest: Manifest
 ) -> Iterator[Gap | RecordingFinding]:
-    """It is what was signed, at the end of the newest recordings and with all that are named."""
+    """Check that it is what was signed, at the end of the newest recordings and with all named
+    ones.
+    """
     try:
         found = parse_signature(summary.signature, recordings[0].metadata.run)
         is_signed = found.is_for(manifest, summary.content)
@@ -76,12 +79,12 @@ def _signed(
 
 
 def _differing(content: bytes, recording: Recording) -> Iterator[str]:
-    """What follows from the facts alone; the times of faults are signed."""
+    """Yield differences in what follows from the facts alone; the times of faults are signed."""
     try:
         player = Player(recording)
         player.seek(player.end_us)
     except RecordingError:
-        return  # a finding of that recording
+        return  # reported as a finding of that recording
     recorded = player.summary()
     try:
         summary = json.loads(content)

@@ -1,6 +1,4 @@
-"""What the recordings of a team prove together: whose they are, whether all are there, and how each
-of them ends.
-"""
+"""Checks what a team's recordings prove together: their owners, their completeness, their ends."""
 
 from __future__ import annotations
 
@@ -28,7 +26,7 @@ CLOCKS_US = 5_000_000
 
 @dataclass
 class TeamCheck:
-    """Call `run` once, after each recording was checked by itself."""
+    """Checks recordings together. Call `run` once, after each recording was checked by itself."""
 
     checks: Sequence[RecordingCheck]
     manifest: Manifest | None
@@ -61,7 +59,7 @@ class TeamCheck:
         self.gaps.append(Gap(kind, of, text, remedy))
 
     def _name(self, check: RecordingCheck) -> None:
-        """In a run directory a file is called by the robot that recorded it."""
+        """Check that a file in a run directory is named after the robot that recorded it."""
         robot, path = check.robot, first_part(check.recording.path)
         called = re.sub(r"\.[0-9]+$", "", path.stem)
         if robot and path.parent.name == FOLDER and called != robot:
@@ -71,7 +69,9 @@ class TeamCheck:
                 check.add_to(0, f"{each.name} is part {each.metadata.part}")
 
     def _doubled(self) -> None:
-        """One process records once: no two files begin at the same time, or have the same life."""
+        """Check that no two files begin at the same time or have the same life: a process records
+        once.
+        """
         known: dict[tuple[str, object], RecordingCheck] = {}
         for check in self.checks:
             begun = check.recording.metadata.epoch_ns + check.recording.begin_us * 1_000
@@ -83,7 +83,10 @@ class TeamCheck:
                     break
 
     def _earlier(self) -> None:
-        """Those that were there when others began: each is named once."""
+        """Check the recordings that existed when others began.
+
+        Each missing one is reported once.
+        """
         recordings, known = [check.recording for check in self.checks], set[str]()
         for recording in recordings:
             for each in check_named(recording.name, recording.metadata.earlier, recordings):
@@ -95,7 +98,7 @@ class TeamCheck:
                     self.findings.append(each)
 
     def _parts(self, recording: Recording) -> None:
-        """Parts that were kept when the last one began, and are not here."""
+        """Report parts that were kept when the last part began, and are missing."""
         last = recording.parts[-1].metadata if recording.parts else recording.metadata
         if recording.metadata.part > last.kept_from:
             text = (
@@ -104,7 +107,10 @@ class TeamCheck:
             self._gap(GapKind.END, recording.name, text, "give all its parts")
 
     def _revoked(self, check: RecordingCheck) -> None:
-        """Only the manifest revokes a key; one that has another key since was replaced."""
+        """Check revocations: only the manifest revokes a key.
+
+        A member with a newer key was replaced.
+        """
         members = self.manifest.members if self.manifest is not None else {}
         for each in check.recording.records.of(channels.REVOKED) if members else ():
             for robot in each.data["robots"]:
@@ -139,7 +145,7 @@ class TeamCheck:
             self._unsigned_end(recording, last)
 
     def _unsigned_end(self, recording: Recording, last: Signature) -> None:
-        """What follows the last signature: a robot that is killed has recorded little there."""
+        """Check what follows the last signature: a killed robot has recorded little after it."""
         end_us = recording.records[-1].at_us
         may_us = recording.metadata.timing.max_detection_us + SIGN_US
         if end_us > last.until_us + may_us:
@@ -147,7 +153,7 @@ class TeamCheck:
             self._gap(GapKind.END, recording.name, text, "give the file as it was recorded")
 
     def _last_signature(self, check: RecordingCheck) -> Signature | None:
-        """The last one of its owner; others are findings."""
+        """Return the owner's last signature; signatures by anyone else are findings."""
         if self.manifest is None:
             return None
         last = None
@@ -167,7 +173,10 @@ class TeamCheck:
         )
 
     def _explained_end(self, recording: Recording) -> str:
-        """Why a recording has no end, by the other recordings; where none says so: a gap."""
+        """Return why a recording has no end, from the other recordings.
+
+        Without an explanation, add a gap.
+        """
         robot, life = recording.metadata.robot, _last_life(recording)
         if robot and life is None:
             return "no end: killed before it joined"
@@ -181,8 +190,8 @@ class TeamCheck:
             return "no end"
         at_us, by, looked_us = found[0]
         timing = recording.metadata.timing
-        # One that began or joined later has not looked before: all may have ended at once, and one
-        # that hears nobody waits for long before it joins.
+        # A recording that began later, or whose robot joined later, has not watched before: all may
+        # have ended at once, and a robot that hears nobody waits long before it joins.
         silent_us = at_us - max(last_us, looked_us)
         if silent_us - timing.max_detection_us - SIGN_US > CLOCKS_US:
             text = f"it ends {silent_us / 1e6:.1f} s before {by} noticed the end of {robot}"
@@ -192,7 +201,7 @@ class TeamCheck:
         return f"no end: killed ({others} noticed, at {at_s:.3f} s first)"
 
     def _deaths(self, recording: Recording, life: Incarnation) -> Iterator[tuple[int, str, int]]:
-        """(Unix time, file, since when it looked): others in which this life of a robot is over."""
+        """Yield (Unix time, file, watching since) of recordings in which this life is over."""
         robot = recording.metadata.robot
         for check in self.checks:
             other = check.recording
@@ -208,7 +217,7 @@ class TeamCheck:
                     and each.data["event"] == "joined"
                     and read_incarnation(each.data["incarnation"]) > life
                 ):
-                    # When it was noticed is not known if that was in a part that is not kept.
+                    # The time is not known if it was noticed in a part that was not kept.
                     is_known = each.number > check.state_until
                     end_us = _unix_us(recording, recording.records[-1].at_us)
                     at_us = _unix_us(other, each.at_us) if is_known else end_us
@@ -218,7 +227,7 @@ class TeamCheck:
     # -- what robots have said of their recordings --------------------------------------------
 
     def _heads(self) -> None:
-        """What others have heard of how far robots had signed their recordings."""
+        """Check what robots have heard about how far other robots had signed their recordings."""
         owners = {
             (check.recording.metadata.robot, life.nonce): check
             for check in self.checks
@@ -230,10 +239,11 @@ class TeamCheck:
     def _heads_of(
         self, owner: RecordingCheck, owners: Mapping[tuple[str, str], RecordingCheck]
     ) -> None:
-        """Of one recording: the last one that others have heard, and the first that is not in it.
+        """Check the heads of one recording: the last one that others heard, and the first that it
+        lacks.
 
-        A recording that ends before the former is a gap, one that was ended and signed so a
-        contradiction, as the latter is.
+        A recording that ends before the former has a gap. It is a contradiction if it was ended and
+        signed so, as is the latter.
         """
         recording = owner.recording
         if not recording.records:
@@ -247,7 +257,7 @@ class TeamCheck:
             owner.counts["heads"] += 1
             number, head = each.data["number"], bytes.fromhex(each.data["head"])
             if number <= recording.metadata.after_number:
-                continue  # of a part that is not kept
+                continue  # it is from a part that was not kept
             if number >= last:
                 later.append((_unix_us(check.recording, each.at_us), check.recording.name))
             elif signed.get(number) != head:
@@ -271,7 +281,7 @@ class TeamCheck:
     def _heard_of(
         self, owner: RecordingCheck, owners: Mapping[tuple[str, str], RecordingCheck]
     ) -> Iterator[tuple[RecordingCheck, RecordedMessage]]:
-        """What other recordings have of the heads of this one."""
+        """Yield what other recordings have about the heads of this one."""
         for check in self.checks:
             heads = check.recording.records.of(channels.HEADS)
             for each in heads if check is not owner else ():
@@ -282,7 +292,7 @@ class TeamCheck:
     # -- all of them ----------------------------------------------------------------------------
 
     def _missing_lives(self) -> None:
-        """Robots that others counted on, without a recording of their own of that life."""
+        """Report robots that others counted on without a recording of that life."""
         there = {
             (check.recording.metadata.robot, life)
             for check in self.checks
@@ -300,7 +310,7 @@ class TeamCheck:
                     life = read_incarnation(text)
                     counted_on.setdefault((robot, life), check.recording.name)
         for (robot, life), file in sorted(counted_on.items()):
-            # Earlier lives of the same process were recorded in parts that are not kept.
+            # Earlier lives of the same process were recorded in parts that were not kept.
             if (robot, life) not in there and (robot, life.nonce) not in late:
                 text = f"no recording of its life {life} is here, with which {file} counts"
                 remedy = f"give recordings/{robot}.mcap, or its next file, of its computer"
@@ -308,7 +318,7 @@ class TeamCheck:
 
 
 def _record(recording: Recording, number: int) -> RecordedMessage:
-    """The record of this number, or the last one before it."""
+    """Return the record of this number, or the last one before it."""
     before = (each for each in reversed(recording.records) if each.number <= number)
     return next(before, recording.records[0])
 
@@ -318,7 +328,7 @@ def _with_torn(text: str, recording: Recording) -> str:
 
 
 def lives(recording: Recording) -> list[Incarnation]:
-    """The incarnations that a robot had while it recorded, in order."""
+    """Return the incarnations that a robot had while it recorded, in order."""
     return [
         read_incarnation(record.data["incarnation"])
         for record in recording.records.of(channels.LIFE, channels.PARTS)
@@ -327,7 +337,7 @@ def lives(recording: Recording) -> list[Incarnation]:
 
 
 def _joined_us(recording: Recording) -> int:
-    """When its robot began to watch the others; an observer does from the beginning."""
+    """Return when the robot began to watch the others; an observer watches from the beginning."""
     joined = (
         each.at_us for each in recording.records.of(channels.LIFE) if each.data["event"] == "joined"
     )

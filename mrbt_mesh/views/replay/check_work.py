@@ -1,4 +1,4 @@
-"""What one robot did, by its own recording: its claims and actions against its plans and facts."""
+"""Checks what one robot did by its recording: claims and actions against its plans and facts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mrbt_mesh.views.replay.checked_recording import CheckedRecording
 from mrbt_mesh.views.replay.findings import ProvedTakeover
 
 Place = tuple[str, str]
-# What plans follow from.
+# The records that can change a plan.
 _CAUSES = (channels.FACTS, channels.DROPPED, channels.ALIVE, channels.REVOKED)
 
 
@@ -24,9 +24,9 @@ class WorkCheck:
     """Follows one robot's recording: its claims and actions against its line of each plan.
 
     `_at_work`: for a local task of an activation, the robots that ran it, with the incarnation.
-    `_planned`: the plan for the present facts. `_is_out`: the robot joins again, catches up, leaves
-    or has stopped. `_is_stopping`: what it does was cancelled, and has not ended yet; until then it
-    need not claim anything else, also in its next life.
+    `_planned`: the plan for the current facts. `_is_out`: the robot joins again, catches up, leaves
+    or has stopped. `_is_stopping`: its action was cancelled and has not ended yet; until then it
+    need not claim anything else, even in its next life.
     """
 
     def __init__(self, check: CheckedRecording) -> None:
@@ -36,25 +36,26 @@ class WorkCheck:
         self._planned: RecordedMessage | None = None
         self._is_out = False
         self._is_stopping = False
-        # The present step, and what the robot held before it: a robot that was fenced drops its
-        # claim in the step in which it has another alive set.
+        # The current step, and what the robot held before it: a robot that was fenced drops its
+        # claim in the step in which its alive set changes.
         self._step_us = -1
         self._held: Place | None = None
 
     def begin(self, actions: Sequence[RecordedMessage]) -> None:
-        """The recording begins late, with this state of the robot's action."""
+        """Start from this state of the robot's action: the recording begins late."""
         self._is_stopping = bool(actions) and actions[-1].data["event"] == "cancelled"
 
     def stood(self, entry: Entry) -> None:
-        """A fact of the state at the beginning of a recording that begins late."""
+        """Take a fact of the state at the beginning of a recording that begins late."""
         if isinstance(entry.record, Claim) and entry.record.phase is Phase.RUNNING:
             place = (entry.record.activation, entry.record.local_task)
             self._at_work.setdefault(place, {})[entry.author] = entry.version.incarnation
 
     def before(self, record: RecordedMessage) -> None:
-        """Before a record is applied: the newest plan is valid until facts or alive set change.
+        """Called before a record is applied.
 
-        A plan of the same instant as the change need not be followed: the next one was due.
+        The newest plan is valid until facts or alive set change. A plan of the same instant as the
+        change need not be followed, because the next one was due.
         """
         if record.at_us != self._step_us:
             self._step_us, self._held = record.at_us, self._claimed_place()
@@ -66,7 +67,7 @@ class WorkCheck:
                 self._follows(planned)
 
     def after(self, record: RecordedMessage, entry: Entry | None) -> None:
-        """After a record is applied. Raises ValueError for work that the plan does not have."""
+        """Called after a record is applied. Raises ValueError for work that is not in the plan."""
         if record.topic == channels.PLANS:
             self._planned = record
         elif record.topic == channels.LIFE:
@@ -103,7 +104,7 @@ class WorkCheck:
             raise ValueError(f"{claim.activation} is one of {line.global_task}")
 
     def _claimed_place(self) -> Place | None:
-        """What the robot holds in its present life."""
+        """Return what the robot holds in its current life."""
         state = self._check.state
         held = state.facts.claims.get(self._me)
         claim = held.claim if held is not None else None
@@ -111,7 +112,7 @@ class WorkCheck:
         return (claim.activation, claim.local_task) if claim is not None and is_mine else None
 
     def _follows(self, planned: RecordedMessage) -> None:
-        """The robot must claim the task of its plan, unless it has ended it or is out."""
+        """Check that the robot claims the task of its plan, unless it has ended it or is out."""
         check, line = self._check, self._line
         check.counts["lines"] += 1
         wanted = (line.activation, line.local_task) if line is not None else None
@@ -148,7 +149,7 @@ class WorkCheck:
                 self._check.takeovers.append(ProvedTakeover(at_us, self._me, *of, cause))
 
     def _cause(self, robot: str, incarnation: Incarnation, place: Place) -> str:
-        """Why a robot has stopped its work there; empty if it still works or has succeeded.
+        """Return why a robot has stopped its work there; empty if it still works or has succeeded.
 
         Raises ValueError if the recording has no cause.
         """

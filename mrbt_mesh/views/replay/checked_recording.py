@@ -1,4 +1,4 @@
-"""A recording while it is checked: its state at the record that is checked, and what was found."""
+"""A recording while it is checked: its state at the current record, and what was found."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RecordPlace(Protocol):
 
     @property
     def number(self) -> int:
-        """Of its record; 0: the whole file."""
+        """The number of its record; 0: the whole file."""
 
     @property
     def at_us(self) -> int:
@@ -37,7 +37,7 @@ class Where(NamedTuple):
 
 
 class RecordedFact(NamedTuple):
-    """What is compared of a fact: who says what in which version, and where it is recorded."""
+    """The parts of a fact that are compared: author, name, version, and where it is recorded."""
 
     number: int
     at_us: int
@@ -49,7 +49,7 @@ class RecordedFact(NamedTuple):
 
     @classmethod
     def of(cls, record: RecordedMessage, entry: Entry) -> RecordedFact:
-        """The fact that a record has; a long run has many, so this is small."""
+        """Return the fact of a record. A long run has many, so it is small."""
         author, name = sys.intern(entry.author), sys.intern(entry.name)
         signed = entry.proof.hashes + entry.proof.signature if entry.proof is not None else b""
         proof = hashlib.blake2b(signed, digest_size=16).digest()
@@ -57,17 +57,17 @@ class RecordedFact(NamedTuple):
 
     @property
     def place(self) -> tuple[str, str, Incarnation]:
-        """Where versions of it follow one another."""
+        """The name under which its versions follow one another."""
         return self.author, self.name, self.version.incarnation
 
     @property
     def whole(self) -> tuple[str, str, Version, int]:
-        """What makes it another fact, its proof apart."""
+        """What identifies the fact, except its proof."""
         return self.author, self.name, self.version, self.hash
 
 
 class CheckedRecording:
-    """`facts`: those in the recording; `plan`: as it was made again."""
+    """`facts`: the facts in the recording; `plan`: the recomputed plan."""
 
     def __init__(self, recording: Recording, mission: Mission) -> None:
         self.recording = recording
@@ -87,7 +87,7 @@ class CheckedRecording:
         self.timed: list[tuple[RecordedFact, int]] = []
 
     def add_to(self, number: int, text: str) -> None:
-        """Add a finding about what is no record; 0: about the whole file."""
+        """Add a finding that is not about a record; 0: about the whole file."""
         self.add(Where(number, 0), text)
 
     def add(self, record: RecordPlace, text: str, against: Iterable[str] = ()) -> None:

@@ -1,4 +1,4 @@
-"""What `mrbt recording verify` finds: what is proved, what is not, contradictions, takeovers."""
+"""Results of `mrbt recording verify`: what is proved, what is not, contradictions, takeovers."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import Any
 
 from mrbt_mesh.runtime.command_log import NotedCommand
 
-# Nobody but the robot itself can say these; its key signs that it did.
+# Only the robot itself can state these; its key signs that it did.
 ON_TRUST = "times, positions and progress are as each robot measured them"
 
 
 @dataclass(frozen=True)
 class RecordingFinding:
-    """`record`: the number of the record in its file, 0 for the whole file; `at_us` counts from the
+    """A contradiction in a file.
+
+    `record`: the number of the record in its file, 0 for the whole file; `at_us` counts from the
     begin of the recording. `against`: the other recordings that contradict it.
     """
 
@@ -33,8 +35,9 @@ class RecordingFinding:
 
 @dataclass(frozen=True)
 class ProvedRecording:
-    """What a recording proves: that this member (`by`) recorded it until `until_us`, counted from
-    its begin. `end`: how it ends, in words.
+    """A member (`by`) is proved to have recorded this until `until_us`, counted from its begin.
+
+    `end`: how it ends, in words.
     """
 
     file: str
@@ -47,8 +50,10 @@ class ProvedRecording:
 
 
 class GapKind(enum.StrEnum):
-    """What is not proved: signatures, a robot's recording, the observer's, one that other files
-    name, an end, summary.json, commands.jsonl.
+    """What is not proved.
+
+    Signatures, a robot's recording, the observer's, one that other files name, an end,
+    summary.json, commands.jsonl.
     """
 
     UNSIGNED = "unsigned"
@@ -75,7 +80,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class ProvedTakeover:
-    """A robot began the work of another one, which stopped it for this `cause`.
+    """A robot began the work of another one, which had stopped it for this `cause`.
 
     `at_us` counts from the begin of its recording.
     """
@@ -90,10 +95,12 @@ class ProvedTakeover:
 
 @dataclass(frozen=True)
 class Verification:
-    """The result: numbers of what was checked by kind, what is proved and what is not,
-    contradictions, takeovers. `team_key`: the key behind all signatures, empty without one.
-    `notes`: what was left out and why; `no_evidence`: files of the run that nothing proves.
-    `commands`: what was noted of operators' commands.
+    """The result of a verification.
+
+    Counts of checks by kind, what is proved and what is not, contradictions, takeovers. `team_key`:
+    the key behind all signatures, empty without one. `notes`: what was left out and why;
+    `no_evidence`: files of the run that nothing proves. `commands`: the noted commands of
+    operators.
     """
 
     files: tuple[str, ...]
@@ -109,15 +116,15 @@ class Verification:
 
     @property
     def is_proved(self) -> bool:
-        """Whether everything is proved."""
+        """True if everything is proved."""
         return not self.findings and not self.gaps
 
     def holds(self, accepted: Collection[str]) -> bool:
-        """Whether nothing is contradicted, and only gaps of these kinds are open."""
+        """Return whether nothing is contradicted, and only gaps of the accepted kinds are open."""
         return not self.findings and all(gap.kind in accepted for gap in self.gaps)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data; times in microseconds."""
+        """Return plain data; times in microseconds."""
         return {
             "all_proved": self.is_proved,
             "files": list(self.files),

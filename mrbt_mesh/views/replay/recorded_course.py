@@ -1,5 +1,6 @@
-"""The course of a recorded run: how each robot's work went, what it bid, and which faults there
-were. A simulation that begins in its middle lets the same happen again.
+"""The course of a recorded run: how each robot's work went, its bids, and the faults.
+
+A simulation that begins in the middle of the run repeats it.
 """
 
 from __future__ import annotations
@@ -30,14 +31,16 @@ from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.faults import Fault
 from mrbt_mesh.sim.world.setup import Place, RecordedWork
 
-# A death is noticed about so long after the end of the process.
+# A death is noticed about this long after the end of the process.
 NOTICE_US = 20_000
 
 
 @dataclass
 class _Work:
-    """One run of a local task: when it began, the conditions that its robot set from then on, and
-    the fact of its outcome; without one, until when it ran at least.
+    """One run of a local task.
+
+    It has the begin, the conditions that its robot set from then on, and the fact of its outcome;
+    without an outcome, until when it ran at least.
     """
 
     begun_us: int
@@ -46,7 +49,7 @@ class _Work:
     until_us: int = NEVER_US
 
     def seen_from(self, at_us: int) -> RecordedWork | None:
-        """What is to come of it from a time on; None: nothing, it has ended by then."""
+        """Return the rest of the work from a time on; None if it has ended by then."""
         from_us = max(at_us, self.begun_us)
         times = self.begun_us - at_us, from_us - self.begun_us
         if self.end is None:
@@ -76,7 +79,7 @@ class _Death:
     thawed_us: int | None
 
     def is_unnoticed(self, at_us: int) -> bool:
-        """Whether it is dead at that time, and counted on still."""
+        """Return whether it is dead at that time, and still counted on."""
         return self.at_us <= at_us < self.noticed_us
 
     def faults(self) -> list[tuple[int, Fault]]:
@@ -89,9 +92,9 @@ class _Death:
 
 
 class RecordedCourse:
-    """Of the recording of a player, which is at its end afterwards.
+    """The course of a player's recording; the player is at its end afterwards.
 
-    `bids`: by robot, activation and local task, as the first ones count.
+    `bids`: by robot, activation and local task, since the first ones count.
     """
 
     def __init__(self, player: Player) -> None:
@@ -125,29 +128,31 @@ class RecordedCourse:
                 work.until_us = min(work.until_us, player.end_us, *later_us)
 
     def works_from(self, at_us: int) -> dict[Place, list[RecordedWork]]:
-        """How all work went that had not ended by then."""
+        """Return how all work went that had not ended by then."""
         return {
             place: [seen for each in works if (seen := each.seen_from(at_us)) is not None]
             for place, works in self._works.items()
         }
 
     def ways_at(self, at_us: int) -> dict[str, int]:
-        """How long before then each robot had set out last."""
+        """Return how long before then each robot last set out."""
         return {robot: at_us - since_us for since_us, robot in self._ways if since_us <= at_us}
 
     def faults_from(self, at_us: int) -> list[tuple[int, Fault]]:
-        """The faults after a time, and what operators commanded."""
+        """Return the faults after a time, and the operators' commands."""
         found = [each for each in self._faults if each[0] > at_us]
         for death in self._deaths:
             if death.at_us > at_us:
                 found += death.faults()
             elif death.thawed_us is not None and death.thawed_us > at_us:
-                # Its process was not taken over.
+                # The frozen process is not part of the simulation.
                 found.append((death.thawed_us, faults.Restart(death.robot)))
         return found
 
     def deaths_to_notice(self, at_us: int) -> list[tuple[int, Fault]]:
-        """The ends of robots that were dead by then, and counted on still, when others notice."""
+        """Return the ends of robots that were dead by then but still counted on, when others
+        notice.
+        """
         return [
             (max(at_us, each.noticed_us - NOTICE_US), faults.Kill(each.robot))
             for each in self._deaths
@@ -189,7 +194,7 @@ class RecordedCourse:
                 self._described(robot, entry.version.incarnation.nonce, member, at_us)
 
     def _described(self, robot: str, process: str, member: Member, at_us: int) -> None:
-        """A robot has described itself: what it has lost or got back, and whether it leaves."""
+        """Process a robot's description: capabilities lost or restored, and whether it leaves."""
         known, before = self._members.get(robot, ("", None))
         self._members[robot] = (process, member)
         lost: dict[str, str] = {}
@@ -225,7 +230,7 @@ class RecordedCourse:
             lives.append((at_us, life))
 
     def _death(self, fault: MajorFault) -> _Death:
-        """A process that goes on afterwards was frozen."""
+        """Return a death; if the process continues afterwards, it was frozen."""
         lives = self._lives.get(fault.robot, ())
         later = [(seen_us, each) for seen_us, each in lives if each > fault.incarnation]
         thawed_us = fault.until_us

@@ -1,4 +1,4 @@
-"""A recording as views show it: its whole timeline, and the team at one time of it."""
+"""A recording as shown by views: its whole timeline, and the team at one time of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FIRST_RECORDS = 2_000
 
 
 class Playback:
-    """`at_us` is where it is, always within the recording; `catch_up` brings the player there.
+    """The position in a recording. `at_us` is always within it; `catch_up` brings the player there.
 
     `speed` is within `SLOWEST` and `FASTEST`.
     """
@@ -34,7 +34,7 @@ class Playback:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether nothing is left to be played."""
+        """True if nothing is left to play."""
         return self.at_us == self.player.end_us
 
     def go_to(self, at_us: int) -> None:
@@ -46,28 +46,29 @@ class Playback:
         self.speed = min(max(speed, SLOWEST), FASTEST)
 
     def passed(self, seconds: float) -> None:
-        """Go on for a time of the viewer, unless it is paused."""
+        """Advance by a time of the viewer, unless it is paused."""
         if not self.is_paused:
             self.go_to(self.at_us + round(seconds * self.speed * SECOND_US))
 
     def catch_up(self) -> None:
-        """Bring the player to `at_us`. Raises RecordingError where that cannot be played."""
+        """Bring the player to `at_us`. Raises RecordingError if that cannot be played."""
         for _ in self.player.play_to(self.at_us, skips=True):
             pass
 
 
 class ShownRecording:
-    """`changes` has the items of a `TeamView`: those of the timeline for the recording as far as it
-    `read`, the others as the team was where `playback` is; and `playback`: where that is, in
-    seconds, and `read_s`, up to where the timeline is there; None: all of it.
+    """A recording as it is shown.
 
-    Times count from the start of the run, as on a live page, so the recording may begin before 0.
-    Raises RecordingError where it is damaged.
+    `changes` has the items of a `TeamView`: those of the timeline for the part that was `read`, the
+    others for the team at the position of `playback`. It also has `playback`: that position in
+    seconds, and `read_s`, up to where the timeline is read; None: all of it. Times count from the
+    start of the run, as on a live page, so the recording may begin before 0. Raises RecordingError
+    if it is damaged.
     """
 
     def __init__(self, player: Player, at_us: int, speed: float) -> None:
         self.changes = ChangeLog()
-        # It plays all of the recording once, for the timeline.
+        # Plays the whole recording once, for the timeline.
         self._reader = Player(player.recording)
         self._timeline = TimelineView(self._reader.observer)
         self._reading = self._read_on()
@@ -86,13 +87,13 @@ class ShownRecording:
         reader, times_us = self._reader, self._reader.recording.records.times_us
         takeovers = TakeoversView(reader.observer)
         for number, _ in enumerate(reader.play_to(reader.end_us), 1):
-            # Records of one time are of one step.
+            # Records with the same time belong to one step.
             if number == len(times_us) or times_us[number] != times_us[number - 1]:
                 takeovers.put(self.changes)
             yield
 
     def read(self, records: int) -> bool:
-        """Read the timeline of `records` more records; whether all of it is read now."""
+        """Read the timeline of `records` more records; return whether all of it is read now."""
         if not self._is_read:
             self._is_read = sum(1 for _ in islice(self._reading, records)) < records
             self._timeline.put(self.changes)
@@ -104,7 +105,10 @@ class ShownRecording:
 
     @property
     def read_s(self) -> float | None:
-        """Up to where the timeline is there, in seconds from the start of the run; None: all."""
+        """Up to where the timeline is read, in seconds from the start of the run.
+
+        None: all of it.
+        """
         return None if self._is_read else self.seconds(self._reader.now_us)
 
     @property
@@ -118,11 +122,11 @@ class ShownRecording:
 
     @property
     def observer(self) -> Observer:
-        """The team as it was there."""
+        """The team at the current position."""
         return self.playback.player.observer
 
     def seconds(self, at_us: int) -> float:
-        """A time of the recording as seconds from the start of the run."""
+        """Return a time of the recording in seconds from the start of the run."""
         return round((at_us - self._start_us) / SECOND_US, 6)
 
     def go_to(self, at_s: float) -> None:
@@ -130,21 +134,21 @@ class ShownRecording:
         self.playback.go_to(self._start_us + round(at_s * SECOND_US))
 
     def play(self, is_paused: bool) -> None:
-        """Play, from the begin if it is at the end; or pause."""
+        """Pause, or play; at the end, play from the beginning."""
         playback = self.playback
         playback.is_paused = is_paused
         if not is_paused and playback.is_at_end:
             playback.go_to(playback.player.begin_us)
 
     def passed(self, seconds: float) -> None:
-        """Go on for a time of the viewer; at the end it pauses."""
+        """Advance by a time of the viewer; it pauses at the end."""
         self.playback.passed(seconds)
         self.playback.is_paused |= self.playback.is_at_end
 
     def step(self, records: int) -> bool:
-        """Play at most `records` records; whether the player has caught up.
+        """Play at most `records` records; return whether the player has caught up.
 
-        The caller serves pages in between: large plans take long to make.
+        The caller serves pages in between, because large plans take long to compute.
         """
         playing = self.playback.player.play_to(self.playback.at_us, skips=True)
         for count, _ in enumerate(playing, 1):
@@ -156,7 +160,7 @@ class ShownRecording:
         return True
 
     def update(self, now_us: int) -> bool:
-        """Bring `changes` up to date; whether anything has changed."""
+        """Bring `changes` up to date; return whether anything has changed."""
         before = self.changes.version
         if self._state.observer is not self.observer:
             self._begin_state()
@@ -183,7 +187,7 @@ class ShownRecording:
         }
 
     def to_json(self) -> dict[str, Any]:
-        """What does not change: whose recording it is, its begin and end, whether that is torn."""
+        """Return the constant properties: its owner, its begin and end, whether the end is torn."""
         recording, player = self.playback.player.recording, self.playback.player
         return {
             "file": recording.name,

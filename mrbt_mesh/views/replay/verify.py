@@ -1,8 +1,8 @@
-"""Whether the recordings of one run prove the team's work: each by itself, and against the rest.
+"""Verifies whether the recordings of one run prove the team's work, alone and together.
 
 Verified: the same facts led to the same plan, by the plain definitions; each robot followed its
 plans; every takeover had a cause; and no recording contradicts another one. Signatures prove that
-the recordings are those of their robots, whole.
+the recordings are those of their robots, and complete.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ def verify(
     files: RunDirFiles | None = None,
     notes: Sequence[str] = (),
 ) -> Verification:
-    """Verify recordings of one run, at least one, and its other files; the `manifest` checks
-    signatures. `notes` become those of the result.
+    """Verify at least one recording of one run, and the run's other files.
 
-    Raises RecordingError if they are not of one run of one mission, or the mission cannot be read.
+    The `manifest` checks signatures. `notes` become those of the result. Raises RecordingError if
+    they are not of one run of one mission, or the mission cannot be read.
     """
     first = recordings[0]
     for each in recordings:
@@ -53,7 +53,7 @@ def verify(
     if manifest is not None:
         authorship = Authorship(partial(was_signed, manifest), first.metadata.run)
     checks = [RecordingCheck(each, plans, authorship) for each in recordings]
-    # Together, as robots make the same plans at about the same time.
+    # In parallel, because robots compute the same plans at about the same time.
     for _ in heapq.merge(*(check.steps() for check in checks)):
         pass
     _contradictions(checks)
@@ -95,7 +95,9 @@ def _run(recording: Recording) -> tuple[str, str]:
 
 
 def _contradictions(checks: Sequence[RecordingCheck]) -> None:
-    """A fact of one author, name and version is the same in all recordings, with one proof."""
+    """Check that a fact of one author, name and version is the same in all recordings, with one
+    proof.
+    """
     holders: dict[_Key, dict[tuple[int, bytes], list[tuple[RecordingCheck, RecordedFact]]]] = {}
     for check, fact in _all_facts(checks):
         key = (fact.author, fact.name, fact.version)
@@ -113,18 +115,18 @@ def _contradictions(checks: Sequence[RecordingCheck]) -> None:
 
 
 def _weight(author: str, rows: Sequence[tuple[RecordingCheck, RecordedFact]]) -> tuple[int, bool]:
-    """The majority is believed; on a tie, the author's recording."""
+    """Sort key: the majority is believed; on a tie, the author's recording."""
     names = {check.recording.name for check, _ in rows}
     return len(names), any(check.recording.metadata.robot == author for check, _ in rows)
 
 
 def _missing(checks: Sequence[RecordingCheck]) -> None:
-    """Facts of a robot that others have and its own recording lacks: it records before it sends.
+    """Report facts that others have of a robot, but its own recording lacks: it records before it
+    sends.
 
-    One that says itself that it does not record, as on a full disk, has sent the rest unrecorded:
-    its recording then has no end, which is a finding of its own.
-
-    In such a place a fact that only its own recording has is a finding too.
+    A robot that says itself that it does not record, e.g. on a full disk, has sent the rest
+    unrecorded: its recording then has no end, which is a separate finding. Where a fact is missing,
+    a fact that only its own recording has is a finding too.
     """
     owners: dict[tuple[str, Incarnation], list[RecordingCheck]] = {}
     own: set[tuple[str, str, Version, int]] = set()

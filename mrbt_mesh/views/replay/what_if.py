@@ -1,6 +1,6 @@
 """Continues a recording in the simulator from a given time, with other faults.
 
-`ASSUMED`: what a recording does not contain, and is assumed.
+`ASSUMED` lists what a recording does not contain and is assumed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ASSUMED = (
 class Continuation:
     """The simulated continuation from `at_us` of the recording; times of `result` begin at 0.
 
-    `under_way`: robot -> the local task that it had then. `recorded`: the recording at its end.
+    `under_way`: robot -> its local task at that time. `recorded`: the recording at its end.
     """
 
     at_us: int
@@ -41,7 +41,7 @@ class Continuation:
     recorded: Player
 
     def recorded_us(self, simulated_us: int) -> int:
-        """A time of the result as one of the recording."""
+        """Convert a time of the result to one of the recording."""
         return self.at_us + simulated_us
 
 
@@ -55,11 +55,11 @@ def what_if(
     seed: int = 0,
     timeout_us: int,
 ) -> Continuation:
-    """Go on from a time of the recording; faults have times of the recording, not before `at_us`.
+    """Continue from a time of the recording.
 
-    Those of the recording happen too, unless `without_recorded`. Raises RecordingError if no robot
-    is alive then or the recording is damaged, ValueError for faults of robots that the mission does
-    not have, SimulationError.
+    Faults have times of the recording, not before `at_us`. Those of the recording happen too,
+    unless `without_recorded`. Raises RecordingError if no robot is alive then or the recording is
+    damaged, ValueError for faults of robots that the mission does not have, and SimulationError.
     """
     recorded, player = Player(recording), Player(recording)
     course = RecordedCourse(recorded)
@@ -75,7 +75,7 @@ def what_if(
     schedule = [*faults, *course.deaths_to_notice(at_us)]
     if not without_recorded:
         schedule += course.faults_from(at_us)
-        # Robots that were about to join.
+        # Also robots that were about to join.
         schedule += [
             (at_us, Restart(robot))
             for robot, known in state.robots.items()
@@ -109,7 +109,7 @@ def what_if(
 
 
 def _deadlines(player: Player, at_us: int) -> dict[Due, int]:
-    """Play to a time; returns how long the deadlines that run then have yet to run."""
+    """Play to a time; return the remaining times of the deadlines that run then."""
     timing, plan = player.recording.metadata.timing, None
     deadlines = Deadlines(timing.bid_wait_us, timing.failure_latch_us)
     for _ in player.play_to(at_us):

@@ -1,4 +1,4 @@
-"""What a played recording shows: waiting robots, differing plans, the plans that robots hold."""
+"""Collects from a played recording: waiting robots, differing plans, the plans that robots hold."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ DIGEST_BYTES = 4
 
 @dataclass
 class Episodes:
-    """Times during which something held, by what it is: (from, to, robots), in µs."""
+    """Periods during which something held, by what it is: (from, to, robots), in µs."""
 
     ended: list[tuple[tuple[str, str], int, int, tuple[str, ...]]] = field(default_factory=list)
     open: dict[tuple[str, str], tuple[int, tuple[str, ...]]] = field(default_factory=dict)
 
     def look(self, found: Mapping[tuple[str, str], tuple[str, ...]], now_us: int) -> None:
-        """These hold now, and no others; those robots count that were there when it began."""
+        """Update what holds now; an episode keeps the robots from its begin."""
         for key in [key for key in self.open if key not in found]:
             from_us, robots = self.open.pop(key)
             if now_us > from_us:
@@ -39,7 +39,7 @@ class Episodes:
 
 @dataclass
 class _HeldPlan:
-    """A plan while robots report it. `since_us`: robot -> when it did first."""
+    """A plan while robots report it. `since_us`: robot -> when it first reported it."""
 
     digest: bytes
     from_us: int
@@ -53,11 +53,14 @@ class PlansHeld:
 
     def __init__(self) -> None:
         self._all: list[_HeldPlan] = []
-        # By digest, as long as a robot reports it: a team may return to an earlier plan.
+        # By digest, while any robot reports it: a team may return to an earlier plan.
         self._open: dict[bytes, _HeldPlan] = {}
 
     def look(self, digests: Mapping[str, bytes], now_us: int) -> None:
-        """Robots in good standing report these; no digest: the robot has no plan."""
+        """Update the plans reported by robots in good standing.
+
+        No digest: the robot has no plan.
+        """
         reported = set(digests.values())
         for digest in [each for each in self._open if each not in reported]:
             self._open.pop(digest).to_us = now_us
@@ -72,7 +75,7 @@ class PlansHeld:
             held.all_us = now_us if held.all_us is None else held.all_us
 
     def plans(self, start_us: int) -> tuple[ReportedPlan, ...]:
-        """In the order in which they began; all have ended."""
+        """Return the plans in the order of their begin; all have ended."""
         return tuple(
             ReportedPlan(
                 number,
@@ -89,12 +92,12 @@ class PlansHeld:
 class History:
     """Call `look` after each step of the player, and `end` once.
 
-    `scheduled`: activation -> what the last schedule with it foretold when it came into force.
+    `scheduled`: activation -> what the last schedule with it predicted when it took effect.
     """
 
     def __init__(self) -> None:
         self.scheduled: dict[str, tuple[int, str, dict[str, ExpectedStep]]] = {}
-        # The proposal in force, None for rules; activation -> the robots that it was foretold for.
+        # The proposal in force, None for rules; activation -> the robots of its prediction.
         self._in_force: Proposal | None = None
         self._crews: dict[str, list[str]] = {}
         self.takeovers: dict[int, str] = {}
@@ -104,12 +107,12 @@ class History:
         self._differing, self._left = Episodes(), Episodes()
 
     def look(self, observer: Observer, now_us: int) -> None:
-        """Take in the present state."""
+        """Update from the current state."""
         plan = observer.plan
         if observer.record.started_us is None:
             return
         waiting = {(w.global_task, w.reason): w for w in plan.waiting} if plan else {}
-        # Whom a task waits for is looked up once, when it begins to wait.
+        # The robots that a task waits for are determined once, when it begins to wait.
         self._tasks.look(
             {
                 key: () if key in self._tasks.open else _awaited(observer, each)
@@ -131,8 +134,9 @@ class History:
                 self.takeovers[index] = _could(observer, fault)
 
     def _look_ahead(self, observer: Observer, now_us: int) -> None:
-        """Note what a schedule foretells when it comes into force, and later what it foretells of
-        tasks that are new or have other robots.
+        """Note a schedule's predictions when it takes effect.
+
+        Later, note its predictions for tasks that are new or have other robots.
         """
         ahead = observer.plan.ahead if observer.plan is not None else None
         if ahead is None or ahead.schedule is None:
@@ -157,17 +161,17 @@ class History:
         self.scheduled |= {name: (now_us, ahead.author, each) for name, each in steps.items()}
 
     def end(self, now_us: int) -> None:
-        """The run is over: what holds, held until now."""
+        """End the run: what holds now, held until now."""
         for episodes in (self._tasks, self._idle, self._differing, self._left):
             episodes.look({}, now_us)
         self.plans_held.look({}, now_us)
 
     def left_us(self, robot: str) -> list[tuple[int, int]]:
-        """When the robot had left the team."""
+        """Return the periods during which the robot had left the team."""
         return [(a, b) for (name, _), a, b, _ in self._left.ended if name == robot]
 
     def waits(self, start_us: int) -> list[Wait]:
-        """Of tasks, and of robots without a task."""
+        """Return the waits of tasks, and of robots without a task."""
         return [
             Wait(kind, who, (a - start_us) / 1e6, (b - start_us) / 1e6, reason, robots)
             for kind, episodes in ((WaitKind.TASK, self._tasks), (WaitKind.IDLE, self._idle))
@@ -175,7 +179,7 @@ class History:
         ]
 
     def differences(self, start_us: int) -> tuple[Disagreement, ...]:
-        """When robots reported different plans."""
+        """Return the periods during which robots reported different plans."""
         return tuple(
             Disagreement((a - start_us) / 1e6, (b - start_us) / 1e6, robots)
             for _, a, b, robots in self._differing.ended
@@ -183,7 +187,7 @@ class History:
 
 
 def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
-    """The robots that could serve the request and do something else, or whose bids are missing."""
+    """Return robots that could serve the request but are busy, or whose bids are missing."""
     if waiting.awaited or waiting.is_blocked or observer.plan is None:
         return tuple(waiting.awaited)
     lines = observer.plan.assignments
@@ -197,7 +201,7 @@ def _awaited(observer: Observer, waiting: Waiting) -> tuple[str, ...]:
 
 
 def _could(observer: Observer, fault: MajorFault) -> str:
-    """Which robots could take over what it held, and the state of each of them."""
+    """Return which robots could take over what it held, and the state of each."""
     groups = why_takeover(observer, fault)["groups"]
     found = [each for group in groups for each in group["candidates"]]
     texts = []

@@ -1,5 +1,7 @@
-"""The figures of a report. Times are in seconds from the start of the run, when the first robot
-joined; `detected_us` and `taken_over_us` count from a fault.
+"""The figures of a report.
+
+Times are in seconds from the start of the run, when the first robot joined; `detected_us` and
+`taken_over_us` count from a fault.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from typing import Any
 class ReportedWork:
     """One claim of a robot. `running_s`: when its action began; None: never.
 
-    `to_s`: its end, or that of the run. `end`: done, failed, dropped or died; None: it went on.
+    `to_s`: its end, or that of the run. `end`: done, failed, dropped or died; None: it continued.
     """
 
     robot: str
@@ -29,10 +31,10 @@ class ReportedWork:
 
 @dataclass(frozen=True)
 class ReportedFault:
-    """A robot's death (`lost` is empty), or the capabilities that it lost, for which `reason`.
+    """A robot's death (`lost` is empty), or the capabilities that it lost, with the `reason`.
 
-    `until_s` None: for good. `exact`: see `DeathTimes`.
-    `why`: which robots could take over, and the state of each of them at that time.
+    `until_s` is None for a permanent fault. `exact`: see `DeathTimes`. `why`: which robots could
+    take over, and the state of each at that time.
     """
 
     robot: str
@@ -50,7 +52,7 @@ class ReportedFault:
 
 @dataclass(frozen=True)
 class ReportedFailure:
-    """A robot that failed at a local task; `reason`: what its program gave, or empty."""
+    """A robot failed at a local task; `reason` is from its program, or empty."""
 
     robot: str
     global_task: str
@@ -61,8 +63,10 @@ class ReportedFailure:
 
 @dataclass(frozen=True)
 class RobotUse:
-    """How a robot spent its time: `present_s` alive in the team; of that `working_s` running local
-    tasks and `starting_s` with a claim that it had not started yet. `done`: local tasks.
+    """How a robot spent its time.
+
+    `present_s`: alive in the team; of that `working_s` running local tasks, and `starting_s` with a
+    claim that it had not started yet. `done`: the number of local tasks.
     """
 
     robot: str
@@ -75,13 +79,15 @@ class RobotUse:
 
     @property
     def utilisation(self) -> float | None:
-        """The share of its time in which it worked, 0 to 1; None: it was never there."""
+        """The share of its time in which it worked, 0 to 1; None if it was never present."""
         return self.working_s / self.present_s if self.present_s > 0 else None
 
 
 class WaitKind(enum.StrEnum):
-    """TASK: a global task that was requested and not served. START: a robot with a claim that it
-    could not start yet. IDLE: a robot without one.
+    """What waited.
+
+    TASK: a global task that was requested and not served. START: a robot with a claim that it could
+    not start yet. IDLE: a robot without a claim.
     """
 
     TASK = "task"
@@ -91,7 +97,7 @@ class WaitKind(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Wait:
-    """`who`, a robot or a task, waited for these `robots`, as far as is known, for a `reason`."""
+    """`who`, a robot or a task, waited for these `robots`, as far as known, for a `reason`."""
 
     kind: WaitKind
     who: str
@@ -102,13 +108,13 @@ class Wait:
 
     @property
     def seconds(self) -> float:
-        """For how long."""
+        """The duration."""
         return self.to_s - self.from_s
 
 
 @dataclass(frozen=True)
 class Disagreement:
-    """A time during which robots reported different plans; `robots`: those unlike most."""
+    """A period during which robots reported different plans; `robots`: those unlike most."""
 
     from_s: float
     to_s: float
@@ -116,16 +122,17 @@ class Disagreement:
 
     @property
     def seconds(self) -> float:
-        """For how long."""
+        """The duration."""
         return self.to_s - self.from_s
 
 
 @dataclass(frozen=True)
 class ReportedPlan:
-    """A plan, by its place among the run's plans and the begin of its digest.
+    """A plan, by its position among the run's plans and the start of its digest.
 
-    `from_s`: the first robot reported it; `agreed_s`: all in good standing did, None: at no time;
-    `to_s`: the last one left it for another plan. `since_s`: robot -> when it reported it first.
+    `from_s`: when the first robot reported it; `agreed_s`: when all in good standing did, None:
+    never; `to_s`: when the last one left it for another plan. `since_s`: robot -> when it first
+    reported it.
     """
 
     number: int
@@ -138,7 +145,7 @@ class ReportedPlan:
 
 @dataclass(frozen=True)
 class TaskEnd:
-    """What became of a global task, and who took part."""
+    """The result of a global task, and who took part."""
 
     name: str
     status: str
@@ -147,9 +154,10 @@ class TaskEnd:
 
 @dataclass(frozen=True)
 class ScheduledTask:
-    """A task as the last schedule with it foretold it when that came into force, `known_s`, and
-    what was done. `author`: empty for a schedule by rules. `began_s`, `ended_s`: of all who took
-    part; None: not begun, not ended well.
+    """A task as predicted by the last schedule with it, and what was done.
+
+    The prediction is from when the schedule took effect, `known_s`. `author`: empty for a schedule
+    by rules. `began_s`, `ended_s`: of all who took part; None: not begun, not ended well.
     """
 
     name: str
@@ -165,7 +173,7 @@ class ScheduledTask:
 
 @dataclass(frozen=True)
 class ReportedCommand:
-    """What an operator commanded, `by` which command or view; `at_s` None: the clock is unknown.
+    """An operator's command, `by` a command or view; `at_s` None: the clock is unknown.
 
     `signer`: the operator who is proved to have noted it; empty: it is not proved.
     """
@@ -178,9 +186,10 @@ class ReportedCommand:
 
 @dataclass(frozen=True)
 class RunIdentity:
-    """Which run it was. `began_unix_s`: the Unix time of its second 0; None: virtual time.
+    """Which run it was.
 
-    `run`, `mission_digest`: as the robots compare them; `version`: of mrbt.
+    `began_unix_s`: the Unix time of its second 0; None: virtual time. `run`, `mission_digest`: as
+    compared by the robots; `version`: of mrbt.
     """
 
     began_unix_s: float | None
@@ -191,8 +200,10 @@ class RunIdentity:
 
 @dataclass(frozen=True)
 class Proof:
-    """What `mrbt recording verify` finds in these recordings: contradictions (`findings`), and
-    what is not proved (`gaps`). `counts`: checks by kind. `team_key`: empty without one.
+    """The findings of `mrbt recording verify` in these recordings.
+
+    `findings` are contradictions, `gaps` what is not proved. `counts`: checks by kind. `team_key`:
+    empty without one.
     """
 
     recordings: tuple[str, ...]
@@ -203,7 +214,7 @@ class Proof:
 
     @property
     def result(self) -> str:
-        """In a few words."""
+        """The result in a few words."""
         if self.findings:
             return f"CONTRADICTED: {len(self.findings)} findings"
         if self.gaps:
@@ -213,12 +224,12 @@ class Proof:
 
 @dataclass(frozen=True)
 class RunReport:
-    """One run. `plans` and `differences` are None where nobody recorded what robots reported; so
-    are `work`, `waits` where only a summary is left, and `robots` then say only type and state.
+    """One run.
 
-    `identity`, `proof` and `commands` are those of a recorded run, `scheduled` of one that travels.
-
-    `notes`: what the figures do not have, and why.
+    `plans` and `differences` are None if nobody recorded what robots reported. `work` and `waits`
+    are None if only a summary is left; `robots` then have only type and state. `identity`, `proof`
+    and `commands` are those of a recorded run, `scheduled` of a run that travels. `notes`: what the
+    figures lack, and why.
     """
 
     title: str
@@ -241,12 +252,12 @@ class RunReport:
 
     @property
     def deaths(self) -> list[ReportedFault]:
-        """Major faults only."""
+        """The major faults."""
         return [fault for fault in self.faults if not fault.lost]
 
     @property
     def utilisation(self) -> float | None:
-        """That of all robots together; None where their work is not known."""
+        """The utilisation of all robots together; None if their work is not known."""
         present_s = sum(robot.present_s for robot in self.robots)
         worked_s = sum(robot.working_s for robot in self.robots)
         return worked_s / present_s if self.work is not None and present_s > 0 else None
@@ -259,13 +270,13 @@ class RunReport:
         return sum(each.seconds for each in self.differences)
 
     def waited_s(self, kind: WaitKind) -> float | None:
-        """How long all of one kind have waited together."""
+        """Return the total time of waits of one kind."""
         if self.waits is None:
             return None
         return sum(wait.seconds for wait in self.waits if wait.kind is kind)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data, with what follows from it."""
+        """Return plain data, including derived figures."""
         data = asdict(self)
         for robot, row in zip(self.robots, data["robots"], strict=True):
             row["utilisation"] = None if self.work is None else robot.utilisation
@@ -292,7 +303,7 @@ class RunParts:
 
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:
-    """Smallest, median and largest of those that are known; None: none is."""
+    """Return smallest, median and largest of the known values; None if there are none."""
     known = [value for value in values if value is not None]
     if not known:
         return None

@@ -1,4 +1,4 @@
-"""A report as one HTML file that needs nothing else: no scripts, no fonts, no network."""
+"""A report as one self-contained HTML file: no scripts, no fonts, no network."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from mrbt_mesh.views.report.model import (
 )
 
 STYLE = Path(__file__).with_name("style.css")
-# Shorter waits and disagreements are counted together, as are those beyond the longest `MOST_ROWS`;
-# `--json` has all.
+# Shorter waits and disagreements are counted together, like those beyond the longest `MOST_ROWS`;
+# `--json` lists all.
 LEAST_S, MOST_ROWS = 0.02, 12
 WAITS = {
     WaitKind.TASK: "Tasks that were requested and not served",
@@ -33,15 +33,15 @@ WAITS = {
 }
 CHIPS = {"success": "good", "failure": "bad"}
 SIGNS = {"good": "✔", "bad": "✘", "": "…"}
-# Columns of sentences; one that is longer than `LONGEST` letters gets a wider column.
+# Columns with sentences; texts longer than `LONGEST` letters get a wider column.
 SENTENCES, LONGEST = ("why", "who could"), 100
-# Cells of a table that begin with a bar: (row, column) -> its length, 0 to 1.
+# Cells of a table that begin with a bar: (row, column) -> its length from 0 to 1.
 Bars = Mapping[tuple[int, int], float]
 _Lasting = TypeVar("_Lasting", Wait, Disagreement)
 
 
 def report_html(report: RunParts) -> str:
-    """The whole page."""
+    """Return the whole page."""
     title = report.runs[0].title
     parts = map(_run, report.runs)
     return (
@@ -74,7 +74,7 @@ def _run(run: RunReport) -> str:
 
 
 def _identity(run: RunReport) -> str:
-    """Which run it was, and when."""
+    """Return the section on which run it was, and when."""
     known = run.identity
     if known is None:
         return ""
@@ -114,7 +114,7 @@ def _commands(run: RunReport) -> str:
 
 
 def _proof(run: RunReport) -> str:
-    """What `mrbt recording verify` finds."""
+    """Return the section on the findings of `mrbt recording verify`."""
     proof = run.proof
     if proof is None:
         return ""
@@ -175,7 +175,7 @@ def _chart(run: RunReport) -> str:
 
 
 def _faults(run: RunReport) -> str:
-    """Deaths and lost capabilities."""
+    """Return the table of deaths and lost capabilities."""
     head = ("at", "clock (UTC)", "robot", "fault", "detected after", "it held", "taken over by")
     rows = (_fault_row(run, fault) for fault in run.faults)
     return _table((*head, "after", "who could"), rows)
@@ -197,7 +197,7 @@ def _fault_row(run: RunReport, fault: ReportedFault) -> tuple[str, ...]:
 
 
 def _failures(run: RunReport) -> str:
-    """Local tasks that failed, and why, as far as programs gave a reason."""
+    """Return the table of failed local tasks, with reasons as far as programs gave them."""
     rows = (
         (_seconds(each.at_s), each.robot, each.local_task, each.global_task, each.reason or "–")
         for each in run.failures
@@ -206,7 +206,10 @@ def _failures(run: RunReport) -> str:
 
 
 def _robots(run: RunReport) -> str:
-    """How each robot spent its time; from a summary only its type and state."""
+    """Return the table of how each robot spent its time.
+
+    From a summary, only its type and state.
+    """
     if run.work is None:
         return _table(("robot", "type", "state"), ((r.robot, r.type, r.state) for r in run.robots))
     rows = [
@@ -228,7 +231,7 @@ def _robots(run: RunReport) -> str:
 
 
 def _tasks(run: RunReport) -> str:
-    """What became of the global tasks that were ever needed."""
+    """Return the table of results of the global tasks that were ever needed."""
     needed = [task for task in run.tasks if task.status != "idle"]
     left = len(run.tasks) - len(needed)
     rows = ((task.name, task.status, ", ".join(task.robots)) for task in needed)
@@ -237,7 +240,9 @@ def _tasks(run: RunReport) -> str:
 
 
 def _scheduled(run: RunReport) -> str:
-    """Each task as the last schedule with it foretold it when it came into force."""
+    """Return the table of tasks, each as predicted by the last schedule with it when that took
+    effect.
+    """
     rows = (
         (
             each.name,
@@ -279,13 +284,13 @@ def _longest_waits(kind: WaitKind, waits: list[Wait]) -> str:
 
 
 def _longest(found: Sequence[_Lasting], order: Callable[[_Lasting], Any]) -> list[_Lasting]:
-    """At most `MOST_ROWS` that last at least `LEAST_S`, in this order."""
+    """Return at most `MOST_ROWS` items that last at least `LEAST_S`, in this order."""
     longest = sorted(found, key=lambda each: (-each.seconds, order(each)))[:MOST_ROWS]
     return sorted((each for each in longest if each.seconds >= LEAST_S), key=order)
 
 
 def _idle(waits: list[Wait]) -> str:
-    """How long robots were idle, by reason."""
+    """Return the table of how long robots were idle, by reason."""
     reasons: dict[str, dict[str, float]] = {}
     for wait in waits:
         robots = reasons.setdefault(wait.reason, {})
@@ -307,7 +312,7 @@ def _idle(waits: list[Wait]) -> str:
 
 
 def _agreement(run: RunReport) -> str:
-    """On how many plans all robots agreed, and how long they differed."""
+    """Return the section on how many plans all robots agreed on, and how long they differed."""
     if run.differences is None:
         return ""
     plans = run.plans or ()
@@ -331,7 +336,7 @@ def _agreement(run: RunReport) -> str:
 
 
 def _slow_plans(plans: Sequence[ReportedPlan]) -> str:
-    """Those on which the team agreed last, or not at all, in the order in which they began."""
+    """Return the table of the plans with the slowest agreement, or none, by their begin."""
     slow = sorted(plans, key=lambda plan: (-_agreeing_s(plan), plan.number))[:MOST_ROWS]
     rows = []
     for plan in sorted(slow, key=lambda plan: plan.number):
@@ -350,7 +355,7 @@ def _slow_plans(plans: Sequence[ReportedPlan]) -> str:
 
 
 def _differences(run: RunReport) -> str:
-    """The longest times in which robots reported different plans."""
+    """Return the table of the longest times in which robots reported different plans."""
     found = run.differences or ()
     shown = _longest(found, lambda each: each.from_s)
     rows = (
@@ -366,7 +371,7 @@ def _agreeing_s(plan: ReportedPlan) -> float:
 
 
 def _agreed_share(run: RunReport) -> str:
-    """For how much of the run all robots reported the same plan."""
+    """Return the share of the run in which all robots reported the same plan."""
     if run.differences is None or run.differing_s is None:
         return "–"
     if not run.differences:
@@ -406,7 +411,7 @@ def _percent(share: float | None) -> str:
 
 
 def _spread(values: Iterable[float | None]) -> str:
-    """The median and, of several, the largest, of milliseconds."""
+    """Return the median of milliseconds and, if there are several, the largest."""
     found = spread(values)
     if found is None:
         return "–"
@@ -432,14 +437,14 @@ def _subsection(title: str, body: str) -> str:
 
 
 def _pair(first: str, second: str) -> str:
-    """Side by side where there is room."""
+    """Place two parts side by side if there is room."""
     return f'<div class="pair">{first}{second}</div>' if first and second else first or second
 
 
 def _table(
     head: Sequence[str], rows: Iterable[Sequence[str]], note: str = "", bars: Bars | None = None
 ) -> str:
-    """A table of texts, with a note below it; empty if there is neither a row nor a note."""
+    """Return a table of texts, with a note below it; empty if there is neither a row nor a note."""
     below = f'<p class="soft">{escape(note)}</p>' if note else ""
     lines = []
     for n, row in enumerate(rows):
@@ -460,5 +465,5 @@ def _table(
 
 
 def _wide(body: str, name: str) -> str:
-    """May be scrolled sideways, also by keyboard."""
+    """Make content scroll sideways, also by keyboard."""
     return f'<div class="wide" tabindex="0" role="group" aria-label="{escape(name)}">{body}</div>'

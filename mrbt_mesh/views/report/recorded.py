@@ -1,4 +1,4 @@
-"""The figures of a run, from its recording."""
+"""Computes the figures of a run from its recording."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ON_WAY = "it went to its place, and waited for its partners there if it has any"
 
 
 def report_recording(recording: Recording, title: str) -> RunReport:
-    """Play the recording once and count; raises RecordingError for a damaged one."""
+    """Play the recording once and count. Raises RecordingError if it is damaged."""
     player, history = Player(recording), History()
     record = player.observer.record
     for at_us in sorted(set(recording.records.times_us)):
@@ -73,7 +73,7 @@ def report_recording(recording: Recording, title: str) -> RunReport:
 def _scheduled(
     history: History, spans: Iterable[WorkSpan], start_us: int
 ) -> tuple[ScheduledTask, ...]:
-    """What was foretold, and what was done, by the expected begin."""
+    """Return predicted and actual times of tasks, by the expected begin."""
     works: dict[str, list[WorkSpan]] = {}
     for span in spans:
         works.setdefault(span.activation, []).append(span)
@@ -120,7 +120,9 @@ def _work(span: WorkSpan, start_us: int, end_us: int) -> ReportedWork:
 
 
 def _starts(spans: Sequence[WorkSpan], start_us: int, end_us: int) -> list[Wait]:
-    """Robots that held a claim and could not start yet: for partners whose claims came later."""
+    """Return the waits of robots with a claim that could not start, e.g. for partners that claimed
+    later.
+    """
     found = []
     for span in spans:
         until_us = min(x for x in (span.running_us, span.ended_us, end_us) if x is not None)
@@ -202,7 +204,7 @@ def _use(record: RunRecord, robot: str, history: History, end_us: int) -> RobotU
 
 
 def without(spans: list[tuple[int, int]], cut: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """What is left of time spans without others; all as (from, to)."""
+    """Return what is left of time spans after cutting others; all as (from, to)."""
     for begin, end in cut:
         if end > begin:
             spans = [
@@ -215,7 +217,7 @@ def without(spans: list[tuple[int, int]], cut: list[tuple[int, int]]) -> list[tu
 
 
 def _both(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """What is in both; the spans of each do not overlap."""
+    """Return the intersection of two lists of spans; the spans of each do not overlap."""
     met = ((max(a, c), min(b, d)) for a, b in first for c, d in second)
     return [span for span in met if span[1] > span[0]]
 

@@ -1,4 +1,4 @@
-"""What a report is made of: a recording, or a run directory."""
+"""Reads the sources of a report: a recording, or a run directory."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Verify: TypeAlias = Callable[[Path], Verification]
 
 
 def read_report(path: Path, verify: Verify) -> RunParts:
-    """The run of a recording or of a run directory, whose recordings `verify` verifies.
+    """Return the run of a recording or run directory, whose recordings `verify` verifies.
 
     Raises InputError.
     """
@@ -40,7 +40,7 @@ def read_report(path: Path, verify: Verify) -> RunParts:
 
 
 def _run_dir(path: Path, verify: Verify) -> Iterator[RunReport]:
-    """A run, or one for each of its observers if it was continued, in their order."""
+    """Yield the run, or one part for each of its observers, in order, if it was continued."""
     summary = path / SUMMARY_FILE
     data = _json_object(summary) if summary.exists() else None
     title, files = path.resolve().name, _recordings_of(path)
@@ -79,7 +79,7 @@ def _began_unix_us(recording: Recording) -> int:
 def _commands(
     found: Verification, began_unix_s: float | None, from_s: float, until_s: float
 ) -> Iterator[ReportedCommand]:
-    """The commands of a run between two times; a line that was cut off is left out."""
+    """Yield the commands of a run between two times; a line that was cut off is omitted."""
     for each in found.commands:
         if each.unix_s is not None and from_s <= each.unix_s < until_s:
             at_s = None if began_unix_s is None else each.unix_s - began_unix_s
@@ -87,7 +87,7 @@ def _commands(
 
 
 def _recordings_of(run_dir: Path) -> list[Path]:
-    """Those of its observers, else the newest one of a robot: it has most of the run."""
+    """Return the observers' recordings, else a robot's newest one, which has most of the run."""
     if observed := first_parts(observer_files(run_dir)):
         return observed
     files = robot_files(run_dir)
@@ -96,7 +96,7 @@ def _recordings_of(run_dir: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def _refusing(what: str) -> Iterator[None]:
-    """Raise InputError for data that lacks what it should have."""
+    """Raise InputError for incomplete data."""
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -108,7 +108,7 @@ def _json_object(path: Path) -> Mapping[str, Any]:
         if path.stat().st_size > MOST_BYTES:
             raise InputError(f"{path}: more than {MOST_BYTES >> 20} MiB of JSON")
         data = json.loads(path.read_text(encoding="utf-8"))
-        # Neither numbers that are none, nor texts that are no Unicode.
+        # Refuse numbers that are not finite, and texts that are not Unicode.
         json.dumps(data, ensure_ascii=False, allow_nan=False).encode()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None

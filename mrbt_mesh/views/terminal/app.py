@@ -33,9 +33,9 @@ from mrbt_mesh.views.terminal.panes import (
 from mrbt_mesh.views.terminal.rows import Rows
 from mrbt_mesh.views.terminal.team import ShownTeam
 
-# How often the screen is brought up to date, and what changes with time alone in the list of jobs.
+# How often the screen is updated, and how often times in the list of jobs are.
 LOOK_S, JOBS_LOOK_S = 0.1, 1.0
-# Windows below this height have two lines at the top; others one for each note.
+# Lower windows have two lines at the top; higher ones a line for each note.
 TALL = 30
 COMMAND_KEYS = {"k": "kill", "f": "freeze", "t": "thaw", "p": "pause", "r": "resume", "a": "abort"}
 KEYS = {
@@ -54,9 +54,10 @@ KEYS = {
 
 
 class TeamTop(App[None]):
-    """Shows a running team; `clock_us` is the observer's clock, `notes` are lines at the top now.
+    """Shows a running team.
 
-    With `control`, keys give the commands that it offers.
+    `clock_us` is the observer's clock; `notes` returns the current lines at the top. With
+    `control`, keys give the commands that it offers.
     """
 
     CSS_PATH = "top.tcss"
@@ -89,7 +90,7 @@ class TeamTop(App[None]):
         self._clock_us = clock_us
         self._control = control
         offers = {} if control is None else control.offers()
-        # Of a robot, and of the team: command -> what it will do.
+        # Commands for a robot, and for the team: command -> what it will do.
         self._robot_commands: dict[str, str] = offers.get("robot", {})
         self._team_commands: dict[str, str] = offers.get("team", {})
         self._notes = notes
@@ -121,24 +122,24 @@ class TeamTop(App[None]):
         yield Footer(compact=True, show_command_palette=False)
 
     def on_mount(self) -> None:
-        """Begin to draw."""
+        """Start drawing."""
         self.query_one("#search").display = False
         self._tree.focus()
         self.set_interval(LOOK_S, self.look)
         self.draw()
 
     def look(self) -> None:
-        """Take over what the observer knows now, and draw it if it differs."""
+        """Update from the observer, and redraw if anything differs."""
         has_changed = self.shown.update(self._clock_us())
         if has_changed or self.shown.now_s != self._drawn_s:
             self.draw(only_time=not has_changed)
 
     def notes(self) -> Sequence[str]:
-        """What is said below the headline now."""
+        """Return the current notes below the headline."""
         return self._notes()
 
     def head(self) -> Text:
-        """The headline and the notes: a small window has two lines for them."""
+        """Return the headline and the notes; a small window has two lines for them."""
         text, notes = head_text(self.shown), [*filter(None, self.notes())]
         if self.size.height < TALL:
             notes = ["  ".join(notes)] if notes else []
@@ -147,7 +148,7 @@ class TeamTop(App[None]):
         return Text("\n").join([text, *lines])
 
     def _within(self, text: Text, rows: int) -> Text:
-        """The text, cut to this many rows of the window; an ellipsis shows that it was cut."""
+        """Return the text cut to this many rows of the window; an ellipsis shows a cut."""
         width = max(self.size.width, 1)
         lines = list(text.wrap(self.console, width)) if rows > 1 else [text]
         if rows > 1 and len(lines) <= rows:
@@ -158,7 +159,7 @@ class TeamTop(App[None]):
         return Text("\n").join([*above, last])
 
     def draw(self, only_time: bool = False) -> None:
-        """Draw all panes, or those that change with time alone."""
+        """Draw all panes, or only those that change with time."""
         self._drawn_s = self.shown.now_s
         self.query_one("#head", Static).update(self.head())
         self._timeline.look()
@@ -177,13 +178,15 @@ class TeamTop(App[None]):
         return 0 <= self.shown.now_s - self._jobs_drawn_s < JOBS_LOOK_S
 
     def on_resize(self, event: Resize) -> None:
-        """Give each pane its part of the window."""
+        """Distribute the window's height among the panes."""
         self._share_height(event.size.height)
         self.call_after_refresh(self._timeline.look)
 
     def _share_height(self, height: int = 0) -> None:
-        """A lane per robot, in at most two fifths; to the explanation what the tree can spare. The
-        jobs take their part from the lanes.
+        """Set the panes' heights: a lane per robot in at most two fifths, and jobs at the lanes'
+        expense.
+
+        The explanation gets what the tree can spare.
         """
         height = height or self.size.height
         self._jobs.display = self._jobs.is_needed
@@ -194,7 +197,7 @@ class TeamTop(App[None]):
         self.query_one("#head").styles.max_height = 2 if height < TALL else None
 
     def on_rows_selected(self, event: Rows.Selected) -> None:
-        """Explain what is selected; robots are selected in both of their panes."""
+        """Explain the selection; robots are selected in both of their panes."""
         if event.rows is self._tree:
             self._explain_task()
         elif event.rows is self._jobs:
@@ -207,7 +210,7 @@ class TeamTop(App[None]):
                 self._show_own(event.key)
 
     def on_descendant_focus(self, event: DescendantFocus) -> None:
-        """Explain what is selected in the pane that keys go to now."""
+        """Explain the selection of the pane that now has the focus."""
         if event.widget is self._tree:
             self._explain_task()
         elif event.widget is self._jobs and self._jobs.selected is not None:
@@ -221,7 +224,7 @@ class TeamTop(App[None]):
             self._why.ask("task", task)
 
     def action_own_tree(self) -> None:
-        """T_i of the robot that is selected, in place of T_G; or T_G again."""
+        """Show T_i of the selected robot instead of T_G, or T_G again."""
         robot = self._robots.selected
         if self._tree.robot is not None:
             self._tree.show_own(None)
@@ -237,18 +240,18 @@ class TeamTop(App[None]):
     # -- keys ---------------------------------------------------------------------------------
 
     def action_help(self) -> None:
-        """Keys and signs."""
+        """Show keys and signs."""
         self.push_screen(Help(KEYS | self.MORE_KEYS | self._commands(), self.notes()))
 
     def action_search(self) -> None:
-        """Ask for words."""
+        """Ask for the words to search."""
         search = self.query_one("#search", Input)
         search.display = True
         search.value = ""
         search.focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Find the words."""
+        """Search for the words."""
         self._words = event.value.strip()
         self._leave_search()
         self.action_again(1)
@@ -258,36 +261,36 @@ class TeamTop(App[None]):
         self._tree.focus()
 
     def on_key(self, event: Key) -> None:
-        """Esc leaves the search, or a robot's own tree."""
+        """Leave the search, or a robot's own tree, on Esc."""
         if event.key == "escape" and self.query_one("#search").display:
             self._leave_search()
         elif event.key == "escape" and self._tree.robot is not None:
             self._tree.show_own(None)
 
     def action_again(self, step: int) -> None:
-        """The next row with the words, or the one before."""
+        """Select the next or previous row with the words."""
         if self._words and not self._tree.search(self._words, step):
             self.notify(f"no node has {self._words!r} in its label", severity="warning")
 
     def action_fold_resting(self) -> None:
-        """Fold what does not run, or unfold all."""
+        """Fold what is not running, or unfold everything."""
         folds = self._tree.fold_resting()
         self.notify("what does not run is folded" if folds else "all is unfolded", timeout=2)
 
     def action_zoom(self, steps: int) -> None:
-        """The timeline larger or smaller."""
+        """Zoom the timeline."""
         self._timeline.zoom(steps)
 
     def action_follow(self) -> None:
-        """The end of the run, as it grows."""
+        """Follow the end of the run as it grows."""
         self._timeline.follow()
 
     def action_whole(self) -> None:
-        """The whole run."""
+        """Show the whole run."""
         self._timeline.whole()
 
     def action_alone(self) -> None:
-        """One pane alone, or all of them again."""
+        """Show one pane alone, or all of them again."""
         focused = self.focused
         if self.screen.maximized is not None:
             self.screen.minimize()
@@ -298,16 +301,16 @@ class TeamTop(App[None]):
     # -- commands -------------------------------------------------------------------------------
 
     def _commands(self) -> dict[str, str]:
-        """Key -> command, for those that may be given."""
+        """Return key -> command for the available commands."""
         offered = {**self._robot_commands, **self._team_commands}
         return {key: act for key, act in COMMAND_KEYS.items() if act in offered}
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Keys of commands are there only if such a command may be given."""
+        """Enable keys of commands only if the command is available."""
         return action != "command" or parameters[0] in self._commands().values()
 
     def action_command(self, act: str) -> None:
-        """Ask once, then have it carried out."""
+        """Ask for confirmation, then carry out the command."""
         command, meaning = {"act": act}, self._team_commands.get(act, "")
         if act in self._robot_commands:
             robot = self._robots.selected
@@ -332,12 +335,12 @@ class TeamTop(App[None]):
 # -- a recording ------------------------------------------------------------------------------
 
 STEP_S, FASTER = 5.0, 2.0
-# Records that are played between two looks at the clock.
+# How many records are played before the clock is read again.
 STEP_RECORDS = 20
 
 
 class ReplayTop(TeamTop):
-    """Plays a recording. `problem`: why it ended by itself."""
+    """Plays a recording. `problem`: the error that ended it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "pause", "pause", priority=True),
@@ -359,7 +362,7 @@ class ReplayTop(TeamTop):
         super().__init__(recording, lambda: recording.playback.at_us)
 
     def notes(self) -> Sequence[str]:
-        """The place in the recording."""
+        """Return the position in the recording."""
         playback, about = self._recording.playback, self._recording.to_json()
         how = "paused" if playback.is_paused else f"{playback.speed:g} times as fast"
         done_s = self._recording.seconds(playback.at_us) - about["from_s"]
@@ -375,7 +378,7 @@ class ReplayTop(TeamTop):
         now_s = time.monotonic()
         self._recording.passed(now_s - self._looked_s)
         self._looked_s = now_s
-        # Large plans take long to make: keys are answered in between.
+        # Large plans take long to compute: keys are processed in between.
         try:
             while not self._recording.step(STEP_RECORDS) and time.monotonic() < now_s + LOOK_S:
                 pass
@@ -387,11 +390,11 @@ class ReplayTop(TeamTop):
         super().look()
 
     def action_pause(self) -> None:
-        """Pause, or play; at the end from the beginning."""
+        """Pause or play; at the end, play from the beginning."""
         self._recording.play(not self._recording.playback.is_paused)
 
     def action_go(self, seconds: float) -> None:
-        """Go back or on."""
+        """Go back or forward."""
         playback = self._recording.playback
         playback.go_to(playback.at_us + round(seconds * 1e6))
 
@@ -435,7 +438,7 @@ class Help(ModalScreen[None]):
 
 
 class CommandQuestion(ModalScreen[bool]):
-    """Asks once: `y` is yes, every other key is no."""
+    """Asks for confirmation: `y` is yes, every other key is no."""
 
     def __init__(self, title: str, text: str) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Texts about jobs: a row for each, and all that is known of one."""
+"""Texts about jobs: a row for each, and the details of one."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ MARKS = {
     "expired": ("⊘", "red"),
 }
 OPEN = (RUNNING, WAITING, HELD)
-# Of more jobs only the first ones are drawn.
+# The maximum number of jobs that are drawn.
 MOST = 200
 
 
 def in_order(jobs: Mapping[str, dict[str, Any]]) -> list[str]:
-    """The jobs as the page lists them: those at work, those that wait, by priority, then the newest
-    that have ended.
+    """Return the jobs in the page's order.
+
+    Running ones come first, then waiting ones, each by priority, then the newest that have ended.
     """
 
     def rank(job: str) -> tuple[Any, ...]:
@@ -42,7 +43,7 @@ def in_order(jobs: Mapping[str, dict[str, Any]]) -> list[str]:
 
 
 def counts_text(jobs: Iterable[Mapping[str, Any]]) -> str:
-    """`2 running, 1 waiting, 7 ended`."""
+    """Return `2 running, 1 waiting, 7 ended`."""
     counts = dict.fromkeys((*OPEN, "ended"), 0)
     for item in jobs:
         counts[item["state"] if item["state"] in OPEN else "ended"] += 1
@@ -50,7 +51,7 @@ def counts_text(jobs: Iterable[Mapping[str, Any]]) -> str:
 
 
 def job_text(job: str, item: dict[str, Any], unix_us: int | None) -> Text:
-    """State, id, type, who works on it, priority, when it is due, and what it waits for.
+    """Return state, id, type, robots, priority, when it is due, and what it waits for.
 
     `item`: as in `TeamState`. `unix_us`: the time by the team's clocks; None: not known.
     """
@@ -69,7 +70,7 @@ def job_text(job: str, item: dict[str, Any], unix_us: int | None) -> Text:
 
 
 def job_details(job: str, item: dict[str, Any], unix_us: int | None) -> Text:
-    """All that is known of one job."""
+    """Return everything that is known of one job."""
     sign, style = MARKS[item["state"]]
     text = Text.assemble((f"{sign} {item['state']}", style), " ", (_what(item), "bold"), f"  {job}")
     if item["why"]:
@@ -89,7 +90,7 @@ def job_details(job: str, item: dict[str, Any], unix_us: int | None) -> Text:
 
 
 def nothing_text(types: Mapping[str, JobType]) -> str:
-    """How to hand in the first job."""
+    """Return how to submit the first job."""
     name, kind = next(iter(types.items()))
     return " ".join(["none yet: mrbt submit", name, *(each.name for each in kind.parameters)])
 
@@ -100,7 +101,7 @@ def _what(item: Mapping[str, Any]) -> str:
 
 
 def _why(item: Mapping[str, Any], unix_us: int | None) -> str:
-    """What it waits for; of one that may not begin yet, for how long."""
+    """Return what it waits for, or for how long if it may not begin yet."""
     if item["state"] == WAITING and unix_us is not None:
         wait_s = ((item["not_before_us"] or 0) - unix_us) / 1e6
         if wait_s > 0:
@@ -109,7 +110,7 @@ def _why(item: Mapping[str, Any], unix_us: int | None) -> str:
 
 
 def _due(item: Mapping[str, Any], unix_us: int | None) -> Text | None:
-    """`due in 3 min`, of one that is open."""
+    """Return `due in 3 min` for an open job."""
     if not item["deadline_us"] or item["state"] not in OPEN or unix_us is None:
         return None
     left_s = (item["deadline_us"] - unix_us) / 1e6

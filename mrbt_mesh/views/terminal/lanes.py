@@ -16,10 +16,10 @@ from rich.text import Text
 from mrbt_mesh.cli.views.marks import END_MARKS
 from mrbt_mesh.views.terminal.team import Item, ShownTeam
 
-# Seconds that are shown without a zoom.
+# The span that is shown without a zoom, in seconds.
 USUAL_S = 60.0
 LEAST_S = 10.0
-# Columns between labels on the axis, at least.
+# The minimum number of columns between labels on the axis.
 LABEL_COLUMNS = 10
 LEAST_LABEL = 3
 LEGEND = (
@@ -38,13 +38,13 @@ class Window:
 
     @classmethod
     def latest(cls, now_s: float, width: int) -> Window:
-        """The whole run, or the end of one that is longer than `USUAL_S`."""
+        """Return the whole run, or its last `USUAL_S` seconds if it is longer."""
         shown_s = min(max(now_s, LEAST_S), USUAL_S)
         from_s = max(0.0, now_s - shown_s)
         return cls(from_s, from_s + shown_s, width)
 
     def column(self, at_s: float) -> int:
-        """The column of a moment; it may lie outside."""
+        """Return the column of a moment; it may lie outside."""
         return math.floor((at_s - self.from_s) * self.width / (self.to_s - self.from_s))
 
 
@@ -68,7 +68,7 @@ class _Canvas:
 
 
 def lane(shown: ShownTeam, robot: str, window: Window) -> Text:
-    """What a robot did: exactly `window.width` columns."""
+    """Return what a robot did, in exactly `window.width` columns."""
     canvas = _Canvas(window.width)
     for work in shown.works(robot, window.from_s):
         _draw_work(canvas, work, window, shown.now_s)
@@ -85,7 +85,7 @@ def lane(shown: ShownTeam, robot: str, window: Window) -> Text:
 def _draw_forecast(
     canvas: _Canvas, forecast: Item, robot: str, window: Window, now_s: float
 ) -> None:
-    """What is expected, after the line of the present."""
+    """Draw what is expected, after the line that marks now."""
     at_s, known = forecast["at_s"], forecast["robots"].get(robot)
     now = window.column(now_s)
     if forecast["ends_s"] is not None:
@@ -141,12 +141,12 @@ def _draw_fault(canvas: _Canvas, fault: Item, robot: str, window: Window, now_s:
 
 
 def _until(at_s: float | None, now_s: float) -> float | None:
-    """A time that has come; a recording has those that have not come yet."""
+    """Return a time if it has passed; a recording also has later ones."""
     return at_s if at_s is not None and at_s <= now_s else None
 
 
 def axis(window: Window) -> Text:
-    """The seconds below the lanes."""
+    """Return the seconds below the lanes."""
     canvas = _Canvas(window.width)
     step_s = _step_s((window.to_s - window.from_s) * LABEL_COLUMNS / max(window.width, 1))
     number = math.ceil(window.from_s / step_s)
@@ -157,13 +157,13 @@ def axis(window: Window) -> Text:
 
 
 def _step_s(least_s: float) -> float:
-    """The smallest of 1, 2, 5, 10, 20, 50, .. (also below 1) that is not below `least_s`."""
+    """Return the smallest of 1, 2, 5, 10, 20, 50, .. (also below 1) that is not below `least_s`."""
     power = 10.0 ** math.floor(math.log10(least_s))
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= least_s * 0.999)
 
 
 def latest_fault(shown: ShownTeam) -> str:
-    """The latest death in a few words: its time, its detection, and the takeover."""
+    """Describe the latest death in a few words: its time, its detection, and the takeover."""
     if not shown.faults:
         return ""
     fault = shown.faults[-1]

@@ -1,4 +1,4 @@
-"""The panes of the screen; `look` draws the present state of the team."""
+"""The panes of the screen; `look` draws the current state of the team."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ from mrbt_mesh.views.terminal.team import ShownTeam
 from mrbt_mesh.views.terminal.tree_rows import FoldingTree, RobotRows
 
 ZOOM = 1.5
-# A step to the side is such a part of what is shown.
+# A sideways step scrolls by this fraction of the shown span.
 SIDE = 4
-# No window is shorter: below that columns are shorter than a message takes.
+# The shortest span: below it, a column is shorter than the time that a message takes.
 SHORTEST_S = 0.5
-# Of what happened.
+# Events that are shown in red.
 ALARMING = re.compile(r"dead|blocked:|lost| failed")
 
 
 def head_text(shown: ShownTeam) -> Text:
-    """The team: mission, time, and how the team is, the worst first."""
+    """Return the headline: mission, time, and statements about the team, the worst first."""
     team = shown.team
     text = Text(overflow="ellipsis")
     text.append(f" {shown.mission['name']} ", "bold reverse")
@@ -61,7 +61,7 @@ def head_text(shown: ShownTeam) -> Text:
 
 
 class TreePane(Rows):
-    """T_G, or T_i of a robot."""
+    """Shows T_G, or T_i of a robot."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "fold(True)", "Fold", show=False),
@@ -76,16 +76,16 @@ class TreePane(Rows):
         self._mission = shown.mission
         self._team_rows = self.tree_rows = FoldingTree(shown.mission["tree"])
         self._own: RobotRows | None = None
-        # The row of T_G that was selected before.
+        # The row of T_G that was selected before T_i was shown.
         self._team_row = 0
 
     @property
     def robot(self) -> str | None:
-        """The robot whose T_i is shown; None: T_G is."""
+        """The robot whose T_i is shown; None if T_G is shown."""
         return None if self._own is None else self._own.robot
 
     def show_own(self, robot: str | None) -> bool:
-        """Show a robot's T_i, or T_G again; whether that can be: it may not have joined yet."""
+        """Show a robot's T_i, or T_G for None. Returns False if the robot has not joined yet."""
         if robot is None:
             self._own, self.tree_rows, self.border_title = None, self._team_rows, "tree"
             self.look()
@@ -104,7 +104,7 @@ class TreePane(Rows):
         return True
 
     def look(self) -> None:
-        """Draw what is now."""
+        """Draw the current state."""
         if self._shown.mission is not self._mission:  # another revision is in force
             self._mission = self._shown.mission
             self._team_rows, self._team_row = FoldingTree(self._mission["tree"]), 0
@@ -125,7 +125,7 @@ class TreePane(Rows):
         return self._own.nodes(self._shown.robots[self._own.robot]["statuses"])
 
     def action_fold(self, is_folded: bool) -> None:
-        """Fold or unfold the selected row; if it is folded already, the row above."""
+        """Fold or unfold the selected row; if it is folded already, select its parent."""
         index = self.selected
         if index is None:
             return
@@ -137,20 +137,20 @@ class TreePane(Rows):
             self.look()
 
     def action_turn(self) -> None:
-        """Fold what is open, unfold what is not."""
+        """Toggle the fold of the selected row."""
         if self.selected is not None:
             is_folded = self.tree_rows.is_folded(self.selected, self._statuses())
             self.tree_rows.fold(self.selected, not is_folded)
             self.look()
 
     def fold_resting(self) -> bool:
-        """Fold what does not run, or unfold everything; whether it is folded now."""
+        """Fold what is not running, or unfold everything; return whether it is folded now."""
         self.tree_rows.fold_resting(not self.tree_rows.folds_resting)
         self.look()
         return self.tree_rows.folds_resting
 
     def search(self, words: str, step: int = 1) -> bool:
-        """Select the next row with these words; whether there is one."""
+        """Select the next row with these words; return whether there is one."""
         index = self.tree_rows.find(words, -1 if self.selected is None else self.selected, step)
         if index is None:
             return False
@@ -160,7 +160,7 @@ class TreePane(Rows):
         return True
 
     def global_task(self) -> str | None:
-        """The global task of the selected row; a robot's own tree has none."""
+        """Return the global task of the selected row; None in a robot's own tree."""
         if self._own is not None or not self.keys:
             return None
         row = self._shown.mission["tree"][self.selected]
@@ -168,7 +168,7 @@ class TreePane(Rows):
 
 
 class RobotsPane(Rows):
-    """A row per robot."""
+    """Shows a row per robot."""
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="robots")
@@ -176,7 +176,7 @@ class RobotsPane(Rows):
         self._shown = shown
 
     def look(self) -> None:
-        """Draw what is now."""
+        """Draw the current state."""
         robots = self._shown.robots
         width = max(map(len, robots), default=0)
         names = by_urgency(robots)
@@ -186,7 +186,7 @@ class RobotsPane(Rows):
 
 
 class JobsPane(Rows):
-    """A row per job, of missions that have jobs."""
+    """Shows a row per job, in missions with jobs."""
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="jobs")
@@ -194,11 +194,11 @@ class JobsPane(Rows):
 
     @property
     def is_needed(self) -> bool:
-        """Whether the mission has jobs, or had them before it was revised."""
+        """True if the mission has jobs, or had them before it was revised."""
         return bool(self._shown.observer.mission.jobs or self._shown.jobs)
 
     def look(self) -> None:
-        """Draw what is now."""
+        """Draw the current state."""
         jobs, types = self._shown.jobs, self._shown.observer.mission.jobs
         names = in_order(jobs)[:MOST]
         texts = [job_text(name, jobs[name], self._shown.unix_us) for name in names]
@@ -225,16 +225,16 @@ class Lanes(Rows):
 
 
 class TimelinePane(Vertical):
-    """A lane per robot and the seconds below them."""
+    """Shows a lane per robot, with the seconds below."""
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="timeline")
         self._shown = shown
         self.lanes = Lanes(id="lanes")
         self._axis = Static(id="axis")
-        # The seconds that are shown; None: the usual number; infinite: the whole run.
+        # The shown span in seconds; None: the usual one; infinite: the whole run.
         self.span_s: float | None = None
-        # Where they end; None: now.
+        # The end of the span; None: now.
         self.to_s: float | None = None
 
     def compose(self) -> ComposeResult:
@@ -244,11 +244,11 @@ class TimelinePane(Vertical):
 
     @property
     def _end_s(self) -> float:
-        """Now, or the expected end; it leaves half of what is usual to what has happened."""
+        """Now, or the expected end; at least half of the usual span remains for the past."""
         return min(self._shown.expected_end_s, self._shown.now_s + USUAL_S / 2)
 
     def window(self, width: int) -> Window:
-        """What is shown, in `width` columns."""
+        """Return the shown time span, in `width` columns."""
         now_s = self._end_s
         usual = Window.latest(now_s, width)
         if self.span_s is None and self.to_s is None:
@@ -260,10 +260,10 @@ class TimelinePane(Vertical):
         return Window(to_s - span_s, to_s, width)
 
     def look(self) -> None:
-        """Draw what is now."""
+        """Draw the current state."""
         robots = by_urgency(self._shown.robots)
         name_width = max(map(len, robots), default=0) + 1
-        # A sign for the selected row before, a column free behind.
+        # One column before for the selection mark, and a free column after.
         window = self.window(max(self.lanes.size.width - name_width - 2, 1))
         texts = []
         for robot in robots:
@@ -281,14 +281,14 @@ class TimelinePane(Vertical):
         self.border_title = escape(f"{title}  {latest_fault(self._shown)}")
 
     def zoom(self, steps: int) -> None:
-        """Zoom in by some steps; negative: out."""
+        """Zoom in by some steps; negative steps zoom out."""
         window = self.window(1)
         span_s = (window.to_s - window.from_s) / ZOOM**steps
         self.span_s = min(max(span_s, SHORTEST_S), max(self._shown.now_s, LEAST_S))
         self.look()
 
     def go_to_the_side(self, steps: int) -> None:
-        """Scroll in time. At the end of the run it follows again."""
+        """Scroll in time; at the end of the run, follow it again."""
         window = self.window(1)
         to_s = window.to_s + steps * (window.to_s - window.from_s) / SIDE
         self.span_s = window.to_s - window.from_s
@@ -307,7 +307,7 @@ class TimelinePane(Vertical):
 
 
 class WhyPane(VerticalScroll):
-    """Why a robot, a global task or a job is as it is; of a robot also what it can do."""
+    """Explains the state of a robot, a global task or a job; for a robot, also what it can do."""
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="why")
@@ -329,7 +329,7 @@ class WhyPane(VerticalScroll):
         self.look()
 
     def _worst(self) -> tuple[str, str] | None:
-        """What is blocked, else the newest death."""
+        """Return what is blocked, else the newest death."""
         plan, faults = self._shown.observer.plan, self._shown.faults
         blocked = [w.global_task for w in plan.waiting if w.is_blocked] if plan else []
         if blocked:
@@ -337,7 +337,7 @@ class WhyPane(VerticalScroll):
         return ("robot", faults[-1]["robot"]) if faults else None
 
     def look(self) -> None:
-        """Draw what is now; until something is chosen, what is worst."""
+        """Draw the explanation; until something is selected, that of the worst problem."""
         if not self._is_chosen:
             self.subject = self._worst()
         if self.subject is None:
@@ -362,7 +362,7 @@ class WhyPane(VerticalScroll):
         item: dict[str, Any] = self._shown.robots[name]
         answer, takeover = why_robot(self._shown.observer, name), self._shown.takeover_of(name)
         if takeover is not None and takeover["sentence"].startswith(answer["sentence"]):
-            # It is dead: the explanation of the takeover includes that.
+            # The robot is dead: the explanation of the takeover includes its death.
             answer, takeover = takeover, None
         text = why_text(answer)
         if takeover is not None:
@@ -379,7 +379,7 @@ class WhyPane(VerticalScroll):
 
 
 class LogPane(Static):
-    """What happened last."""
+    """Shows the latest events."""
 
     def __init__(self, shown: ShownTeam) -> None:
         super().__init__(id="log")
@@ -387,7 +387,7 @@ class LogPane(Static):
         self._shown = shown
 
     def look(self) -> None:
-        """Draw what is now."""
+        """Draw the current state."""
         text = Text(no_wrap=True, overflow="ellipsis")
         for event in self._shown.events[-max(self.size.height, 1) :]:
             text.append(f"{event['at_s'] or 0.0:7.2f} ", "dim")

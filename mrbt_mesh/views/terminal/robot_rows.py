@@ -20,9 +20,9 @@ TREES = ("T_i", "T_A", "T_G", "T_Li")
 def robot_text(
     robot: str, item: dict[str, Any], name_width: int, now_s: float, is_over: bool = False
 ) -> Text:
-    """State, task and progress; `item`: as in `TeamView`, of now.
+    """Return state, task and progress; `item`: the current one of `TeamView`.
 
-    The sign alone says that it is alive.
+    A living robot is shown by the sign alone.
     """
     sign, style = STATE_MARKS[item["state"]]
     text = Text(no_wrap=True)
@@ -67,13 +67,13 @@ def _time_at_work(item: dict[str, Any], now_s: float) -> Text:
 
 
 def bar(percent: int) -> str:
-    """Progress, 0 to 100."""
+    """Return a progress bar for 0 to 100."""
     full = BAR_COLUMNS * min(max(percent, 0), 100) // 100
     return "▰" * full + "▱" * (BAR_COLUMNS - full)
 
 
 def capabilities_text(item: dict[str, Any]) -> Text:
-    """Its type and capabilities with their performance; lost ones are struck out."""
+    """Return its type and capabilities with their performance; lost ones are struck out."""
     text = Text(item["type"] or "").append(" can ", "dim")
     lost = item["lost"]
     for number, (name, value) in enumerate(item["capabilities"].items()):
@@ -89,7 +89,7 @@ def capabilities_text(item: dict[str, Any]) -> Text:
 
 
 def trees_text(item: dict[str, Any]) -> Text:
-    """The statuses of T_i and its parts, as the robot reports them."""
+    """Return the statuses of T_i and its parts, as reported by the robot."""
     text = Text()
     for name, word in zip(TREES, item["statuses"], strict=False):
         sign, style = MARKS[Status[word.upper()]]
@@ -99,7 +99,7 @@ def trees_text(item: dict[str, Any]) -> Text:
 
 
 def why_text(answer: dict[str, Any]) -> Text:
-    """An explanation of `model/why.py`: the sentence, then a line for each candidate."""
+    """Return an explanation of `model/why.py`: the sentence, then a line for each candidate."""
     text = Text(answer["sentence"])
     for group in answer["groups"]:
         if group["local_task"]:

@@ -1,4 +1,4 @@
-"""A team as the terminal knows it: the items of its view model, sorted by what they are of."""
+"""A team for the terminal: the items of its view model, sorted by kind."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ _NUMBERED = ("node", "work", "fault", "loss", "event", "why")
 
 
 class ShownTeam:
-    """Keeps the items of a view. `now_s`: the seconds from the start of the run that are shown.
+    """Keeps the items of a view.
 
-    `unix_us`: the time by the team's clocks; None: not known.
+    `now_s`: the current time in seconds from the start of the run. `unix_us`: the time by the
+    team's clocks; None: not known.
     """
 
     def __init__(self, view: Shown) -> None:
@@ -32,18 +33,18 @@ class ShownTeam:
 
     @property
     def observer(self) -> Observer:
-        """The team as it is shown now."""
+        """The team as currently shown."""
         return self.view.observer
 
     @property
     def team(self) -> Item:
-        """The item `team`; there is one after the first update."""
+        """The item `team`; it exists after the first update."""
         item: Item = self._items["team"][""]
         return item
 
     @property
     def headline(self) -> list[Item]:
-        """The item `headline`, as `team`."""
+        """The item `headline`; it exists after the first update."""
         item: list[Item] = self._items["headline"][""]
         return item
 
@@ -54,7 +55,7 @@ class ShownTeam:
 
     @property
     def expected_end_s(self) -> float:
-        """When the schedule in force ends; now where there is none."""
+        """When the schedule in force ends; now if there is none."""
         forecast = self.forecast
         if forecast is None or forecast["ends_s"] is None:
             return self.now_s
@@ -91,12 +92,15 @@ class ShownTeam:
         return self._until_now("event")
 
     def _until_now(self, kind: str) -> list[Item]:
-        """A recording has the items of the whole run."""
+        """Return the items up to now: a recording has those of the whole run."""
         items = self._items[kind].values()
         return [each for each in items if (each["at_s"] or 0.0) <= self.now_s]
 
     def update(self, now_us: int) -> bool:
-        """Look at the observer, which is up to date; whether anything has changed."""
+        """Update from the observer, which must be up to date.
+
+        Return whether anything has changed.
+        """
         self.view.update(now_us)
         since = self.view.changes.start_of(self._version)
         if since == 0:
@@ -113,7 +117,7 @@ class ShownTeam:
         return bool(changed)
 
     def take(self, changed: Mapping[str, Any]) -> None:
-        """Take over items by key; None removes one."""
+        """Apply items by key; None removes one."""
         for key, value in changed.items():
             kind, _, name = key.partition("/")
             place = int(name) if kind in _NUMBERED else name
@@ -127,7 +131,7 @@ class ShownTeam:
             self._drop_older(changed["older"])
 
     def _drop_older(self, older: Mapping[str, tuple[int, list[int]]]) -> None:
-        """Forget what the view does not keep any more."""
+        """Forget what the view no longer keeps."""
         for kind, items in (
             ("event", self._items["event"]),
             *(("work", works) for works in self._works.values()),
@@ -138,12 +142,12 @@ class ShownTeam:
 
     @property
     def older_events(self) -> int:
-        """How many events there were before the oldest that is kept."""
+        """The number of events before the oldest one that is kept."""
         first, _ = self._items["older"].get("", {}).get("event", (0, ()))
         return int(first)
 
     def works(self, robot: str, from_s: float) -> list[Item]:
-        """A robot's works that had begun by now, and not ended by `from_s`, oldest first."""
+        """Return a robot's works that had begun by now and not ended by `from_s`, oldest first."""
         found = []
         for item in reversed(self._works.get(robot, {}).values()):
             if item["ended_s"] is not None and item["ended_s"] < from_s:
@@ -153,7 +157,9 @@ class ShownTeam:
         return found[::-1]
 
     def takeover_of(self, robot: str) -> Item | None:
-        """The explanation of the latest takeover of its work, or by it, as it was then."""
+        """Return the explanation of the latest takeover of the robot's work, or by it, as it was
+        then.
+        """
         explained: dict[int, Item] = self._items["why"]
         for number, fault in sorted(self._items["fault"].items(), reverse=True):
             is_past = (fault["at_s"] or 0.0) <= self.now_s

@@ -1,4 +1,4 @@
-"""Trees as rows that fold and can be searched: T_G, and T_i of a robot."""
+"""Trees as rows that can be folded and searched: T_G, and T_i of a robot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mrbt_mesh.views.model.inner_trees import with_inner_trees
 from mrbt_mesh.views.model.mission_view import tree_view
 from mrbt_mesh.views.model.own_trees import OwnTrees, running_tree
 
-# Larger trees begin with what does not run folded.
+# Larger trees begin with everything folded that is not running.
 LARGE = 30
 NEVER_TICKED: list[Any] = [int(Status.IDLE), [], "", 0]
 
@@ -22,12 +22,12 @@ MEANINGS = {"T_A": "how it plans", "T_G": "the team's tree", "T_Li": "its own ta
 
 
 class FoldingTree:
-    """Which rows are shown. `rows`: nodes by index, as in `tree_view`."""
+    """Determines which rows are shown. `rows`: nodes by index, as in `tree_view`."""
 
     def __init__(self, rows: list[dict[str, Any]]) -> None:
         self.rows = rows
         self.folds_resting = len(rows) > LARGE
-        # What was folded or unfolded by hand.
+        # Rows folded or unfolded by hand.
         self._by_hand: dict[int, bool] = {}
         self._children: list[list[int]] = [[] for _ in rows]
         for index, row in enumerate(rows):
@@ -35,37 +35,40 @@ class FoldingTree:
                 self._children[row["parent"]].append(index)
 
     def children(self, index: int) -> list[int]:
-        """The rows below a row. A subtree replaces its only child, which has the same status."""
+        """Return the rows below a row.
+
+        A subtree replaces its only child, which has the same status.
+        """
         below = self._children[index]
         if self.rows[index]["kind"] == str(Kind.SUBTREE) and below:
             return self._children[below[0]] or below
         return below
 
     def parent(self, index: int) -> int:
-        """The row above a row, -1 at the root."""
+        """Return the row above a row, -1 at the root."""
         above = int(self.rows[index]["parent"])
         is_passed_over = above > 0 and index in self.children(self.rows[above]["parent"])
         return int(self.rows[above]["parent"]) if is_passed_over else above
 
     def is_folded(self, index: int, nodes: Mapping[int, list[Any]]) -> bool:
-        """Whether the rows below it are hidden; `nodes`: as in `TeamView`."""
+        """Return whether the rows below it are hidden; `nodes`: as in `TeamView`."""
         if not self._children[index]:
             return False
         runs = nodes.get(index, NEVER_TICKED)[0] == Status.RUNNING
         return self._by_hand.get(index, self.folds_resting and not runs)
 
     def fold(self, index: int, is_folded: bool) -> None:
-        """Fold or unfold it, whatever its status."""
+        """Fold or unfold a row, whatever its status."""
         if self._children[index]:
             self._by_hand[index] = is_folded
 
     def fold_resting(self, folds: bool) -> None:
-        """Fold what does not run, or nothing; what was done by hand is forgotten."""
+        """Fold what is not running, or nothing; folds made by hand are forgotten."""
         self.folds_resting = folds
         self._by_hand.clear()
 
     def visible(self, nodes: Mapping[int, list[Any]]) -> list[tuple[int, int]]:
-        """(index, depth) of every row that is shown, from the top."""
+        """Return (index, depth) of every visible row, from the top."""
         found, waiting = [], [(0, 0)]
         while waiting:
             index, depth = waiting.pop()
@@ -75,7 +78,10 @@ class FoldingTree:
         return found
 
     def find(self, words: str, after: int, step: int = 1) -> int | None:
-        """The next row (`step` -1: the one before) whose label has these words; it goes round."""
+        """Return the next row (`step` -1: the previous one) whose label has these words.
+
+        Wraps around.
+        """
         rows = [index for index, _ in _unfolded(self)]
         start = rows.index(after) if after in rows else -1
         for offset in range(1, len(rows) + 1):
@@ -85,19 +91,19 @@ class FoldingTree:
         return None
 
     def reveal(self, index: int) -> None:
-        """Unfold all that hides it."""
+        """Unfold everything that hides a row."""
         above = self.parent(index)
         while above >= 0:
             self._by_hand[above] = False
             above = self.parent(above)
 
     def text(self, index: int, depth: int, nodes: Mapping[int, list[Any]]) -> Text:
-        """A row: fold sign, status sign, label, robots at work, what it waits for, status."""
+        """Return a row: fold sign, status sign, label, robots at work, what it awaits, status."""
         number, robots, note, count = nodes.get(index, NEVER_TICKED)
         status = Status(number)
         sign, style = MARKS[status]
         if status is Status.FAILURE and self.rows[index]["kind"] == str(Kind.CONDITION):
-            # That a condition does not hold is no trouble.
+            # A condition that does not hold is no problem.
             style = "dim"
         fold = "▸" if self.is_folded(index, nodes) else "▾" if self._children[index] else " "
         text = Text(no_wrap=True).append("  " * depth + fold + " ", "dim")
@@ -115,7 +121,7 @@ class FoldingTree:
 
 
 def _unfolded(tree: FoldingTree) -> list[tuple[int, int]]:
-    """All rows there are."""
+    """Return all rows."""
     opened = FoldingTree(tree.rows)
     opened.fold_resting(False)
     return opened.visible({})
@@ -140,16 +146,19 @@ class RobotRows:
         self._add("T_Li", self._with_inner_trees(bytes(len(self._local)))[0])
 
     def is_of(self, observer: Observer) -> bool:
-        """Whether these are its trees as this observer knows it: a restarted robot may have other
-        capabilities, and a recording another observer.
+        """Return whether these are the robot's trees as this observer knows it.
+
+        A restarted robot may have other capabilities, and a recording another observer.
         """
         known = observer.facts.members.get(self.robot)
         is_same = known is not None and known.member.capabilities == self._capabilities
         return is_same and observer is self._observer
 
     def nodes(self, reported: Sequence[str]) -> dict[int, list[Any]]:
-        """The nodes now; `reported`: the statuses of T_i, T_A, T_G and T_Li as words, last
-        reported by the robot; empty if it is not there.
+        """Return the current nodes.
+
+        `reported`: the statuses of T_i, T_A, T_G and T_Li as words, last reported by the robot;
+        empty if it is not present.
         """
         whole, _, team, _ = [int(Status[word.upper()]) for word in reported or ["idle"] * 4]
         assignment, local = self._trees.statuses(self._observer)

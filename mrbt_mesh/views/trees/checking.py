@@ -1,4 +1,4 @@
-"""`mrbt tree check` at work: a BehaviorTree.CPP file, a folder of them, or a mission."""
+"""Implements `mrbt tree check`: a BehaviorTree.CPP file, a folder of them, or a mission."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class TreeCheck:
     as_json: bool
 
     def file(self, file: Path) -> None:
-        """Print the problems of a file; exit status 2 if it has errors.
+        """Print the problems of a file; exit with status 2 if it has errors.
 
-        Raises InputError for a file that cannot be read at all; with JSON that is printed as well.
+        Raises InputError for a file that cannot be read at all; with JSON, that is printed as well.
         """
         try:
             data = self._checked(file, None)
@@ -49,7 +49,7 @@ class TreeCheck:
     def folder(self, folder: Path) -> None:
         """Print the problems of the files of a folder, which know each other's trees and models.
 
-        Exit status 2 if any has errors. Raises InputError for a folder without such files.
+        Exits with status 2 if any has errors. Raises InputError for a folder without such files.
         """
         found = read_folder(folder)
         known = together(found.documents.values())
@@ -75,11 +75,11 @@ class TreeCheck:
             raise SystemExit(BAD_INPUT)
 
     def _checked(self, file: Path, others: Library | None) -> dict[str, Any]:
-        """The result as data; unless that is wanted, it is printed. Raises FileError."""
+        """Return the result as data; without `as_json`, it is also printed. Raises FileError."""
         library, findings = check_file(file, self.strict, others=others)
         refusals: tuple[Problem, ...] = ()
         notes: tuple[Problem, ...] = ()
-        # Of a folder's files, many only hold trees for others.
+        # Many files of a folder only hold trees for others.
         is_part = others is not None and library.main_tree is None
         if self.team and not findings.errors and not is_part:
             leaves = Category.ACTION if self.assume_actions else None
@@ -130,7 +130,7 @@ def _reasons(problems: Iterable[Problem]) -> list[dict[str, str | int]]:
 
 
 def check_mission(file: Path, as_json: bool) -> None:
-    """Print the warnings of a mission's file; raises FileError if it cannot be used."""
+    """Print the warnings of a mission file. Raises FileError if it cannot be used."""
     mission = load_mission(file)
     warnings = mission_warnings(mission)
     if as_json:

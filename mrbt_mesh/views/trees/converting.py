@@ -1,4 +1,4 @@
-"""Trees written as BehaviorTree.CPP 4 XML."""
+"""Writes trees as BehaviorTree.CPP 4 XML."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Wanted:
 
 
 def convert_file(source: Path, target: Path, wanted: Wanted, others: Library | None = None) -> None:
-    """Write one file; raises InputError for a file with errors.
+    """Write one file. Raises InputError for a file with errors.
 
     Its oddities are printed, and what BehaviorTree.CPP still refuses.
     """
@@ -68,7 +68,7 @@ def convert_file(source: Path, target: Path, wanted: Wanted, others: Library | N
 
 
 def _as_written(document: Document, library: Library, wanted: Wanted) -> Library:
-    """The document as it is read again, with the files that it includes."""
+    """Return the document as it will be read again, with the files that it includes."""
     written = Library()
     written.documents.append(document)
     for included in library.documents[1:] if document.includes else ():
@@ -81,9 +81,9 @@ def _as_written(document: Document, library: Library, wanted: Wanted) -> Library
 
 
 def convert_folder(source: Path, target: Path, wanted: Wanted) -> None:
-    """Write all BehaviorTree.CPP files of a folder into another one, under the same names.
+    """Write all BehaviorTree.CPP files of a folder to another one, under the same names.
 
-    Ends with status 2 if a file has errors, after the others.
+    Exits with status 2 if a file has errors, after the others are written.
     """
     if wanted.is_merged or wanted.has_ids:
         raise InputError("--ids and --merge are for one file")

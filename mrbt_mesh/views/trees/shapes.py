@@ -32,7 +32,7 @@ from mrbt_mesh.views.model.inner_trees import node_label, program_tree, trees_by
 from mrbt_mesh.views.model.own_trees import OwnTrees
 
 MAX_NOTE = 60
-# How nodes are drawn, with a sign for kinds that have none of their own. A node of a team that is
+# How nodes are drawn, with a sign for kinds without a sign of their own. A node of a team that is
 # none of these is a decorator.
 LOOKS = {
     "control": "◆",
@@ -69,7 +69,7 @@ class Shape:
         self.symbol = self.symbol or LOOKS[self.look]
 
     def walk(self) -> Iterator[Shape]:
-        """This shape and all below it, in preorder."""
+        """Yield this shape and all shapes below it, in preorder."""
         waiting = [self]
         while waiting:
             shape = waiting.pop()
@@ -77,13 +77,13 @@ class Shape:
             waiting.extend(reversed(shape.children))
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data, with the children nested."""
+        """Return plain data, with the children nested."""
         children = [child.to_json() for child in self.children]
         return {"type": self.look, "label": self.label, "notes": self.notes, "children": children}
 
 
 def is_mission(path: Path) -> bool:
-    """Whether a file is a mission, by its name; raises InputError if it can be no tree at all."""
+    """Return whether a file is a mission, by its name. Raises InputError if it can be no tree."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name one file in it")
     suffix = path.suffix.lower()
@@ -93,10 +93,11 @@ def is_mission(path: Path) -> bool:
 
 
 def shapes_of(file: Path, only: str | None, robots: str | None) -> list[Shape]:
-    """The trees of a file: all, `only` the one of an ID, or T_i of `robots` of a mission (`A1,B1`).
+    """Return the trees of a file.
 
-    Raises InputError for a file or tree that is missing or cannot be read. A file with errors is
-    drawn as far as it goes, with a warning.
+    All of them, `only` the one of an ID, or T_i of `robots` of a mission (`A1,B1`). Raises
+    InputError for a file or tree that is missing or cannot be read. A file with errors is drawn as
+    far as possible, with a warning.
     """
     if robots is not None:
         if not is_mission(file):
@@ -121,7 +122,7 @@ def shapes_of(file: Path, only: str | None, robots: str | None) -> list[Shape]:
 
 
 def file_shapes(library: Library) -> list[Shape]:
-    """A shape per <BehaviorTree>, the main one first."""
+    """Return a shape per <BehaviorTree>, the main one first."""
     main = library.main_tree
     order = sorted(library.trees, key=lambda name: name != main)
     return [
@@ -158,7 +159,7 @@ def _note(name: str, value: str, between: str) -> str:
 
 
 def robot_shape(mission: Mission, robot: str) -> Shape:
-    """T_i = Parallel(T_A, T_G, T_Li, 3) of a robot of the mission."""
+    """Return T_i = Parallel(T_A, T_G, T_Li, 3) of a robot of the mission."""
     capabilities = mission.robots[robot].capabilities
     parts = [
         Shape("subtree", name, notes=[note], children=[_team_shape(tree)])
@@ -193,7 +194,7 @@ def _expanded_shape(node: ExpandedNode) -> Shape:
 
 
 def _team_shape(tree: Tree, index: int = 0) -> Shape:
-    """The shape of the node at `index` of a mission's tree, or of one like it."""
+    """Return the shape of the node at `index` of a mission's tree, or of a similar tree."""
     node = tree.nodes[index]
     look = "control" if node.kind in CONTROLS else node.kind.lower()
     children = [_team_shape(tree, child) for child in node.children]

@@ -63,7 +63,7 @@ class _TokensFile(FileModel):
 
 
 def token_access(path: Path) -> Access:
-    """Access by the bearer tokens of a file; raises FileError.
+    """Return access by the bearer tokens of a file. Raises FileError.
 
     tokens:
       anna: {role: operator, token: at-least-16-characters}
@@ -95,7 +95,7 @@ def token_access(path: Path) -> Access:
 
 
 def local_access(own: OwnNames) -> Access:
-    """Access for all programs of this machine, but for no page of another site."""
+    """Return access for all programs of this machine, but not for pages of other sites."""
 
     def access(request: Request, role: Role) -> str:
         if role == "operator" and why_no_command(request.headers, own) is not None:
@@ -108,7 +108,7 @@ def local_access(own: OwnNames) -> Access:
 
 
 def page_access(own: OwnNames, token: str | None) -> Access:
-    """Access for the live page: its `token` makes an operator; None: it only watches."""
+    """Return access for the live page: its `token` makes an operator; None: it only watches."""
 
     def access(request: Request, role: Role) -> str:
         if role == "operator":
@@ -123,7 +123,7 @@ def page_access(own: OwnNames, token: str | None) -> Access:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches what is served at an address."""
+    """Return whether only this machine can reach what is served at an address."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

@@ -43,7 +43,7 @@ from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.problem import PROBLEMS, RETRY
 
 MAX_PAGE = 1_000
-# How many events of a stream one request may ask for.
+# The maximum number of stream events per request.
 MAX_EVENTS = 100_000
 CHANGES = ("cancel", "hold", "release", "priority")
 State: TypeAlias = Literal[
@@ -51,11 +51,11 @@ State: TypeAlias = Literal[
 ]
 STATES = get_args(State)
 EVENT_STREAM = "text/event-stream"
-# To the whole team.
+# Commands to the whole team.
 ORDERS = ("pause", "resume", "abort")
 
 
-# Pydantic alone takes many other texts, some with a meaning that mrbt's own times do not have.
+# Pydantic alone accepts many other texts, some with meanings that mrbt's own times do not have.
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)", re.ASCII)
 _DURATION = re.compile(
     r"P(?=.)(\d+Y)?(\d+M)?(\d+W)?(\d+D)?(T(?=.)(\d+H)?(\d+M)?(\d+(\.\d+)?S)?)?", re.ASCII
@@ -74,7 +74,7 @@ def _strict_time(given: Any) -> datetime | timedelta | None:
     raise ValueError("a time (2026-05-04T14:30:00+02:00) or a duration (PT10M) is expected")
 
 
-# Years that can be: from 1970 to 2254.
+# Possible years: 1970 to 2254.
 _YEARS = r"^(19[7-9][0-9]|2[01][0-9]{2}|22[0-4][0-9]|225[0-4])-"
 Time: TypeAlias = Annotated[
     AwareDatetime | timedelta | None,
@@ -92,7 +92,7 @@ Time: TypeAlias = Annotated[
 
 
 def _object_or_list(given: Any) -> Any:
-    """What is in it is judged by the type of the job."""
+    """Accept an object or a list; its content is checked by the type of the job."""
     if not isinstance(given, dict | list):
         raise ValueError(f"an object or a list is expected, {sent(given)} was sent")
     return given
@@ -183,17 +183,17 @@ class Acknowledgement(_Body):
 
 
 def client_of_page(watcher: Watcher) -> TeamClient | None:
-    """The client of a team that takes jobs, None of another."""
+    """Return the client of a team that takes jobs, else None."""
     if not watcher.observer.mission.jobs:
         return None
     return TeamClient(watcher)
 
 
 class Api:
-    """What the routes answer with. `update` of the client and the feed must be called often."""
+    """The routes of the API. `update` of the client and the feed must be called often."""
 
     def __init__(self, client: TeamClient, feed: Feed, access: Access, prefix: str = "") -> None:
-        """`prefix`: what a proxy cuts from the front of the paths that clients see."""
+        """`prefix`: what a proxy removes from the front of the paths that clients see."""
         self._client = client
         self._watcher = client.watcher
         self._feed = feed
@@ -201,7 +201,7 @@ class Api:
         self._prefix = prefix
 
     def application(self) -> Starlette:
-        """The ASGI application, without the prefix `/v1`."""
+        """Return the ASGI application, without the prefix `/v1`."""
         jobs = self._guarded(self._jobs, "viewer", ("state", "limit", "cursor"))
         submit = self._guarded(self._submit, "operator")
 
@@ -232,7 +232,10 @@ class Api:
         role: Role = "viewer",
         parameters: Collection[str] = (),
     ) -> Callable[[Request], Any]:
-        """`parameters`: those that its query may have."""
+        """Return an endpoint that checks the caller.
+
+        `parameters` are those that its query may have.
+        """
 
         async def endpoint(request: Request) -> Response:
             caller = self._access(request, role)
@@ -326,7 +329,7 @@ class Api:
 def events(
     request: Request, feed: Feed, limit: int | None = None, ends_with_run: bool = False
 ) -> Response:
-    """The stream of a feed, which ends after `limit` events, or also with the run."""
+    """Return a feed's stream; it ends after `limit` events, or with the run."""
     headers = {"x-accel-buffering": "no"}  # a proxy such as nginx passes each event on at once
     if request.method == "HEAD":
         return Response(headers=headers, media_type=EVENT_STREAM)
@@ -337,7 +340,7 @@ def events(
 
 
 def _number(request: Request, name: str, most: int) -> int | None:
-    """A number of the query, None if it has none; raises HTTPException 422."""
+    """Return a number of the query, None if it is missing. Raises HTTPException 422."""
     given = request.query_params.getlist(name)
     if not given:
         return None

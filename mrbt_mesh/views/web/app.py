@@ -1,4 +1,4 @@
-"""The page's routes: its files, what happens as a stream, explanations, metrics, and commands."""
+"""The page's routes: its files, a stream of events, explanations, metrics, and commands."""
 
 from __future__ import annotations
 
@@ -45,25 +45,27 @@ Endpoint: TypeAlias = Callable[[Request], Awaitable[Response]]
 Explanation: TypeAlias = Callable[[Observer, str], Mapping[str, Any]]
 Foresight: TypeAlias = Callable[[Observer, str, int], list[NextStep]]
 
-# Not every system knows them, and a browser runs no module of another type.
+# Not every system knows this type, and browsers run no module of another type.
 mimetypes.add_type("text/javascript", ".mjs")
 
 
 class Projector(Protocol):
-    """Shows a recording, as its viewers control it."""
+    """Shows a recording under the control of its viewers."""
 
     def to_json(self) -> Mapping[str, Any]:
-        """What does not change about the recording."""
+        """Return the constant properties of the recording."""
 
     def carry_out(self, wish: Any) -> None:
-        """Pause, play, go to a time, change the speed; raises ValueError for anything else."""
+        """Pause, play, go to a time, or change the speed. Raises ValueError for anything else."""
 
 
 class Page:
-    """What the routes answer with. `control` is None where nothing may be steered, `projector`
-    where a team is shown that runs, `run_dir` where that is not on this machine. `above`: the path
-    from here to the list of the machine's runs, if there is one. `client`: of a team that takes
-    jobs, whose API is below `/v1`.
+    """The answers of the routes.
+
+    `control` is None if nothing may be controlled, `projector` if a running team is shown,
+    `run_dir` if that is not on this machine. `above`: the path from here to the list of the
+    machine's runs, if there is one. `client`: the client of a team that takes jobs, whose API is
+    below `/v1`.
     """
 
     def __init__(
@@ -88,7 +90,7 @@ class Page:
         self._html = (STATIC / "index.html").read_bytes()
 
     def application(self) -> Starlette:
-        """The ASGI application."""
+        """Return the ASGI application."""
         routes = [
             Route("/", self._index),
             Route("/mission", self._mission),
@@ -121,7 +123,7 @@ class Page:
         return JSONResponse(mission | more | about)
 
     def _commands(self) -> dict[str, str]:
-        """What can be done with the run when it is over -> the command for it."""
+        """Return what can be done with the run when it is over -> the command for it."""
         if self._run_dir is None:
             return {}
         found = {"make a report": f"mrbt recording report {quote(str(self._run_dir))}"}
@@ -136,7 +138,7 @@ class Page:
         return events(request, self._feed)
 
     def _about(self, explain: Explanation) -> Endpoint:
-        """An endpoint that answers for the name in the path."""
+        """Return an endpoint that answers for the name in the path."""
 
         async def answer(request: Request) -> Response:
             name = request.path_params["name"]
@@ -148,7 +150,7 @@ class Page:
         return answer
 
     def _why(self, explain: Explanation, foresee: Foresight) -> Explanation:
-        """An explanation with what happens `next`."""
+        """Return an explanation with what happens `next`."""
 
         def answer(observer: Observer, name: str) -> dict[str, Any]:
             found = foresee(observer, name, self._feed.now_us)
@@ -157,7 +159,7 @@ class Page:
         return answer
 
     async def _metrics(self, request: Request) -> Response:
-        """The team for Prometheus; a recording is past, and nothing to be measured."""
+        """Return the team's metrics for Prometheus; a recording has none."""
         if self._projector is not None:
             raise HTTPException(404, "a recording has no metrics")
         try:
@@ -170,7 +172,7 @@ class Page:
     # -- commands ---------------------------------------------------------------------------
 
     def _controlled(self, request: Request) -> Control:
-        """What carries out commands, for a request that may give them."""
+        """Return the control, if the request may give commands."""
         self._access(request, "operator")
         assert self._control is not None
         return self._control
@@ -191,7 +193,7 @@ class Page:
         return JSONResponse({"done": True, "text": text})
 
     async def _playback(self, request: Request) -> Response:
-        """A viewer of a recording controls the playback; any page of this server may."""
+        """Control the playback of a recording; any page of this server may do so."""
         if self._projector is None:
             raise HTTPException(404, "this page shows a team that runs, no recording")
         refusal = why_no_command(request.headers, self._own)

@@ -29,7 +29,7 @@ _EXPECTED = {
 
 
 async def json_body(request: Request, limit_bytes: int) -> bytes:
-    """The body of a request, mostly JSON; empty if it has none.
+    """Return the body of a request, usually JSON; empty if it has none.
 
     Raises HTTPException: 413 if it is longer, 415 for another media type, 400 if it ends early.
     """
@@ -49,7 +49,10 @@ async def json_body(request: Request, limit_bytes: int) -> bytes:
 
 
 async def read_body(request: Request, model: type[_Model]) -> _Model:
-    """The body as a model; an empty one is an empty object. Raises as `json_body`, and 422."""
+    """Return the body as a model; an empty body is an empty object.
+
+    Raises as `json_body`, and 422.
+    """
     body = await json_body(request, MAX_BODY_BYTES)
     _refuse_doubles(body)
     try:
@@ -70,7 +73,7 @@ def _refuse_doubles(body: bytes) -> None:
 
 
 def _text(model: type[BaseModel], detail: ErrorDetails) -> str:
-    """What is wrong, where, and what would be right."""
+    """Return what is wrong, where, and what would be right."""
     kind, context = detail["type"], detail.get("ctx", {})
     place = ".".join(str(part)[:80] for part in detail["loc"]) or "the body"
     if kind == "json_invalid":
@@ -86,7 +89,7 @@ def _text(model: type[BaseModel], detail: ErrorDetails) -> str:
 
 
 def sent(value: Any) -> str:
-    """A short text for a value of JSON where something else is expected."""
+    """Return a short text for a JSON value of the wrong type."""
     if value is None:
         return "null"
     return "an object" if isinstance(value, dict) else found(value)

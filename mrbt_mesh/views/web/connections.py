@@ -1,7 +1,7 @@
 """Limits on the connections of the page's server, and on the time that a request may take.
 
 Many connections or half a request keep no other client out: the server closes idle connections
-first, and of these the ones of the address that has the most.
+first, and of these one of the address that has the most.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ REQUEST_TIMEOUT_S = 10.0
 
 
 class Guest(Hashable, Protocol):
-    """What takes one of a limited number of places."""
+    """Something that takes one of a limited number of places."""
 
     @property
     def address(self) -> str:
-        """Of the machine at the other end."""
+        """The address of the machine at the other end."""
 
     @property
     def is_served(self) -> bool:
-        """Whether it is being served: it gives its place up last."""
+        """True while it is being served: it gives up its place last."""
 
 
 G = TypeVar("G", bound=Guest)
 
 
 def gives_way(guests: Collection[G]) -> G:
-    """Which of several, the oldest first, gives up its place to a new one."""
+    """Return which of several guests, oldest first, gives up its place to a new one."""
     counts = Counter(guest.address for guest in guests)
     return min(guests, key=lambda guest: (guest.is_served, -counts[guest.address]))
 
@@ -50,7 +50,7 @@ class LimitedHttp(H11Protocol):
 
     @property
     def is_served(self) -> bool:
-        """Whether a whole request is here that is not answered to its end."""
+        """True while a complete request is not fully answered."""
         cycle = self.cycle
         return cycle is not None and not cycle.response_complete and not cycle.more_body
 

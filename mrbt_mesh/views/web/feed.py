@@ -13,16 +13,16 @@ from mrbt_mesh.observer.observer import Observer
 from mrbt_mesh.views.model.team_view import Shown
 from mrbt_mesh.views.web.connections import gives_way
 
-# Longest time between messages, by which a page notices a lost connection.
+# The longest time between messages, by which a page notices a lost connection.
 TICK_S = 1.0
-# Pages that follow at once; each gets every change.
+# The maximum number of simultaneous pages; each gets every change.
 MAX_PAGES = 64
 # Shortest time between messages.
 FRAME_US = 80_000
 
 
 class _Page:
-    """One that follows; each is equal to itself alone."""
+    """A page that follows a feed; compared by identity."""
 
     is_served = True
 
@@ -31,13 +31,13 @@ class _Page:
 
 
 class Feed:
-    """Pages follow one view. `clock_us` is the clock of its observer."""
+    """Serves one view to pages. `clock_us` is the clock of its observer."""
 
     def __init__(self, view: Shown, clock_us: Callable[[], int]) -> None:
         self.view = view
         # The oldest first.
         self._pages: list[_Page] = []
-        # Versions are those of this feed; a page of an earlier one begins anew.
+        # Versions belong to this feed; a page of an earlier feed starts anew.
         self.epoch = secrets.token_hex(4)
         self._clock_us = clock_us
         self._changed = anyio.Event()
@@ -48,28 +48,28 @@ class Feed:
 
     @property
     def observer(self) -> Observer:
-        """The team as it is shown now."""
+        """The team as currently shown."""
         return self.view.observer
 
     @property
     def now_us(self) -> int:
-        """The time on the clock of the observer; in a recording, where that is."""
+        """The time on the clock of the observer; in a recording, the current position."""
         return self._clock_us()
 
     @property
     def pages(self) -> int:
-        """How many follow."""
+        """How many pages follow."""
         return len(self._pages)
 
     def update(self) -> None:
-        """Look at the observer, which is up to date, and send changes; call it often."""
+        """Update from the observer, which must be up to date, and send changes; call it often."""
         now_us = self._clock_us()
         if now_us >= self._next_us:
             self._next_us = now_us + FRAME_US
             self.show()
 
     def show(self) -> None:
-        """Look at the observer at once, and send changes."""
+        """Update from the observer at once, and send changes."""
         has_changed = self.view.update(self._clock_us())
         self._is_run_over = self.observer.is_over
         if has_changed:
@@ -82,7 +82,7 @@ class Feed:
         self.wake()
 
     def wake(self) -> None:
-        """Have the pages look for what has changed."""
+        """Make the pages check for changes."""
         self._changed.set()
         self._changed = anyio.Event()
 
@@ -93,12 +93,12 @@ class Feed:
         limit: int | None = None,
         ends_with_run: bool = False,
     ) -> AsyncGenerator[str, None]:
-        """Server-sent events; `last` is the id of the last one that the page has, or empty.
+        """Return server-sent events; `last` is the id of the page's last event, or empty.
 
-        With a `limit` it ends after so many, and the first one waits for news. `ends_with_run`: it
-        is over once the run is, and not only when it is closed. It counts as a page from now on.
-        Beyond `MAX_PAGES` an older one ends, of the `address` that has the most; a browser then
-        asks again.
+        With a `limit`, the stream ends after that many events, and the first one waits for news.
+        `ends_with_run`: it ends with the run, not only when the feed is closed. It counts as a page
+        from now on. Beyond `MAX_PAGES`, an older page of the `address` with the most pages ends;
+        its browser then reconnects.
         """
         page = _Page(address)
         if len(self._pages) >= MAX_PAGES:

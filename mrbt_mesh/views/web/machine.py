@@ -1,6 +1,6 @@
-"""All runs of this machine: a page that lists them, and below `run/ID/` the page of each.
+"""All runs of this machine: a page that lists them, and the page of each below `run/ID/`.
 
-A run is watched while somebody looks at its page, or at the list while it runs.
+A run is watched while somebody views its page, or views the list while it runs.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from mrbt_mesh.views.web.feed import Feed
 from mrbt_mesh.views.web.protection import OwnNames, Protection, new_token, own_names, policy
 from mrbt_mesh.views.web.server import served
 
-# For how long a run that nobody looks at is still watched, and a list is not made anew.
+# How long an unviewed run is still watched, and how long a list stays fresh.
 WATCHED_S, FRESH_S = 30.0, 1.0
 BELOW = "/run/"
 # Result of a run that is over -> level; others are bad.
@@ -50,7 +50,7 @@ LEVELS = {"success": Level.GOOD, "not_started": Level.INFO, "ended": Level.INFO}
 
 
 class _Watched:
-    """A run that is watched. `page` None: it is not open yet, or cannot be: `problem`."""
+    """A run that is watched. `page` is None if it is not open yet, or cannot be (`problem`)."""
 
     def __init__(self) -> None:
         self.looked_s = time.monotonic()
@@ -61,7 +61,7 @@ class _Watched:
 
 
 class MachineRuns:
-    """Watches and serves runs. `group`: its tasks watch them, until it is cancelled."""
+    """Watches and serves runs. `group` has the tasks that watch them, until it is cancelled."""
 
     def __init__(self, has_control: bool, group: anyio.abc.TaskGroup) -> None:
         self.token = new_token() if has_control else ""
@@ -72,7 +72,7 @@ class MachineRuns:
         self._listed_s = float("-inf")
 
     def application(self, own: OwnNames) -> ASGIApp:
-        """The ASGI application, for the names that it is reached by."""
+        """Return the ASGI application, for the names by which it is reached."""
         self._own = own
         html = (STATIC / "runs.html").read_bytes()
         index = HTMLResponse(html)
@@ -121,14 +121,14 @@ class MachineRuns:
         return JSONResponse({"runs": rows})
 
     async def _listed(self) -> list[dict[str, Any]]:
-        """Rows as `mrbt ls` has them."""
+        """Return the same rows as `mrbt ls`."""
         if time.monotonic() > self._listed_s + FRESH_S:
             self._listed_s = time.monotonic()
             self._rows = await anyio.to_thread.run_sync(listed_runs)
         return self._rows
 
     def _said(self, row: dict[str, Any]) -> dict[str, Any]:
-        """The row with how the team is: the worst statement of its headline, or its result.
+        """Return the row with the worst statement of the team's headline, or its result.
 
         Teams that run are watched from now on.
         """
@@ -146,7 +146,7 @@ class MachineRuns:
         return row | {"headline": worst, "dead": states["dead"]}
 
     async def _metrics(self, request: Request) -> Response:
-        """Those of the one team that a command without a name would mean."""
+        """Redirect to the metrics of the one team that a command without a name would mean."""
         try:
             run = find_run(None).info().run
         except InputError as error:
@@ -156,7 +156,10 @@ class MachineRuns:
     # -- one run ----------------------------------------------------------------------------
 
     async def _page_of(self, run: str) -> _Watched | None:
-        """The run, once it is known whether it can be watched; None: there is no such run."""
+        """Return the run, once it is known whether it can be watched.
+
+        None: there is no such run.
+        """
         watched = self._watched.get(run)
         if watched is None:
             row = next((row for row in await self._listed() if row["run"] == run), None)
@@ -222,8 +225,9 @@ class MachineRuns:
 
 @asynccontextmanager
 async def showing_machine(options: ViewerOptions) -> AsyncIterator[str]:
-    """The address at which the runs of this machine are served: of the page of the one team that
-    runs, else of the list. Raises PageError.
+    """Serve the runs of this machine, and yield the address to open.
+
+    It is the page of the one team that runs, else the list. Raises PageError.
     """
     async with anyio.create_task_group() as group:
         machine = MachineRuns(options.has_control, group)
@@ -234,7 +238,7 @@ async def showing_machine(options: ViewerOptions) -> AsyncIterator[str]:
 
 
 def _only_run() -> str:
-    """The path of the team that a command without a name would mean, if it can be told."""
+    """Return the path of the team that a command without a name would mean; empty if ambiguous."""
     try:
         return f"{BELOW[1:]}{find_run(None).info().run}/"
     except InputError:

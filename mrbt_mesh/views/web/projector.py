@@ -16,12 +16,12 @@ from mrbt_mesh.views.web.app import Page
 from mrbt_mesh.views.web.feed import FRAME_US, Feed
 from mrbt_mesh.views.web.server import served
 
-# Records that are played before other tasks run.
+# How many records are played before other tasks run.
 STEP_RECORDS = 20
 
 
 class RecordingProjector:
-    """Plays while a page is open. `feed`: what pages follow."""
+    """Plays while a page is open. `feed`: the feed that pages follow."""
 
     def __init__(self, shown: ShownRecording) -> None:
         self._shown = shown
@@ -29,11 +29,11 @@ class RecordingProjector:
         self._is_wished = anyio.Event()
 
     def to_json(self) -> Mapping[str, Any]:
-        """What does not change about the recording."""
+        """Return the constant properties of the recording."""
         return self._shown.to_json()
 
     def carry_out(self, wish: Any) -> None:
-        """`paused`, `at_s` (from the start of the run) and `speed`, or some of them.
+        """Apply `paused`, `at_s` (from the start of the run) and `speed`, or some of them.
 
         Raises ValueError for anything else.
         """
@@ -87,7 +87,7 @@ def _number(wish: Mapping[str, Any], name: str) -> float | None:
 
 @asynccontextmanager
 async def showing_recording(shown: ShownRecording, options: ViewerOptions) -> AsyncIterator[str]:
-    """The address of a recording's page, while it is served and played. Raises PageError."""
+    """Serve and play a recording; yield the page's address. Raises PageError."""
     projector = RecordingProjector(shown)
     page = lambda own: Page(projector.feed, own, projector=projector).application()  # noqa: E731
     async with (

@@ -29,12 +29,12 @@ _INLINE = re.compile(rb"<script[^>]*>(.+?)</script>", re.DOTALL)
 
 
 def new_token() -> str:
-    """A token that cannot be guessed."""
+    """Return a token that cannot be guessed."""
     return secrets.token_urlsafe(24)
 
 
 def policy(page: bytes) -> str:
-    """The Content-Security-Policy of a page: its own files, and the import map within it."""
+    """Return the Content-Security-Policy of a page: its own files, and its import map."""
     digests = (hashlib.sha256(script).digest() for script in _INLINE.findall(page))
     hashes = "".join(f" 'sha256-{base64.b64encode(each).decode()}'" for each in digests)
     return (
@@ -45,8 +45,10 @@ def policy(page: bytes) -> str:
 
 @dataclass(frozen=True)
 class OwnNames:
-    """Under which names a server is reached: the Host headers that name it, the origins of its
-    pages, and what a proxy cuts from the front of its paths (`/depot`, mostly empty).
+    """The names by which a server is reached.
+
+    The Host headers that name it, the origins of its pages, and the prefix that a proxy removes
+    from its paths (`/depot`, usually empty).
     """
 
     hosts: frozenset[str]
@@ -55,30 +57,30 @@ class OwnNames:
 
 
 def own_names(names: Iterable[str], port: int, public_url: str = "") -> OwnNames:
-    """Those of a server at these addresses and this port, and behind a proxy at `public_url`."""
+    """Return the names of a server at these addresses and this port, behind a proxy at
+    `public_url`.
+    """
     hosts = {_host("http", name, port) for name in names}
     origins = {f"http://{host}" for host in hosts}
     public = urlsplit(public_url)
     if public.hostname is not None:
         named = _host(public.scheme, public.hostname, public.port)
         origins.add(f"{public.scheme}://{named}")
-        # Proxies pass on the name with or without its port.
+        # Proxies pass the name on with or without its port.
         hosts |= {named, _host(public.scheme, public.hostname, None)}
     return OwnNames(frozenset(hosts), frozenset(origins), public.path)
 
 
 def _host(scheme: str, name: str, port: int | None) -> str:
-    """A Host header as browsers write it: IPv6 addresses in brackets, no port that goes without
-    saying.
-    """
+    """Return a Host header as browsers write it: IPv6 in brackets, without a default port."""
     name = f"[{name}]" if ":" in name else name.lower()
     return name if port in (None, _USUAL_PORTS[scheme]) else f"{name}:{port}"
 
 
 def why_no_command(headers: Headers, own: OwnNames, token: str | None = None) -> str | None:
-    """Why a request may not steer what the page shows, or None if it may.
+    """Return why a request may not control what the page shows, or None if it may.
 
-    `token`: what it must carry; None: it needs none, since it steers no team.
+    `token`: what it must carry; None: it needs none, because it controls no team.
     """
     if headers.get("sec-fetch-site", "same-origin") != "same-origin":
         return "commands are taken from this page alone"
@@ -93,9 +95,10 @@ def why_no_command(headers: Headers, own: OwnNames, token: str | None = None) ->
 
 
 class Protection:
-    """ASGI middleware: refuses foreign hosts, and gives every answer its headers.
+    """ASGI middleware that refuses foreign hosts, and adds headers to every answer.
 
-    `own` None: any host, for what asks for tokens, which no page of another site has.
+    `own` None: any host is accepted, for a server that requires tokens, which pages of other sites
+    lack.
     """
 
     def __init__(self, app: ASGIApp, own: OwnNames | None, content_policy: str) -> None:
@@ -128,7 +131,7 @@ class Protection:
             text = "this server has another name; behind a proxy give that one with --public-url"
             refusal = problem(421, text)
             return await refusal(scope, receive, send_with_headers)
-        # Other sites may link to the page, and read nothing of it.
+        # Other sites may link to the page, but read nothing from it.
         is_foreign = headers.get("sec-fetch-site", "none") not in ("none", "same-origin")
         if is_foreign and scope["path"] != "/":
             refusal = problem(403, "pages of other sites may not read this")

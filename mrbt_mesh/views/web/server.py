@@ -27,8 +27,9 @@ class PageError(InputError):
 
 
 class _Server(uvicorn.Server):
-    """Leaves signals to the caller, and waits to be ended: uvicorn itself looks ten times a second
-    for the end, and for limits that are not set here.
+    """A server that leaves signals to the caller, and waits to be ended.
+
+    uvicorn itself polls ten times a second for its end, and for limits that are not set here.
     """
 
     def __init__(self, config: uvicorn.Config) -> None:
@@ -49,7 +50,7 @@ async def served(
     close: Callable[[], None],
     make_application: Callable[[OwnNames], ASGIApp],
 ) -> AsyncIterator[str]:
-    """The address of an application, which is made for the names that it is reached by.
+    """Serve an application, made for the names by which it is reached, and yield its address.
 
     `close` ends its streams. Raises PageError.
     """
@@ -97,7 +98,7 @@ def names_of(host: str) -> set[str]:
 
 
 def bound(options: ViewerOptions) -> socket.socket:
-    """A socket at the page's address; raises PageError."""
+    """Return a socket at the page's address. Raises PageError."""
     family = socket.AF_INET6 if ":" in options.host else socket.AF_INET
     opened = socket.socket(family, socket.SOCK_STREAM)
     try:
