@@ -36,7 +36,7 @@ def render_plan(mission: Mission, plan: Plan, problem: Mapping[str, Any]) -> Pri
     parts: list[Printable] = [_lines(plan)]
     if plan.demands:
         parts += ["", render_bounds(problem["bounds"])]
-        parts.append(Styled(f"objective, the sum of p(i, l): {problem['objective']:g}", "dim"))
+        parts.append(Styled(f"objective, the sum of performances: {problem['objective']:g}", "dim"))
     if plan.biddings:
         parts += ["", _bids(plan)]
     if problem["forecast"] is not None:
@@ -56,8 +56,8 @@ def _later(plan: Plan, request: Request) -> Styled:
 
 def render_bounds(bounds: Sequence[Mapping[str, Any]]) -> Table:
     """a_j and b_j of each demand (`DemandBounds.to_json`), its robots and performances."""
-    performances = ["p(i, l)"] if any("performances" in row for row in bounds) else []
-    rows = table("local task", "for", "a_j", "b_j", "robots", *performances)
+    performances = ["performance"] if any("performances" in row for row in bounds) else []
+    rows = table("local task", "for", "min", "max", "robots", *performances)
     for row in bounds:
         robots = ", ".join(row["robots"]) or Styled("nobody", "dim")
         numbers = str(row["lower"]), str(row["upper"])

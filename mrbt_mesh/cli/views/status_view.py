@@ -24,7 +24,7 @@ MOST_REASONS = 5
 
 def render_status(data: Mapping[str, Any]) -> Printable:
     """The output of `mrbt status --json`, for a terminal."""
-    robots = table("robot", "type", "host", "pid", "state", "works on", "for", "lost or changed")
+    robots = table("robot", "type", "host", "pid", "state", "works on", "for", "faults")
     for robot in by_urgency(data["robots"]):
         row = data["robots"][robot]
         robots.add_row(

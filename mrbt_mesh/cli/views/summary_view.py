@@ -31,7 +31,7 @@ STATUSES = {"success": "green", "failure": "red", "running": "yellow"}
 def render_summary(summary: Mapping[str, Any]) -> Printable:
     """The summary that `mrbt up --json` prints, for a terminal."""
     tasks = summary.get("global_tasks", {})
-    robots = table("robot", "type", "state", "lost or changed", "took part in")
+    robots = table("robot", "type", "state", "faults", "tasks")
     for robot, known in summary.get("robots", {}).items():
         state = known.get("state") or "?"
         robots.add_row(

@@ -58,8 +58,8 @@ def test_plan_shows_the_bounds_a_and_b_as_outcomes_shrink_them(tmp_path: Path) -
     assert [row[2:4] for row in found] == [(1, 1)] * 5
     assert [len(row[4]) for row in found] == [1, 1, 1, 1, 0]
     output = done(mrbt("plan", REPAIR, "--facts", facts))
-    assert "objective, the sum of p(i, l): " in output
-    table = output[output.index("a_j") :].splitlines()
+    assert "objective, the sum of performances: " in output
+    table = output[output.index("local task") :].splitlines()
     assert table[5].split()[:5] == ["do_diagnosis(5)", "diagnose_part(5)", "1", "1", "nobody"]
 
 

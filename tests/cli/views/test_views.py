@@ -89,7 +89,7 @@ def test_the_status_shows_the_bounds_of_what_is_requested() -> None:
         2,
         [],
     )
-    _, _, table = drawn(render_status(data)).partition("a_j")
+    _, _, table = drawn(render_status(data)).partition("local task")
     assert table.splitlines()[1].split() == ["move_frame", "remove_cover", "2", "2", "nobody"]
 
 
