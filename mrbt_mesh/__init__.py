@@ -1,7 +1,7 @@
 """mrbt-mesh: fault-tolerant teams of robots on behavior trees, with no coordinator.
 
-Robot programs import from here and, where they have trees, from `mrbt_mesh.btcpp`; tests of them
-from `mrbt_mesh.testing`.
+Robot programs import from here and, if they have trees, from `mrbt_mesh.btcpp`. Tests of robot
+programs import from `mrbt_mesh.testing`.
 """
 
 from importlib import import_module
@@ -60,7 +60,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Loaded on first use, so that `mrbt_mesh.btcpp` can be imported without the runtime."""
+    """Load on first use, so that `mrbt_mesh.btcpp` can be imported without the runtime."""
     if name in __all__:
         return getattr(
             import_module(f"mrbt_mesh.runtime.{_MODULES.get(name, 'team_member')}"), name
@@ -69,5 +69,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What completion offers in an interactive Python: also what is not loaded yet."""
+    """List all names for completion in an interactive Python, including names not loaded yet."""
     return sorted(__all__)

@@ -1,4 +1,4 @@
-"""A coroutine that can be given up, whatever it shields itself from or swallows."""
+"""A coroutine that can be abandoned even if it shields itself or swallows cancellations."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-# What swallows this many cancellations in a row will not stop by itself.
+# A coroutine that swallows this many counted cancellations will not stop by itself.
 MAX_SWALLOWED = 1_000
 
 
 class GivenUpError(Exception):
-    """Raised in place of the coroutine that was given up; `place`: file and line, where it was."""
+    """Raised when the coroutine is abandoned; `place` is the file and line where it was."""
 
     def __init__(self, text: str, place: str) -> None:
         super().__init__(f"{text} ({place})")
@@ -24,11 +24,11 @@ class GivenUpError(Exception):
 
 
 class Driven:
-    """Awaits something; cancellations that carry `token` in their message are counted.
+    """Awaits something, and counts cancellations that carry `token` in their message.
 
-    What goes on after MAX_SWALLOWED of these is given up. Timeouts of its own (`move_on_after`,
-    `asyncio.timeout`) arrive as cancellations too; these do not count. `step` runs each of its
-    steps; before each it passes through the `gate`, if there is one, which may make it wait.
+    It is abandoned if it continues after MAX_SWALLOWED of these. Its own timeouts (`move_on_after`,
+    `asyncio.timeout`) arrive as cancellations too, but do not count. `step` runs each step of the
+    coroutine. If there is a `gate`, each step passes through it first, and may have to wait there.
     """
 
     def __init__(
@@ -47,10 +47,10 @@ class Driven:
         )
 
     def cancelled(self) -> None:
-        """Called at each cancellation, also at those that do not count."""
+        """Called at each cancellation, including those that do not count."""
 
     def frames(self) -> list[tuple[str, int]]:
-        """Where it waits: file and line, the outermost first."""
+        """Return where it waits: file and line, outermost first."""
         found = []
         each: Any = self._coroutine
         while (frame := getattr(each, "cr_frame", None)) is not None:
@@ -81,12 +81,12 @@ class Driven:
                 self._coroutine.close()
                 raise
             except BaseException as error:
-                # What it waited for has failed: that is its own affair, and it may catch it.
+                # The awaited operation has failed; the coroutine may catch the error.
                 del step
                 step = partial(self._coroutine.throw, error)
 
     def _thrown(self, cancellation: asyncio.CancelledError) -> Callable[[], Any]:
-        """The step in which the coroutine is cancelled; raises GivenUpError."""
+        """Return the step in which the coroutine is cancelled; raises GivenUpError."""
         self.cancelled()
         texts = (text for text in cancellation.args if isinstance(text, str))
         self._cancellations += any(self._token in text for text in texts)
@@ -95,7 +95,7 @@ class Driven:
         return partial(self._coroutine.throw, cancellation)
 
     def _end(self) -> GivenUpError:
-        """Drop the coroutine, here in the event loop: it may go on forever where there is none."""
+        """Close the coroutine while the event loop runs, as it might run forever without one."""
         frames = self.frames()
         with contextlib.suppress(RuntimeError):  # it ignores this too
             self._coroutine.close()
@@ -108,14 +108,14 @@ class Driven:
 
 
 def innermost(frames: list[tuple[str, int]]) -> str:
-    """The last of these places that is in no library, else the last: `robot.py:12`."""
+    """Return the last place outside libraries, else the last place, as `robot.py:12`."""
     own = [place for place in frames if not is_library(Path(place[0]))]
     file, line = (own or frames or [("?", 0)])[-1]
     return f"{Path(file).name}:{line}"
 
 
 def is_library(file: Path) -> bool:
-    """Whether a module is Python's or an installed package's."""
+    """True if a file belongs to Python or an installed package."""
     return not file.is_absolute() or any(file.is_relative_to(each) for each in _libraries())
 
 

@@ -1,4 +1,4 @@
-"""Wrong input, which every command reports as a message, and a task that has failed."""
+"""Errors for wrong input, which every command reports as a message, and for a failed task."""
 
 from __future__ import annotations
 
@@ -13,31 +13,33 @@ MAX_PATH_CHARACTERS = 160
 
 
 class InputError(Exception):
-    """Something that a person wrote is wrong: the message says where, and what would be right.
+    """Something that a person wrote is wrong. The message says where, and how to correct it.
 
     Commands print it and end with exit status 2. Each package derives its own errors from it.
     """
 
 
 class MissingExtraError(InputError):
-    """A part of the project needs libraries that are not installed; the text has the remedy."""
+    """A part of the project needs libraries that are not installed; the message tells the
+    remedy.
+    """
 
     @classmethod
     def of(cls, what: str, extra: str) -> MissingExtraError:
-        """`what` needs the extra."""
+        """Return the error for `what`, which needs the extra."""
         return cls(f"{what} needs the extra {extra!r}: pip install 'mrbt-mesh[{extra}]'")
 
 
 class TaskFailedError(Exception):
     """Raise it in a local task, or in a leaf of a tree, to report failure with a reason.
 
-    There is no traceback in the log.
+    The log gets no traceback.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One problem. `line` counts from 1; 0 means the file as a whole, e.g. one that is missing.
+    """One problem. `line` counts from 1; 0 means the file as a whole, e.g. if it is missing.
 
     `path` leads to the place inside the file, e.g. `tree/Sequence[2]/Parallel`.
     """
@@ -64,18 +66,18 @@ class FileError(InputError):
 
 
 def whole_file_error(file: str, message: str) -> FileError:
-    """A FileError that is about the file as a whole."""
+    """Return a FileError about the file as a whole."""
     return FileError([Problem(file, 0, "", message)])
 
 
 def require(what: str, extra: str, *modules: str) -> None:
-    """Raise MissingExtraError unless the `modules` that the `extra` brings are installed."""
+    """Raise MissingExtraError unless the `modules` that the `extra` provides are installed."""
     if not all(map(is_installed, modules)):
         raise MissingExtraError.of(what, extra)
 
 
 def is_installed(module: str) -> bool:
-    """Whether a module can be found: its package may be left out of an installation."""
+    """True if a module can be found; an installation may lack its package."""
     try:
         return find_spec(module) is not None
     except ModuleNotFoundError:
@@ -83,8 +85,8 @@ def is_installed(module: str) -> bool:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """`; did you mean 'x'?` for the known name most like `name`, else the names there are."""
-    names, name = sorted(known), name[:MAX_SHOWN_CHARACTERS]  # to compare long texts takes long
+    """Return `; did you mean 'x'?` for the most similar known name, else the known names."""
+    names, name = sorted(known), name[:MAX_SHOWN_CHARACTERS]  # comparing long texts takes long
     close = difflib.get_close_matches(name, names, n=1)
     if not close and len(name) > 2:
         close = [each for each in names if each.lower().startswith(name.lower())][:1]
@@ -97,12 +99,15 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def read_limited(path: Path, limit_bytes: int) -> bytes:
-    """The bytes of a file that people name; raises FileError, also for one that is too large."""
+    """Return the bytes of a file that a user named.
+
+    Raises FileError if it cannot be read or is larger than `limit_bytes`.
+    """
     file = str(path)
     try:
         if not path.exists():
             raise whole_file_error(file, "there is no such file")
-        # Reading a pipe or a device could block, or never end.
+        # Reading a pipe or a device could block or never end.
         if not path.is_file():
             raise whole_file_error(file, "not a file; give the file itself")
         with path.open("rb") as stream:
@@ -117,7 +122,7 @@ def read_limited(path: Path, limit_bytes: int) -> bytes:
 
 
 def lone(error: BaseException) -> BaseException:
-    """The one exception in a group of one; a group of several stays one."""
+    """Return the only exception of a group with one; a group of several is returned itself."""
     while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
         error = error.exceptions[0]
     return error

@@ -1,8 +1,8 @@
-"""How the periphery plugs into the mesh: entry points, one group for each kind of plug-in.
+"""Plug-ins of the mesh: entry points, with one group for each kind of plug-in.
 
-The mesh runs without its periphery, which pyproject.toml lists under `[project.entry-points]`;
-other packages may register plug-ins in the same groups. An entry point names an object that is
-cheap to import: what needs an extra is imported when the plug-in is used, after `errors.require`.
+The mesh runs without its plug-ins, which pyproject.toml lists under `[project.entry-points]`; other
+packages may register plug-ins in the same groups. An entry point names an object that is cheap to
+import: whatever needs an extra is imported when the plug-in is used, after `errors.require`.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ class Group(Generic[_Plugin]):
     what: str
 
     def names(self) -> list[str]:
-        """Those that are installed, sorted."""
+        """Return the names of the installed plug-ins, sorted."""
         return sorted(_installed(self.name))
 
     def load(self, name: str) -> _Plugin:
-        """The plug-in called `name`. Raises InputError if it is not installed."""
+        """Load the plug-in called `name`. Raises InputError if it is not installed."""
         found = _installed(self.name).get(name)
         if found is None:
             known = ", ".join(self.names()) or "none"
@@ -64,7 +64,7 @@ class Group(Generic[_Plugin]):
 
 @cache
 def _installed(group: str) -> Mapping[str, EntryPoint]:
-    # It takes some 40 ms and a megabyte, which robots without plug-ins save.
+    # This takes some 40 ms and a megabyte, which robots without plug-ins save.
     from importlib.metadata import entry_points
 
     return {each.name: each for each in entry_points(group=group) if is_installed(each.module)}
@@ -72,11 +72,12 @@ def _installed(group: str) -> Mapping[str, EntryPoint]:
 
 @dataclass(frozen=True)
 class ViewerOptions:
-    """What a view is asked for; each takes what applies to it.
+    """Options of a view; each view uses those that apply to it.
 
-    `port` None: the view's usual one, 0: any. `has_control`: it may act on the team. `robot`: show
-    the tree of this one. `notes`: the lines to show with the team now, e.g. a warning.
-    `public_url`: the address at which a proxy serves it, empty if there is none.
+    `port` None is the view's default port, 0 any free one. `has_control`: the view may act on the
+    team. `robot`: show the tree of this robot. `notes` returns the lines to show with the team now,
+    e.g. a warning. `public_url` is the address at which a proxy serves the view, empty if there is
+    none.
     """
 
     host: str = "127.0.0.1"
@@ -88,11 +89,11 @@ class ViewerOptions:
 
 
 def check_listens(host: str, port: int, what: str) -> None:
-    """Raise InputError if `what` could not listen there now; port 0: any that is free."""
+    """Raise InputError if `what` cannot listen there now; port 0 is any free one."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_STREAM) as tried:
-            # As servers do: what a connection that has ended still holds is no obstacle.
+            # As servers do: a closed connection that still holds the port is no obstacle.
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tried.bind((host, port))
             tried.listen()
@@ -104,9 +105,11 @@ def check_listens(host: str, port: int, what: str) -> None:
 
 @dataclass(frozen=True)
 class OpenView:
-    """A view that is open: the `address` that it is served at, if any; `update` is called after
-    every change, in the event loop; `closed` is set when the user closes it. `stays`: `mrbt up`
-    keeps it open after the end of the run.
+    """An open view.
+
+    `address` is where it is served, if it is. `update` is called after every change, in the event
+    loop; `closed` is set when the user closes the view. `stays`: `mrbt up` keeps it open after the
+    end of the run.
     """
 
     address: str
@@ -116,17 +119,17 @@ class OpenView:
 
 
 class Viewer(Protocol):
-    """Shows a team that runs: `mrbt watch --NAME`, `mrbt up --NAME`."""
+    """Shows a running team: `mrbt watch --NAME`, `mrbt up --NAME`."""
 
     summary: str
 
     def check(self, options: ViewerOptions) -> None:
-        """Raise InputError for what cannot be shown, before a team is started."""
+        """Raise InputError, before a team is started, if the view cannot be shown."""
 
     def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AbstractAsyncContextManager[OpenView]:
-        """Show the team until the context ends; `team`: its processes if they are local."""
+        """Show the team until the context ends; `team` has its processes if they are local."""
 
 
 @runtime_checkable
@@ -134,7 +137,7 @@ class MachineViewer(Protocol):
     """A viewer that can also show all runs of this machine: `mrbt watch --NAME` without a team."""
 
     def showing_machine(self, options: ViewerOptions) -> AbstractAsyncContextManager[str]:
-        """The address at which they are shown until the context ends."""
+        """Show the runs until the context ends. Yields the address."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,8 @@ class MetricsAddress:
 class RobotMeter(Protocol):
     """Counts the inputs and effects of one robot, and serves the counts. It changes nothing.
 
-    `sync_s`: durations of synced writes to the journal. `dropped`: messages that the inbox dropped.
+    `sync_s` are the durations of synced writes to the journal. `dropped` counts messages that the
+    inbox dropped.
     """
 
     sync_s: Durations
@@ -164,10 +168,10 @@ class RobotMeter(Protocol):
         """Count an effect of the agent."""
 
     def look(self, lag_s: float, agrees: bool) -> None:
-        """Note by how much the event loop was late, and whether all robots agree with this one."""
+        """Note how late the event loop was, and whether all robots agree with this one."""
 
     def timed(self, engine: Engine) -> Engine:
-        """The same engine, with each plan timed."""
+        """Return the engine with each plan timed."""
 
     def serving(self, view: AgentView) -> AbstractContextManager[int]:
         """Serve the counts until the context ends; called in the event loop. Raises InputError."""
@@ -177,10 +181,10 @@ class Metrics(Protocol):
     """Serves metrics of robots and teams: `--metrics-port`."""
 
     def check(self) -> None:
-        """Raise InputError if it lacks a library."""
+        """Raise InputError if a required library is missing."""
 
     def meter(self, robot: str, mission: Mission, address: MetricsAddress) -> RobotMeter:
-        """The meter of one robot, to be served at the address. Raises InputError."""
+        """Return the meter of one robot, to be served at the address. Raises InputError."""
 
     def serving_team(
         self, observer: Observer, address: MetricsAddress
@@ -188,14 +192,14 @@ class Metrics(Protocol):
         """Serve metrics of a team, in the event loop, until the context ends. Raises InputError."""
 
     def team_page(self, observer: Observer, accept: str) -> tuple[bytes, str]:
-        """(page, content type) of a team, for a request with this `Accept` header."""
+        """Return (page, content type) of a team, for a request with this `Accept` header."""
 
 
 @dataclass(frozen=True)
 class ProgramKind:
-    """Robots of one kind: `mrbt new FOLDER --NAME` copies the files in the folder `template`.
+    """A kind of robots: `mrbt new FOLDER --NAME` copies the files in the folder `template`.
 
-    `hint`: what to do first with the new files, which are in {folder}; may be empty.
+    `hint` tells what to do first with the new files, which are in {folder}; may be empty.
     """
 
     summary: str
@@ -204,7 +208,7 @@ class ProgramKind:
 
 
 class LeafRegistry(Protocol):
-    """What trees of one format call of a robot's program, and ask it for."""
+    """The leaves, entries and enums of a robot's program for trees of one format."""
 
     enums: dict[str, int]
 
@@ -216,21 +220,23 @@ class LeafRegistry(Protocol):
 
 
 class TreeFormat(Protocol):
-    """Trees in files, which missions name as local tasks: `tree: FILE.xml#TreeID`."""
+    """A format of tree files, which missions name as local tasks: `tree: FILE.xml#TreeID`."""
 
     def read(self, path: Path, tree: str) -> tuple[str, str]:
-        """The text of the file and all that it includes, and the tree's ID; `tree` may be empty.
+        """Return the text of the file with all its includes, and the tree's ID.
 
-        Raises InputError, with one line for each problem.
+        `tree` may be empty. Raises InputError, with one line for each problem.
         """
 
     def leaves(self) -> LeafRegistry:
-        """An empty registry for one robot's program."""
+        """Return an empty registry for one robot's program."""
 
     def problems(
         self, tree: ProgramTree, leaves: Any, conditions: Mapping[str, ConditionType]
     ) -> list[str]:
-        """What keeps a program with these `leaves` from running the tree, with file and line."""
+        """Return what keeps a program with these `leaves` from running the tree, with file and
+        line.
+        """
 
     async def run(
         self,
@@ -240,9 +246,10 @@ class TreeFormat(Protocol):
         task: TaskContext,
         report: Callable[[bytes], None],
     ) -> None:
-        """Run the tree to its end; `report` gets its nodes' statuses in preorder after each tick.
+        """Run the tree to its end.
 
-        Raises TaskFailedError unless it succeeds.
+        After each tick, `report` gets the statuses of its nodes in preorder. Raises TaskFailedError
+        unless the tree succeeds.
         """
 
     async def run_file(
@@ -255,26 +262,26 @@ class TreeFormat(Protocol):
     ) -> None:
         """Run a tree of a file, with `ports` as its entries.
 
-        Raises FileError, and TaskFailedError unless it succeeds.
+        Raises FileError, and TaskFailedError unless the tree succeeds.
         """
 
 
-# A command of `mrbt`, or a group of them; "tree.lift" is added to the group "tree".
+# A command of `mrbt`, or a group of commands; "tree.lift" is added to the group "tree".
 COMMANDS: Group[click.Command] = Group("mrbt_mesh.commands", "command")
 VIEWS: Group[Viewer] = Group("mrbt_mesh.views", "view")
-# What is survived of a mission's robots and capabilities, in words: by type of jobs, or by "".
+# Texts that tell which losses of robots and capabilities a mission survives, by job type, or "".
 ANALYSES: Group[Callable[[Mission], Mapping[str, str]]] = Group("mrbt_mesh.analyses", "analysis")
 METRICS: Group[Metrics] = Group("mrbt_mesh.metrics", "kind of metrics")
 PROGRAMS: Group[ProgramKind] = Group("mrbt_mesh.programs", "kind of robots")
-# By the file's ending without the dot: "xml".
+# Named by the file's ending without the dot: "xml".
 FILE_FORMATS: Group[TreeFormat] = Group("mrbt_mesh.file_formats", "file format")
 
 
 def tree_format(file: str) -> TreeFormat:
-    """The format of the trees in a file, by its ending. Raises InputError for an unknown one."""
+    """Return the format of the trees in a file, by its ending. Raises InputError if unknown."""
     return FILE_FORMATS.load(file.rpartition(".")[2].lower())
 
 
 def metrics() -> Metrics:
-    """The installed kind of metrics. Raises InputError without one."""
+    """Return the installed kind of metrics. Raises InputError without one."""
     return METRICS.load("prometheus")

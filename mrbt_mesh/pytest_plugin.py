@@ -1,6 +1,6 @@
 """The fixture `run_mission`, which pytest finds wherever this package is installed.
 
-Every session of pytest there loads this module, so it loads nothing before the fixture is used.
+Every pytest session there loads this module, so it loads nothing before the fixture is used.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def run_mission(request: pytest.FixtureRequest) -> RunMission:
-    """`mrbt_mesh.testing.run`; paths are relative to the folder of the test's file."""
+    """Run `mrbt_mesh.testing.run`; paths are relative to the folder of the test's file."""
     from mrbt_mesh.testing import run
     from mrbt_mesh.testing_commands import beside as commands_beside
 

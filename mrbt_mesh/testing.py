@@ -149,7 +149,7 @@ class NetworkQuality:
             check_number(f"NetworkQuality: {name}", getattr(self, name))
 
     def knobs(self) -> NetworkKnobs:
-        """The same in the simulator's units."""
+        """Return the same quality in the simulator's units."""
         return NetworkKnobs(
             LinkKnobs(
                 delay_us=round(self.delay_s * MICRO),
@@ -163,7 +163,7 @@ class NetworkQuality:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A robot has failed at a local task. `reason`: that of its program, empty if it gave none."""
+    """A robot has failed at a local task. `reason` is its program's; empty if it gave none."""
 
     at_s: float
     robot: str
@@ -174,10 +174,10 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class ObservedFault:
-    """A fault as the team has seen it: `major`, a robot is dead; `minor`, it lost `local_tasks`
-    for `reason`.
+    """A fault as the team saw it.
 
-    `until_s` is None if it has not ended.
+    `major`: a robot is dead. `minor`: it lost `local_tasks` for `reason`. `until_s` is None if the
+    fault has not ended.
     """
 
     kind: Literal["major", "minor"]
@@ -190,8 +190,10 @@ class ObservedFault:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A command that came to nothing, when it was given, and why: robots have refused it, or too
-    few of them were there; or the `Restart` of a robot that the mission in force lacks.
+    """A command that had no effect, when it was given, and why.
+
+    Robots have refused it, or too few of them were there. A `Restart` is refused if the mission in
+    force does not have the robot.
     """
 
     at_s: float
@@ -201,10 +203,10 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """What a robot's program did: it began a local task, or ended it.
+    """A robot's program began a local task, or ended it.
 
-    `at_s`: seconds from the launch of the team. `local_task` is ground: `carry(red)`. `outcome`:
-    None at a start; success, failure or cancelled at an end.
+    `at_s` is in seconds from the launch of the team. `local_task` is ground: `carry(red)`.
+    `outcome` is None at a start; success, failure or cancelled at an end.
     """
 
     at_s: float
@@ -216,13 +218,13 @@ class Event:
 
 @dataclass(frozen=True)
 class MissionRun:
-    """What came of a run of `mission`.
+    """The result of a run of `mission`.
 
     `result`: success, failure, timeout or blocked. `summary` is what `sim run --json` prints.
-    `starts` and `ends` are in the order of time; a robot that was killed at work has no end of
-    it. `jobs` are those that the team has taken, in the order in which they were submitted, with
-    the ends of at least the last 500. `refused`: commands that came to nothing. `whole` is all that
-    the simulator reports. `revisions`: the missions of the commands.
+    `starts` and `ends` are in the order of time; if a robot was killed at work, that work has no
+    end. `jobs` are those that the team has accepted, in the order of their submission, with the
+    ends of at least the last 500. `refused` are commands that had no effect. `whole` is everything
+    that the simulator reports. `revisions` are the missions of the commands.
     """
 
     result: str
@@ -254,22 +256,22 @@ class MissionRun:
         ]
 
     def started(self, local_task: str | None = None) -> list[str]:
-        """The robots that began a local task (ground, or a type; None: any), in order.
+        """Return the robots that began a local task (ground, or a type; None: any), in order.
 
-        This and the next three raise InputError for a local task that the mission never asks for.
+        This and the next three raise InputError for a local task that the mission never requests.
         """
         return self._robots(self.starts, local_task, None)
 
     def succeeded(self, local_task: str | None = None) -> list[str]:
-        """The robots that ended it with success, in order."""
+        """Return the robots that ended it with success, in order."""
         return self._robots(self.ends, local_task, "success")
 
     def failed(self, local_task: str | None = None) -> list[str]:
-        """The robots that ended it with failure, in order."""
+        """Return the robots that ended it with failure, in order."""
         return self._robots(self.ends, local_task, "failure")
 
     def cancelled(self, local_task: str | None = None) -> list[str]:
-        """The robots whose work on it was cancelled, in order."""
+        """Return the robots whose work on it was cancelled, in order."""
         return self._robots(self.ends, local_task, "cancelled")
 
     def _robots(
@@ -289,14 +291,17 @@ class MissionRun:
         ]
 
     def status(self, global_task: str) -> str:
-        """What became of a global task: idle, running, success, failure or cancelled."""
+        """Return the status of a global task: idle, running, success, failure or cancelled.
+
+        Raises InputError for an unknown one.
+        """
         known: Mapping[str, Any] = self.summary["global_tasks"]
         if global_task not in known:
             raise InputError(f"no global task {global_task!r}{nearest(global_task, known)}")
         return str(known[global_task]["status"])
 
     def job(self, job_id: str) -> JobResult:
-        """What became of a job; raises InputError for one that the team has not taken."""
+        """Return the result of a job; raises InputError for one that the team has not accepted."""
         found = {job.id: job for job in self.jobs}
         if job_id not in found:
             why = next((r.reason for r in self.refused if _submits(r.command, job_id)), "")
@@ -322,17 +327,18 @@ def run(
 ) -> MissionRun:
     """Run a mission once in virtual time.
 
-    `program`: the robots' program, or where one is; None: the mission's. `robots`: those that take
-    part, by default all. `faults`: (seconds from the launch, fault); each has to come before the
-    run ends. So do `commands`, what operators do. Those of one time follow its faults, in their
-    order; each goes to all robots that live then, and is given again for up to 10 s while these
-    cannot take it yet. `may_refuse`: some may come to nothing. `until_jobs_end`: the run ends when
-    all jobs that were submitted have. `parameters` replace those that programs read; the tree is
-    that of the file. The same arguments give the same run; another `seed` gives other delays.
+    `program` is the robots' program, or where one is; None: the mission's. `robots` take part, by
+    default all. `faults` are (seconds from the launch, fault); each has to come before the run
+    ends, and so does each of the `commands`, which are given by operators. Commands of the same
+    time follow its faults, in their order. Each goes to all robots that live then, and is repeated
+    for up to 10 s while these cannot accept it yet. `may_refuse`: commands may have no effect.
+    `until_jobs_end`: the run ends when all submitted jobs have ended. `parameters` replace those
+    that programs read; the tree stays as in the file. The same arguments give the same run; another
+    `seed` gives other delays.
 
-    Raises InputError for what does not fit the mission, AssertionError where one of the promises of
-    docs/explanation/guarantees.md did not hold, and for commands that came to nothing, unless they
-    may.
+    Raises InputError for arguments that do not fit the mission. Raises AssertionError if one of the
+    promises of docs/explanation/guarantees.md did not hold, or if a command had no effect without
+    `may_refuse`.
     """
     check_number("speed", speed)
     check_number("timeout_s", timeout_s)
@@ -397,7 +403,7 @@ def run(
 def _refused(
     result: SimulationResult, schedule: Iterable[NamedFault]
 ) -> Iterator[tuple[str, Refused]]:
-    """What came to nothing, and the same in words."""
+    """Yield the refused commands, each after a text for people."""
     named = {(each.at_us, id(each.fault)): each for each in schedule}
     for refusal in result.refusals:
         found, reason = named[refusal.at_us, id(refusal.step)], refusal.reason
@@ -424,7 +430,7 @@ def _team(mission: Mission, robots: Iterable[str] | None) -> list[str]:
 
 
 def _schedule(missions: Missions, faults: Iterable[tuple[float, Fault]]) -> list[NamedFault]:
-    """The faults by time; raises InputError for what is no fault of this mission's robots."""
+    """Return the faults by time; raises InputError for one that does not fit the mission."""
     found = []
     for at_us, fault, said in timed("fault", faults, Fault, "(2.5, Kill('A1'))"):
         mission = missions.with_robot(fault.robot, at_us, said)
@@ -455,12 +461,12 @@ def _load(mission: Mission, reference: str | None) -> RobotProgram:
     return load_program(reference)
 
 
-# The outcome of an event of the programs' record; None: that of the event.
+# The outcome of an event in the programs' record; None: that of the event.
 _OUTCOMES = {"start": None, "begin": None, "end": None, "cancel": "cancelled"}
 
 
 def _of_work(lines: Iterable[Mapping[str, Any]]) -> Iterator[Event]:
-    """What the lines say of local tasks themselves, not of ways to their places."""
+    """Yield the events of local tasks themselves, without the ways to their places."""
     on_the_way = set()
     for line in lines:
         if line.get("event") not in _OUTCOMES:
@@ -485,7 +491,7 @@ def _event(line: Mapping[str, Any]) -> Event:
 
 
 class RunMission(Protocol):
-    """What the fixture `run_mission` gives: `run`, with files beside the test."""
+    """The type of the fixture `run_mission`: `run`, with files relative to the test."""
 
     def __call__(
         self,

@@ -1,7 +1,7 @@
-"""What operators do in a test of `mrbt_mesh.testing`: commands to a team while it runs.
+"""What operators do in a test of `mrbt_mesh.testing`: commands to a running team.
 
-What cannot fit the mission, or a revision that comes before, raises InputError. Whether the team
-takes a command then, it says itself.
+InputError is raised for a command that fits neither the mission nor an earlier revision. Whether
+the team accepts a command is decided when it is given.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ _Step = TypeVar("_Step")
 
 @dataclass(frozen=True, slots=True)
 class ReviseMission:
-    """Give the team another mission, as `mrbt revise` does. `force`, `repeat_exclusive`: its
-    options. One that is not in force after 30 s is withdrawn.
+    """Give the team another mission, as `mrbt revise` does.
+
+    `force` and `repeat_exclusive` are its options. A mission that is not in force after 30 s is
+    withdrawn.
     """
 
     mission: File | Mission
@@ -57,13 +59,13 @@ Command: TypeAlias = (
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """What became of a job. `state`: succeeded, failed, cancelled or expired; held, waiting or
-    running if the run ended before it did.
+    """The result of a job.
 
-    `arguments`: by the parameters' names. `why`: what it waits for, or why it has failed. `robots`:
-    those that worked on it. `begun_s`, `ended_s`: seconds from the launch, None if it did not.
-    `attempts`: how often its tree was begun. `results`: what its tasks have set of its own entries
-    of the blackboard.
+    `state`: succeeded, failed, cancelled or expired; held, waiting or running if the run ended
+    first. `arguments` are by parameter name. `why` tells what the job waits for, or why it has
+    failed. `robots` worked on it. `begun_s`, `ended_s` are in seconds from the launch, None if it
+    did not begin or end. `attempts` is how often its tree was begun. `results` are the values that
+    its tasks set for its own entries of the blackboard.
     """
 
     id: str
@@ -81,7 +83,7 @@ class JobResult:
 
 @dataclass(frozen=True)
 class NamedCommand(NamedFault):
-    """A command as it was `given`, with what it is for the simulator."""
+    """A command as it was `given`, with its form for the simulator."""
 
     given: Command
 
@@ -93,19 +95,21 @@ class Missions:
         self._found = [(0, first)]
 
     def add(self, at_us: int, revision: Mission) -> None:
-        """A revision is proposed at this time."""
+        """Add a revision that is proposed at this time."""
         self._found = sorted([*self._found, (at_us, revision)], key=lambda each: each[0])
 
     def revisions(self) -> list[Mission]:
-        """All but the first, in order."""
+        """Return all missions but the first, in order."""
         return [mission for _, mission in self._found[1:]]
 
     def at(self, at_us: int) -> list[Mission]:
-        """Those that may be in force at this time, the newest first."""
+        """Return the missions that may be in force at this time, the newest first."""
         return [mission for since_us, mission in reversed(self._found) if since_us <= at_us]
 
     def with_robot(self, robot: str, at_us: int, said: str) -> Mission:
-        """The newest of them that has this robot; raises InputError if none has."""
+        """Return the newest mission of that time with this robot; raises InputError if none has
+        it.
+        """
         missions = self.at(at_us)
         found = next((each for each in missions if robot in each.robots), missions[0])
         check_robot(found, robot, said)
@@ -115,7 +119,7 @@ class Missions:
 def timed(
     what: str, given: Iterable[tuple[float, _Step]], kinds: Any, example: str
 ) -> Iterator[tuple[int, _Step, str]]:
-    """(when in us, a step of these kinds, how it was written); InputError for another one."""
+    """Yield (time in us, step, how it was written); raises InputError for other kinds of steps."""
     for index, entry in enumerate(given):
         place = f"{what}s[{index}]"
         if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[1], kinds):
@@ -131,8 +135,9 @@ def read_commands(
     given: Iterable[tuple[float, Command]],
     parameters: Mapping[str, Any] | None = None,
 ) -> list[NamedCommand]:
-    """The commands by time; revisions are added to the `missions`, with these parameters where they
-    have them.
+    """Return the commands by time, and add revisions to the `missions`.
+
+    Revisions get the values of `parameters` that they declare.
     """
     entries = list(timed("command", given, Command, "(2.5, CancelJob('job-1'))"))
     proposed = {}
@@ -172,7 +177,7 @@ def _revision(command: ReviseMission, said: str) -> Mission:
 
 
 def _check(named: NamedCommand, missions: Missions, jobs: Sequence[str]) -> None:
-    """Raise InputError for what no team that runs these missions could take."""
+    """Raise InputError for a command that no team with these missions could accept."""
     said = named.said
     match named.given:
         case Submit() as job:
@@ -195,7 +200,7 @@ def _check(named: NamedCommand, missions: Missions, jobs: Sequence[str]) -> None
 
 
 def _problem(mission: Mission, job: Submit) -> str:
-    """Why a team that runs this mission would refuse the job; empty if it would not."""
+    """Return why a team with this mission would refuse the job; empty if it would not."""
     try:
         arguments = arguments_of(mission, job.type, job.arguments)
         return check_job(mission, job.type, arguments, job.id, job.priority).problem(arguments)
@@ -204,7 +209,7 @@ def _problem(mission: Mission, job: Submit) -> str:
 
 
 def beside(folder: Path, given: Iterable[Any]) -> Iterator[Any]:
-    """The commands with paths relative to this folder."""
+    """Yield the commands with paths relative to this folder."""
     for entry in given:
         match entry:
             case (at_s, ReviseMission(str() | PathLike() as file) as command):
@@ -214,7 +219,7 @@ def beside(folder: Path, given: Iterable[Any]) -> Iterator[Any]:
 
 
 def job_results(observer: Observer, commands: Iterable[NamedCommand]) -> list[JobResult]:
-    """The jobs that a team has taken of those submitted, in this order."""
+    """Return the submitted jobs that the team has accepted, in the order of submission."""
     rows = {row.id: row for row in JobRows().of(observer)}
     log = observer.record.job_log
     found = []

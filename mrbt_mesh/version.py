@@ -1,3 +1,3 @@
-"""The version of this package. Importing it loads nothing else of it."""
+"""The version of this package. Importing this module loads nothing else."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""What a team does otherwise than BehaviorTree.CPP, though it can carry out the node."""
+"""Differences between a team and BehaviorTree.CPP at nodes that a team can carry out."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _YIELDING = frozenset({"AsyncSequence", "AsyncFallback"})
 
 
 def notes(type_name: str, spec: NodeSpec, yields: bool) -> Iterator[str]:
-    """The differences at one node with this type in the file.
+    """Yield the differences at one node with this type in the file.
 
-    `yields`: whether a guard of it, as written in the file, returns RUNNING between its steps.
+    `yields`: whether one of its guards, as written in the file, returns RUNNING between its steps.
     """
     is_reactive = spec.memory is Memory.NONE and spec.kind in _REACTIVE_KINDS
     if is_reactive and spec.kind is Kind.IF_THEN_ELSE:
-        # The library keeps the answer of an action that is the condition itself, as a team does.
+        # The library keeps the result of an action that is itself the condition, as a team does.
         if spec.children[0].contains(Kind.ACTION) and spec.children[0].kind is not Kind.ACTION:
             yield (
                 "an action inside its condition is begun again by BehaviorTree.CPP whenever the "
@@ -53,7 +53,7 @@ def notes(type_name: str, spec: NodeSpec, yields: bool) -> Iterator[str]:
 
 
 def returns_between_steps(type_name: str, spec: NodeSpec) -> bool:
-    """Whether BehaviorTree.CPP lets a tick pass between two steps of this node."""
+    """True if BehaviorTree.CPP lets a tick pass between two steps of this node."""
     if spec.kind in (Kind.RETRY, Kind.REPEAT):
         return spec.limit != 1
     return type_name in _YIELDING and len(spec.children) > 1

@@ -1,4 +1,4 @@
-"""Additions to click: wrong input is a message with exit status 2, and imports are late."""
+"""Additions to click: wrong input gives a message and exit status 2, and imports are late."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ EXIT_OF_RESULT = {
     "ended": NOT_FINISHED,
     "not_started": NOT_FINISHED,
 }
-# No float may be larger, so that none overflows where it is converted.
+# The largest float accepted, so that no conversion overflows.
 LARGEST = 1e9
 NEGATIVE = re.compile(r"-[0-9][0-9.eE+-]*")
 
@@ -42,7 +42,7 @@ class MrbtCommand(click.Command):
     """A command of `mrbt`: an InputError in it ends the process with a message and status 2."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        # Click takes the last one and drops the others.
+        # Click would use the last value and drop the earlier ones.
         _, _, order = self.make_parser(ctx).parse_args(list(args))
         for parameter, count in Counter(order).items():
             if not isinstance(parameter, click.Option) or parameter.is_flag:
@@ -72,7 +72,7 @@ class MrbtCommand(click.Command):
 
 
 class NumbersCommand(MrbtCommand):
-    """A command among whose arguments may be negative numbers: `-3` is no option of it."""
+    """A command with arguments that may be negative numbers: `-3` is not taken as an option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.ignore_unknown_options = True
@@ -80,9 +80,9 @@ class NumbersCommand(MrbtCommand):
         arguments = (each for each in self.params if isinstance(each, click.Argument))
         given = [found[each.name] for each in arguments if each.name in found]
         listed = [word for each in given for word in (each if isinstance(each, tuple) else [each])]
-        # Click has an object of its own for an argument that is not given.
+        # Click uses a special object for an argument that is not given.
         words = [word for word in listed if isinstance(word, str)]
-        # What comes after `--` is meant as it is.
+        # Words after `--` are taken literally.
         literal = args[args.index("--") + 1 :] if "--" in args else []
         for word in words[: len(words) - len(literal)]:
             if word.startswith("-") and word != "-" and not NEGATIVE.fullmatch(word):
@@ -91,7 +91,7 @@ class NumbersCommand(MrbtCommand):
 
 
 class CommandGroup(click.Group):
-    """A group of commands, which begin with its own name."""
+    """A group of subcommands, `mrbt GROUP COMMAND`, listed in the order of their definition."""
 
     command_class = MrbtCommand
 
@@ -102,9 +102,9 @@ class CommandGroup(click.Group):
 class LateGroup(click.Group):
     """A group whose commands are imported when they are used.
 
-    `sections`: names that share a row of the help -> their purpose. A command is an attribute of
-    the module in `mrbt_mesh.cli.commands` that has its name, or that `modules` names. `plugins`:
-    commands of other packages; one named `tree.lift` is added to the group `tree`.
+    `sections` maps names that share a row of the help to their purpose. A command is an attribute
+    of the module in `mrbt_mesh.cli.commands` that has its name, or that `modules` names. `plugins`
+    are commands of other packages; one named `tree.lift` is added to the group `tree`.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class LateGroup(click.Group):
         super().__init__(**settings)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        # Only now, since a robot's process does not need the plug-ins' names.
+        # Only now, since a robot's process does not need the names of plug-ins.
         return [*self._own, *(name for name in self._plugins.names() if "." not in name)]
 
     def resolve_command(
@@ -128,7 +128,7 @@ class LateGroup(click.Group):
         try:
             return super().resolve_command(ctx, args)
         except click.exceptions.NoSuchCommand:
-            # Click looks for similar names in `commands` alone.
+            # Click looks for similar names in `commands` only.
             possible = self.list_commands(ctx)
             raise click.exceptions.NoSuchCommand(args[0], possibilities=possible, ctx=ctx) from None
 
@@ -149,7 +149,7 @@ class LateGroup(click.Group):
         return command
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The sections in place of one list of commands, and of options."""
+        """Write the sections instead of a list of commands and options."""
         tools = {
             name: self._plugin(name).get_short_help_str(60)
             for name in self.list_commands(ctx)
@@ -163,7 +163,7 @@ class LateGroup(click.Group):
                     formatter.write_dl([(f"{names:{width}}", text) for names, text in rows.items()])
 
     def main(self, *args: Any, **extra: Any) -> NoReturn:
-        """Without arguments it is the program `mrbt`, which ends here, however its command ends."""
+        """Run a command. Called without arguments, this is the program `mrbt`, which ends here."""
         if not args and not extra:
             prepare_streams()
         try:
@@ -177,7 +177,9 @@ class LateGroup(click.Group):
 
 
 def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
-    """Call click's `main` and end the process; click's refusals become messages like ours."""
+    """Call click's `main` and end the process. Click's errors are printed like the project's
+    own.
+    """
     status: Any = SUCCESS
     try:
         try:
@@ -194,7 +196,7 @@ def run(main: Callable[..., Any], *args: Any, **extra: Any) -> NoReturn:
     except click.Abort:
         fail("interrupted", FAILURE)
     except BrokenPipeError:
-        # The reader, such as `head`, has seen enough.
+        # The reader, such as `head`, needs no more.
         drop_output()
         raise SystemExit(FAILURE) from None
     except OutputError as error:
@@ -215,8 +217,8 @@ def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
 def end_process(code: Any) -> NoReturn:
     """End a process that had a Zenoh session, with the code of a SystemExit.
 
-    To close a session can take 10 s. And its threads may call Python while the interpreter ends,
-    which aborts the process.
+    Closing a session can take 10 s, and its threads may call Python while the interpreter shuts
+    down, which aborts the process.
     """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
@@ -242,7 +244,7 @@ class FiniteNumber(click.FloatRange):
 
 
 class FilePath(click.Path):
-    """A path, of something that exists or not."""
+    """A path, whether or not it exists."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -263,9 +265,9 @@ PORT = click.IntRange(0, 65_535)
 
 
 def used(names: Iterable[str] | None = None) -> list[str]:
-    """The options and arguments of the running command that the user gave, as `--seed`, `MISSION`.
+    """Return the options and arguments that the user gave, as `--seed`, `MISSION`.
 
-    `names`: only these.
+    With `names`, only these are considered.
     """
     context = click.get_current_context()
     sources = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
@@ -288,7 +290,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def options_as(name: str, kind: type, *options: Decorator) -> Decorator:
-    """Options that a command gets as one object: `kind`, a dataclass with a field for each."""
+    """Combine options into one object for a command: `kind`, a dataclass with a field for each."""
     fields = [field.name for field in dataclasses.fields(kind)]
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -303,7 +305,7 @@ def options_as(name: str, kind: type, *options: Decorator) -> Decorator:
 
 
 def with_options(function: Callable[..., Any], options: Sequence[Decorator]) -> Callable[..., Any]:
-    """The function with all these decorators, the first one outermost."""
+    """Decorate the function with all these options, the first one outermost."""
     for option in reversed(options):
         function = option(function)
     return function

@@ -1,4 +1,4 @@
-"""Notes of what operators have commanded, in the run's files, for reports."""
+"""Notes of operators' commands, in the run's files, for reports."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def note_command(
 ) -> None:
     """Note what `mrbt COMMAND` did at `unix_s`, by default now.
 
-    What cannot be noted was done all the same, so that is no error: `warn` gets a warning, by
-    default on stderr.
+    A failure to note it is not an error, since the command was carried out: `warn` gets a warning,
+    by default printed on stderr.
     """
     from mrbt_mesh.runtime import command_log
 

@@ -1,9 +1,8 @@
-"""The end of a run of which no process is left: its summary, and its status.
+"""The end of a run without living processes: its summary and its status.
 
     python -m mrbt_mesh.cli.finished RUN_DIR
 
-waits until a detached team has ended, and writes its summary. Until then it loads little and costs
-hardly anything.
+waits until a detached team has ended, and writes its summary. While it waits it uses few resources.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from mrbt_mesh.runtime.run_dir import RunDir
 
 
 def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
-    """The summary of a run of which no process is left, else None.
+    """Return the summary of a run without living processes, else None.
 
-    It is written first if the team was detached, or its launcher killed. Raises InputError for a
-    damaged run directory.
+    The summary is written first if the team was detached or its launcher killed. Raises InputError
+    for a damaged run directory.
     """
     from mrbt_mesh.runtime.known_runs import is_running
 
@@ -37,10 +36,10 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
         summary = _summary(run_dir)
         from mrbt_mesh.runtime.summary_signature import sign_summary
 
-        # Meanwhile it may have been continued: that was the end of what went before.
+        # The run may have been continued meanwhile: then that was not its last end.
         if run_dir.info() != info or is_running(run_dir):
             return None
-        # Others may do the same now: all show the one that was first.
+        # Several processes may do this at the same time: all show the summary written first.
         if run_dir.write_first_summary(summary):
             sign_summary(run_dir)
         summary = run_dir.summary()
@@ -48,7 +47,7 @@ def summary_of_finished(run_dir: RunDir) -> dict[str, Any] | None:
 
 
 def has_ended(run_dir: RunDir) -> bool:
-    """Whether a run has ended that can go on.
+    """True if a run has ended and can be continued.
 
     Raises InputError if its mission is over, so that robots would find nothing to do.
     """
@@ -65,7 +64,10 @@ def has_ended(run_dir: RunDir) -> bool:
 
 
 def reopen(run_dir: RunDir) -> bool:
-    """Take its end from a run that can go on; whether it had ended. Raises as `has_ended`."""
+    """Remove the end of a run that can be continued. Returns whether it had ended.
+
+    Raises as `has_ended`.
+    """
     had_ended = has_ended(run_dir)
     if had_ended:
         run_dir.remove_summary()
@@ -73,7 +75,7 @@ def reopen(run_dir: RunDir) -> bool:
 
 
 def _summary(run_dir: RunDir) -> dict[str, Any]:
-    """The summary of a run that has ended, from its recordings and journals."""
+    """Return the summary of a run that has ended, from its recordings and journals."""
     from mrbt_mesh.cli.operator_end import with_operator_end
     from mrbt_mesh.core.assignment.solvers import default_solver
     from mrbt_mesh.formats.mission_file import load_mission
@@ -88,7 +90,7 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
     info, mission = run_dir.info(), load_mission(run_dir.mission_path)
     timing = timing_of(info.options.beat_s, info.options.detection_s, mission)
     observer = Observer(mission, info.run, timing, default_solver, chosen_engine())
-    # The last sign of life is the end of a run that has no result.
+    # A run without a result ended with the last sign of life.
     last_ns = max(run_dir.alive_mark_ns(robot) for robot in run_dir.robots())
     ended_us = boottime_us() - max(0, time.time_ns() - last_ns) // 1_000
     recorded_us = tell_past(observer, run_dir.path, info.started_unix_s, ())
@@ -107,7 +109,7 @@ def _summary(run_dir: RunDir) -> dict[str, Any]:
 
 
 def print_summary(summary: dict[str, Any], as_json: bool) -> None:
-    """Print it as `up` does at the end of a run."""
+    """Print a summary as `up` does at the end of a run."""
     from mrbt_mesh.cli.terminal import console, print_json
     from mrbt_mesh.cli.views.summary_view import render_summary
 
@@ -118,7 +120,7 @@ def print_summary(summary: dict[str, Any], as_json: bool) -> None:
 
 
 def print_finished(summary: dict[str, Any], as_json: bool) -> None:
-    """Print it; as JSON with the keys of a running team's status."""
+    """Print the summary of a finished run; as JSON with the keys of a running team's status."""
     if not as_json:
         click.echo(f"the run is over: {summary['result']}")
         print_summary(summary, as_json=False)
@@ -132,7 +134,7 @@ def print_finished(summary: dict[str, Any], as_json: bool) -> None:
 
 
 def start_summary_writer(run_dir: RunDir) -> None:
-    """Start the process that writes the summary of a team which nobody watches."""
+    """Start the process that writes the summary of a detached team."""
     with run_dir.opened_output(run_dir.path / "summary_writer.out") as output:
         subprocess.Popen(
             [sys.executable, "-m", "mrbt_mesh.cli.finished", str(run_dir.path)],
@@ -144,7 +146,7 @@ def start_summary_writer(run_dir: RunDir) -> None:
 
 
 def wait_and_write(run_dir: RunDir) -> None:
-    """Write the summary once no robot of the run is left, also of those that join later."""
+    """Write the summary once no robot of the run is left, including robots that join later."""
     import psutil
 
     while running := [p for robot in run_dir.robots() if (p := run_dir.process(robot)) is not None]:

@@ -2,12 +2,12 @@
 
     python -m mrbt_mesh.cli.fork_server RUN_DIR [arrays]
 
-Reads requests from standard input, a line of JSON each: a robot, and its arguments of `mrbt`.
-Writes to standard output the pid of each robot, and later how it ended. `runtime/robot_forks.py` is
-the other end. It ends with its launcher, and its robots go on.
+Reads requests from standard input, one line of JSON each: a robot, and its arguments of `mrbt`.
+Writes to standard output the pid of each robot, and later its exit status. `runtime/robot_forks.py`
+is the other end. The server ends with its launcher; its robots keep running.
 
 Nothing may be started here that does not survive a fork, such as a Zenoh session or a thread.
-numpy's library has threads, and ends them itself before a fork.
+numpy's library has threads, but ends them itself before a fork.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def serve(arrays: bool) -> None:
     for module in (*LOADED_ONCE, *(LOADED_FOR_ARRAYS if arrays else ())):
         importlib.import_module(module)
     gc.collect()
-    gc.freeze()  # pages that no collection writes to stay shared with the robots
+    gc.freeze()  # pages that the collector never writes to stay shared with the robots
     ended, end = os.pipe()
     os.set_blocking(end, False)
     signal.set_wakeup_fd(end)
@@ -85,7 +85,7 @@ def _report_ended() -> None:
 
 
 def _become_robot(request: dict[str, Any]) -> NoReturn:
-    """Run `mrbt` in a session of its own, with the robot's output file."""
+    """Run `mrbt` in a new session, with the robot's output file."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     os.setsid()
@@ -97,7 +97,7 @@ def _become_robot(request: dict[str, Any]) -> NoReturn:
         os.dup2(descriptor, standard)
     os.close(nothing)
     os.close(output)
-    # As `ps` and `top` show it; the command line is that of this process for all of them.
+    # For `ps` and `top`: all robots share the command line of this process.
     with contextlib.suppress(OSError), open("/proc/self/comm", "w") as name:
         name.write(f"mrbt {request['robot']}"[:MAX_NAME])
     sys.argv = ["mrbt", *request["arguments"]]
@@ -106,7 +106,7 @@ def _become_robot(request: dict[str, Any]) -> NoReturn:
         main()
     except SystemExit as error:
         code = error.code
-    except BaseException:  # whatever it was, this process must not go on as its parent does
+    except BaseException:  # in any case this process must not continue as its parent does
         sys.excepthook(*sys.exc_info())
     end_process(code)
 

@@ -1,4 +1,4 @@
-"""What `mrbt demo` adds to a run: it kills a robot itself, and names what to try next."""
+"""What `mrbt demo` adds to a run: it kills a robot and suggests what to try next."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.watcher import Watcher
 
 LOOK_S = 0.2
-# When a robot is killed, with how much work left at least, so that one sees another take over, and
-# how long is waited for one that has: all in s at speed 1.
+# In seconds at speed 1: when a robot is killed, the work that it must have left, so that one sees
+# another robot take over, and how long the demo waits for a robot with that much work.
 KILL_AFTER_S, LEFT_S, PATIENCE_S = 8.0, 2.0, 10.0
 
 
 class Guide:
-    """Kills one robot at work, and says which one to kill next. `speed`: as of the robots."""
+    """Kills one robot at work, and suggests the next one to kill. `speed` is that of the robots."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
@@ -49,7 +49,7 @@ class Guide:
         return hints
 
     def new_hints(self) -> list[str]:
-        """The hints that were not there when this was asked last, to be printed line by line."""
+        """Return the hints that are new since the last call, to be printed line by line."""
         before, self._shown = self._shown, self.hints()
         return [hint for hint in self._shown if hint not in before]
 
@@ -70,13 +70,13 @@ class Guide:
                 if process is not None:
                     os.kill(process.pid, signal.SIGKILL)
                     killed = f"{robot} (pid {process.pid}) killed"
-                    # A view has the terminal: a warning waits for the closing words.
+                    # A view occupies the terminal, so a warning is printed with the closing words.
                     note_command(team.run_dir, "demo", killed, warn=self._problems.append)
                     self._killed = robot
                     return
 
     def closing(self, team: Team) -> list[str]:
-        """Where the recording is, and three commands to try with it."""
+        """Return where the recording is, and three commands to try with it."""
         return [
             *self._problems,
             "",
@@ -88,7 +88,7 @@ class Guide:
 
 
 def replaceable(observer: Observer) -> Iterator[str]:
-    """The robots at work that another one can replace now, and that no global task needs later."""
+    """Yield robots at work that another can replace now and that no global task needs later."""
     members, at_work = observer.facts.members, {}
     free = alive = set(observer.membership.members()) & set(members)
     for robot in observer.robots():
@@ -114,13 +114,13 @@ def replaceable(observer: Observer) -> Iterator[str]:
 
 
 def has_work_left(observer: Observer, robot: str, left_s: float, now_us: int) -> bool:
-    """Whether its action goes on for so long, also where nobody knows how long it should take."""
+    """True if the robot's action continues for `left_s`, or if its duration is unknown."""
     work = time_at_work(observer, robot, now_us)
     return work is not None and (work.expected_s is None or work.expected_s - work.for_s >= left_s)
 
 
 def next_to_kill(observer: Observer) -> str:
-    """A living robot: one at work that others can replace, else one at work, else any; or empty."""
+    """Return a robot to kill: a replaceable one at work, else one at work, else any; or empty."""
     living = sorted(observer.membership.members(), key=name_order)
     at_work = [robot for robot in living if observer.claim(robot) is not None]
     return next(iter([*replaceable(observer), *at_work, *living]), "")

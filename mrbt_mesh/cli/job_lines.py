@@ -1,4 +1,4 @@
-"""Many jobs at once: a JSON object per line, all checked first, then handed in side by side."""
+"""Submit many jobs at once: one JSON object per line; all are checked first."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from mrbt_mesh.formats.json_text import bounded_whole, without_doubles
 if TYPE_CHECKING:
     from mrbt_mesh.runtime.team_client import TeamClient
 
-# As many jobs as a team has open at most, and what a line of one may hold.
+# The most jobs that a team has open, and the longest line.
 MAX_LINES, MAX_LINE_BYTES = 20_000, 65_536
-# Problems of lines that are listed.
+# The most problems of lines that are listed.
 MOST_LISTED = 20
-# Jobs that are handed in side by side.
+# Jobs that are submitted at the same time.
 AT_ONCE = 16
 KEYS = ("type", "arguments", "id", "priority", "not_before", "deadline", "safe")
 NOT_ANSWERED = "not_answered"
@@ -29,9 +29,9 @@ NOT_ANSWERED = "not_answered"
 
 @dataclass(frozen=True, kw_only=True)
 class JobLine:
-    """A job of a line. `arguments`: in order, or by the names of the type's parameters.
+    """A job of a line. `arguments` are in order, or by the names of the type's parameters.
 
-    `notes`: what is to be said of it.
+    `notes` are printed for people.
     """
 
     number: int
@@ -47,7 +47,7 @@ class JobLine:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of a line: a state, or a problem and its cause."""
+    """The result for a line: a state, or a problem and its cause."""
 
     line: JobLine
     state: str = ""
@@ -55,7 +55,7 @@ class Result:
     cause: str = ""
 
     def data(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return plain data."""
         at = understood(not_before=self.line.not_before, deadline=self.line.deadline)
         found = {"line": self.line.number, "id": self.line.id, **at}
         if self.problem:
@@ -63,7 +63,7 @@ class Result:
         return found | {"state": self.state}
 
     def text(self) -> str:
-        """For people: the id, or what is wrong."""
+        """Return the id, or what is wrong, for people."""
         if self.problem:
             problem = self.problem.removeprefix(f"{self.line.id}: ")
             return f"line {self.line.number}: {self.line.id}: {problem}"
@@ -71,7 +71,7 @@ class Result:
 
 
 class Problems:
-    """What is wrong with lines, by their numbers."""
+    """The problems of lines, by line number."""
 
     def __init__(self) -> None:
         self._found: dict[int, str] = {}
@@ -80,7 +80,7 @@ class Problems:
         self._found.setdefault(number, str(problem))
 
     def check(self) -> None:
-        """Raise InputError if there are any."""
+        """Raise InputError if there are any problems."""
         if not self._found:
             return
         rows = [f"line {number}: {self._found[number]}" for number in sorted(self._found)]
@@ -90,9 +90,9 @@ class Problems:
 
 
 def read_lines(stream: IO[bytes], problems: Problems) -> list[JobLine]:
-    """The jobs of all lines that are not blank; adds to `problems` those that are none.
+    """Return the jobs of all lines that are not blank; invalid lines are added to `problems`.
 
-    Raises InputError where there is no job, or too many.
+    Raises InputError if there is no job, or there are too many.
     """
     found: list[JobLine] = []
     count = number = 0
@@ -119,7 +119,7 @@ def read_lines(stream: IO[bytes], problems: Problems) -> list[JobLine]:
 
 
 def _job_of(line: bytes, number: int) -> JobLine:
-    """The job of a line; raises ValueError."""
+    """Return the job of a line; raises ValueError."""
     data = _object_in(line)
     for key in data:
         if key not in KEYS:
@@ -144,9 +144,9 @@ def _job_of(line: bytes, number: int) -> JobLine:
 
 
 def _object_in(line: bytes) -> dict[str, Any]:
-    """The JSON object of a line; raises ValueError."""
+    """Return the JSON object of a line; raises ValueError."""
     try:
-        # Some programs begin a file with a mark of its encoding.
+        # Some programs write a byte order mark first.
         text = line.decode("utf-8-sig")
         data = json.loads(text, object_pairs_hook=without_doubles, parse_int=bounded_whole)
     except UnicodeDecodeError:
@@ -167,7 +167,7 @@ def _is_whole(value: Any) -> bool:
 
 
 def _are_arguments(value: Any) -> bool:
-    """What is in them is judged by the type of the job."""
+    """Accept any list or object; the job's type judges its content."""
     return isinstance(value, list | dict)
 
 
@@ -185,8 +185,10 @@ _EXPECTED: dict[str, tuple[str, Callable[[Any], bool]]] = {
 def checked(
     client: TeamClient, lines: Iterable[JobLine], safe: int | None, problems: Problems
 ) -> list[JobLine]:
-    """The jobs with their arguments in order, and with ids; adds to `problems` what the team's
-    mission does not have. `safe`: for lines that say nothing.
+    """Return the jobs with ids and with their arguments in order.
+
+    Adds jobs that the team's mission does not allow to `problems`. `safe` applies to lines without
+    it.
     """
     from mrbt_mesh.runtime.job_requests import JobRefusedError
     from mrbt_mesh.runtime.team_client import new_job_id
@@ -212,9 +214,10 @@ def checked(
 async def hand_in(
     client: TeamClient, lines: Sequence[JobLine], show: Callable[[Result], None]
 ) -> bool:
-    """Hand in jobs, several at once, and show what became of each in their order; whether the team
-    has taken them all. Output that cannot be written keeps no job from being handed in: OSError
-    afterwards.
+    """Submit jobs, several at once, and show the result of each in their order.
+
+    Returns whether the team has accepted all. If results cannot be written, all jobs are submitted
+    nevertheless; OSError is raised afterwards.
     """
     from mrbt_mesh.runtime.job_requests import JobRefusedError
     from mrbt_mesh.runtime.team_client import NOBODY_HEARD

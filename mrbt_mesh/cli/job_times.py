@@ -1,4 +1,4 @@
-"""Times of jobs, as people write them: a moment, a time of today, or how long from now."""
+"""Parse times of jobs as people write them: a moment, a time of today, or seconds from now."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ import click
 
 from mrbt_mesh.runtime.local_time import moment_of
 
-# Of times from now: a year.
+# The longest time from now: a year.
 MAX_SECONDS = 366 * 86_400
 
 
 def time_of(text: str) -> tuple[datetime | timedelta, bool]:
-    """(a time of the local time zone or another one, in UTC, or how long from now; whether it is a
-    time of today that has passed). Raises ValueError, whose text names the time.
+    """Parse a time. Returns (time, whether it is a time of today that has passed).
+
+    A moment is converted to UTC, from the local time zone unless it names another; a time from now
+    is a timedelta. Raises ValueError, whose text names the time.
     """
     seconds = -1.0
     with contextlib.suppress(ValueError):
@@ -44,7 +46,10 @@ def time_of(text: str) -> tuple[datetime | timedelta, bool]:
 def times_problem(
     not_before: datetime | timedelta | None, deadline: datetime | timedelta | None
 ) -> str:
-    """Why a job with these times could never be done, by this machine's clock; empty: it could."""
+    """Return why no robot could ever do a job with these times; empty if one could.
+
+    Times are compared with this machine's clock.
+    """
     now = datetime.now(UTC)
     begin, end = (
         now + each if isinstance(each, timedelta) else each for each in (not_before, deadline)
@@ -56,14 +61,14 @@ def times_problem(
 
 
 def passed_text(text: str) -> str:
-    """What is said of a time of today, at which a job may begin, that has passed."""
+    """Return the note for a start time of today that has passed."""
     return f"{text} today has passed: it may begin at once"
 
 
 def job_time(
     _: click.Context, option: click.Parameter, text: str | None
 ) -> datetime | timedelta | None:
-    """The value of an option with a time."""
+    """Parse the value of an option that takes a time."""
     if text is None:
         return None
     try:
@@ -76,7 +81,7 @@ def job_time(
 
 
 def understood(**times: datetime | timedelta | None) -> dict[str, str]:
-    """The moments among these, by their names, as they are in UTC."""
+    """Return the moments among these times as text in UTC, by name."""
     return {
         name: f"{at:%Y-%m-%dT%H:%M:%SZ}" for name, at in times.items() if isinstance(at, datetime)
     }

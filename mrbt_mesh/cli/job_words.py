@@ -1,4 +1,4 @@
-"""Arguments of a job as words of a command line: all in order, or all as NAME=VALUE."""
+"""Parse the arguments of a job on a command line: all in order, or all as NAME=VALUE."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from mrbt_mesh.errors import InputError
 
 
 def arguments_in(words: Sequence[str]) -> list[str] | dict[str, str]:
-    """The values in order, or by the names of parameters: no value has a `=` in it.
+    """Return the values in order, or by parameter; a value cannot contain `=`.
 
     Raises InputError for a mixture of both, and for a name that is given twice.
     """

@@ -18,9 +18,9 @@ MOST_NAMED = 5
 
 
 def jobs_left_behind(run_dir: RunDir, mission: Mission) -> list[JobRow]:
-    """All that are still known, in the order of `mrbt jobs`; warns of journals that cannot be used.
+    """Return all jobs that are still known, in the order of `mrbt jobs`.
 
-    Raises InputError for a damaged run directory.
+    Warns of journals that cannot be used. Raises InputError for a damaged run directory.
     """
     info = run_dir.info()
     timing = timing_of(info.options.beat_s, info.options.detection_s, mission)
@@ -32,7 +32,7 @@ def jobs_left_behind(run_dir: RunDir, mission: Mission) -> list[JobRow]:
 
 
 def open_jobs_text(rows: list[JobRow]) -> str:
-    """For people: `3 jobs go on: morning-1, ...`; empty without an open one."""
+    """Return `3 jobs go on: morning-1, ...` for people; empty if no job is open."""
     named = [row.id for row in rows if row.state in OPEN]
     if not named:
         return ""

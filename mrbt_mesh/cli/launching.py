@@ -40,12 +40,12 @@ from mrbt_mesh.runtime.settings import START_S_PER_ROBOT
 from mrbt_mesh.runtime.team import Team
 from mrbt_mesh.runtime.team_address import address_of
 
-# Long enough for a slow machine to start a few robots.
+# Enough for a slow machine to start a few robots.
 UP_TIMEOUT_S = 60.0
 
 
 def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
-    """The directory of a new run, by default one of its own in the state folder."""
+    """Create the directory of a new run, by default in the state folder."""
     if folder is None:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         folder = state_dir() / "runs" / f"{mission.name}-{stamp}"
@@ -59,7 +59,7 @@ def created(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
 
 
 def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
-    """The directory of an earlier run to continue, with its id and its team's name.
+    """Prepare the directory of an earlier run to be continued, with its id and its team's name.
 
     Raises InputError if robots of it still run, if it is a run of another mission, or if its
     mission is over.
@@ -91,7 +91,10 @@ def continued(folder: Path | None, info: RunInfo, mission: Mission) -> RunDir:
 
 
 def _in_good_standing(run_dir: RunDir, info: RunInfo) -> tuple[str, ...]:
-    """The robots whose keys were not revoked; names the others. Raises InputError if none is."""
+    """Return the robots whose keys were not revoked, and note the revoked ones.
+
+    Raises InputError if all keys were revoked.
+    """
     if info.options.insecure:
         return info.robots
     from mrbt_mesh.runtime.key_folder import KeyFolder
@@ -114,16 +117,17 @@ def run_team(
     views: ChosenViews,
     guide: Guide | None = None,
 ) -> NoReturn:
-    """Start the robots, watch them to the end (None: leave them running), and end the process.
+    """Start the robots, watch them to the end, and end the process. With `show` None, detach
+    instead.
 
-    Output that cannot be written ends no robot.
+    No robot ends because output cannot be written.
     """
     lose_output_rather_than_end()
     raise SystemExit(anyio.run(_run, run_dir, mission, show, views, guide))
 
 
 async def _detached(team: Team) -> int:
-    """Start a team and leave it alone once all robots run; stop them all if one does not."""
+    """Start a team and detach once all robots run. If one does not, stop them all."""
     run_dir, info = team.run_dir, team.info
     refused, problems = [], []
     try:
@@ -199,7 +203,7 @@ async def _run(
 
 
 def overload_text(found: Overload) -> str:
-    """The warning: the figures of this machine, and the remedies."""
+    """Return the warning: the figures of this machine, and the remedies."""
     remedies = [f"at most {found.carried} robots (--robots)"]
     if found.enough_beat_s is not None:
         beat, detection = f"--beat {found.enough_beat_s:g}", f"{found.enough_detection_s:g}"

@@ -25,7 +25,7 @@ SECTIONS = {
         "sim drill": "Virtual time: run, chaos, estimate; real processes",
     },
 }
-# The modules of commands that share one; others have one of their own name.
+# Modules that several commands share; every other command has a module of its own name.
 MODULES = {
     "operate": "kill freeze thaw leave join borrow return attend fault pause resume abort decide",
     "runs": "ls down logs",

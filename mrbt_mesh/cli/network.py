@@ -1,4 +1,4 @@
-"""The options of the network, which `up`, `agent` and `router` have."""
+"""The network options of `up`, `agent` and `router`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def network_option(
 
 
 def endpoints_option(name: str, text: str, field: str | None = None, **settings: Any) -> Decorator:
-    """An option for endpoints, which may be given several times, or as a list with commas."""
+    """Return an option for endpoints, given several times or separated by commas."""
     return click.option(
         name,
         field or name.removeprefix("--"),
@@ -106,6 +106,8 @@ network_options = options_as("network", NetworkOptions, *NETWORK)
 
 
 def warn_insecure() -> None:
-    """Warn on stderr that messages are not signed; robots do not load rich for a colour."""
+    """Warn on stderr that messages are not signed, in plain text: robots do not load a colour
+    library.
+    """
     text = "not secure: messages are not signed, and everybody who reaches a robot's port is"
     click.echo(f"{WARNING} {text} believed", err=True)

@@ -1,7 +1,7 @@
-"""A run that an operator has ended on purpose is neither blocked nor late: it says by whom.
+"""Mark runs that an operator ended on purpose as ended, neither blocked nor late.
 
-What was blocked before, and still was at its end, is in its summary; what was so because its robots
-were leaving is not.
+Requests that were blocked before the end stay in the summary; those that were blocked only because
+robots were leaving do not.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from mrbt_mesh.runtime.command_log import TeamEnd, last_end, team_ends
 from mrbt_mesh.runtime.fencing import boottime_us
 from mrbt_mesh.runtime.run_dir import RunDir
 
-# Such a run is ended in place of one of these.
+# Results that an operator's end replaces.
 UNFINISHED = ("timeout", "blocked")
-# Robots may begin to leave, as on Ctrl-C, so much before that is noted.
+# Robots may begin to leave this long before the end is noted, as on Ctrl-C.
 LEAVING_S = 1.0
 
 
 def with_operator_end(
     summary: dict[str, Any], record: RunRecord, run_dir: RunDir | None, why: str
 ) -> dict[str, Any]:
-    """The summary of a run that has ended before its mission; `why`: if no command has ended it,
-    what did, empty if that was no operator.
+    """Return the summary of a run that ended before its mission.
+
+    `why` tells what ended the run if no command did; empty if that was not an operator.
     """
     ends = team_ends(run_dir) if run_dir is not None else []
     last = last_end(run_dir) if run_dir is not None else None
@@ -46,7 +47,7 @@ def with_operator_end(
 def _in_the_way(
     episodes: list[dict[str, Any]], record: RunRecord, ends: list[TeamEnd]
 ) -> list[dict[str, Any]]:
-    """Those of the blocked requests that did not begin with the robots leaving."""
+    """Return the blocked requests, except those that began while the robots were leaving."""
     epoch_s = time.time() - boottime_us() / SECOND_US
     began_s = (record.started_us or 0) / SECOND_US + epoch_s
 

@@ -1,4 +1,4 @@
-"""Options that several commands take, each defined once, and their meaning for a mission."""
+"""Options that several commands share, each defined once, and their meaning for a mission."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ run_dir_option = click.option(
 
 @dataclass(frozen=True)
 class ShowOptions:
-    """A live view, lines as things happen, or one JSON object at the end."""
+    """How a run is shown: in a live view, as lines, or as one JSON object at the end."""
 
     headless: bool = False
     as_json: bool = False
@@ -106,7 +106,7 @@ jobs_option = click.option(
     help="Number of processes.",
 )
 
-# Option -> its values, and its help.
+# Each option with the form of its values, and its help.
 FAULTS = {
     "kill": ("A1@12.5,...", "SIGKILL; give it several times, or with commas."),
     "restart": ("A1@14,...", "Start it again, or one more."),
@@ -120,7 +120,7 @@ FAULTS = {
 
 
 def fault_options(*names: str) -> Decorator:
-    """An option for each kind of fault; its texts arrive under its name."""
+    """Return an option for each of these kinds of faults; its values arrive under its name."""
     options = [
         click.option(f"--{name}", multiple=True, metavar=metavar, help=text)
         for name, (metavar, text) in FAULTS.items()
@@ -130,13 +130,13 @@ def fault_options(*names: str) -> Decorator:
 
 
 def comma_list(_: Any, __: Any, values: str | Iterable[str] | None) -> tuple[str, ...]:
-    """A callback: `A,B`, also of an option given several times, as one tuple."""
+    """Click callback: split `A,B`, also if the option is given several times, into one tuple."""
     texts = [values] if isinstance(values, str) else values or ()
     return tuple(part for text in texts for part in text.split(",") if part)
 
 
 def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:
-    """The robots of `--robots A1,B1`, or all of the mission, sorted; raises InputError."""
+    """Return the robots of `--robots A1,B1`, or all of the mission, sorted; raises InputError."""
     if text is None:
         return sorted(mission.robots)
     names = [name.strip() for name in text.split(",")]
@@ -151,9 +151,9 @@ def chosen_robots(option: str, text: str | None, mission: Mission) -> list[str]:
 
 
 def checked_program(mission: Mission, robots: list[str], program: str | None) -> str:
-    """The robots' program: it has their local tasks, and this computer its requirements.
+    """Return the robots' program, after checking it against the robots and this computer.
 
-    Raises InputError.
+    Raises InputError if a local task is missing, or the computer does not meet its requirements.
     """
     from mrbt_mesh.runtime.program import functions_of
 
@@ -165,7 +165,7 @@ def checked_program(mission: Mission, robots: list[str], program: str | None) ->
 
 
 def fitting_program(mission: Mission, robots: list[str], reference: str) -> RobotProgram:
-    """The program, which must have these robots' local tasks; raises ProgramError."""
+    """Load the program, which must have these robots' local tasks; raises ProgramError."""
     from mrbt_mesh.runtime.program_loader import load_program, require_program
 
     loaded = load_program(reference)

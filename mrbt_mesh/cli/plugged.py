@@ -18,7 +18,7 @@ from mrbt_mesh.plugins import VIEWS, Viewer, ViewerOptions
 if TYPE_CHECKING:
     from mrbt_mesh.core.mission.mission import Mission
 
-# What a proxy of this machine may be reached at.
+# Addresses at which a proxy may serve this machine.
 _PUBLIC_URL = re.compile(r"https?://[A-Za-z0-9.\[\]:-]+(/[A-Za-z0-9._~/-]*)?")
 
 
@@ -28,7 +28,7 @@ class PublicUrl(click.ParamType[str]):
     name = "URL"
 
     def convert(self, value: str, _: Any, __: Any) -> str:
-        """Raises click.BadParameter for what is none."""
+        """Return the address; raises click.BadParameter for an invalid one."""
         try:
             parts = urlsplit(value)
             is_address = bool(_PUBLIC_URL.fullmatch(value) and parts.hostname and parts.port != 0)
@@ -40,21 +40,22 @@ class PublicUrl(click.ParamType[str]):
 
 
 def public_url_option(what: str) -> Callable[..., Any]:
-    """The option for the address at which a proxy serves `what`."""
+    """Return the option for the address at which a proxy serves `what`."""
     text = f"Address at which a proxy serves the {what}: https://..."
     return click.option("--public-url", type=PublicUrl(), metavar="URL", help=text)
 
 
 @dataclass(frozen=True)
 class ChosenViews:
-    """The views that were asked for, by name."""
+    """The chosen views, by name."""
 
     viewers: Mapping[str, Viewer]
     options: ViewerOptions
 
     def check(self, mission: Mission | None = None) -> None:
-        """Raise InputError, before a team is started, if a view cannot be opened, or if the robot
-        to show is not of the mission that is to be run.
+        """Raise InputError, before a team is started, if a view cannot be opened.
+
+        Also if the robot to show is not a robot of the `mission` to run.
         """
         if not self.viewers:
             views = ", ".join(f"--{name}" for name in VIEWS.names())
@@ -67,7 +68,7 @@ class ChosenViews:
 
 
 def view_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A flag for each installed view and its options, which the command gets as `views`."""
+    """Add a flag for each installed view and its options; the command gets them as `views`."""
     names = VIEWS.names()
 
     @functools.wraps(function)

@@ -1,4 +1,4 @@
-"""What commands print: styled text, tables, trees, frames, and the streams that they go to."""
+"""The output of commands: styled text, tables, trees, frames, and their streams."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import unicodedata
 from collections.abc import Container, Iterable, Iterator, Sequence
 from typing import Protocol, TextIO, TypeAlias
 
-# Codes of terminals (ECMA-48).
+# Terminal codes (ECMA-48).
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32, "yellow": 33, "blue": 34}
 _STYLES |= {"magenta": 35, "cyan": 36}
-# Where a terminal does not say how wide it is, and for pipes and files.
+# For pipes and files, and for terminals of unknown width.
 _USUAL_WIDTH = 80
 _NARROWEST = 8
 _GAP = 2
 
-# A piece of text with its style: words such as "bold red".
+# A text and its style, in words such as "bold red".
 Span: TypeAlias = tuple[str, str]
 Line: TypeAlias = list[Span]
 
 
 class Renderable(Protocol):
-    """Something that has lines."""
+    """Anything that can be printed as lines."""
 
     def lines(self, width: int | None) -> Iterator[Line]:
-        """`width`: where to wrap them, None: not at all."""
+        """Yield the lines, wrapped at `width`; None: not wrapped."""
 
 
 Printable: TypeAlias = "str | Renderable"
 
 
 class Styled:
-    """Pieces of text with a style each; it is wrapped between words, unless `no_wrap`."""
+    """Pieces of text with a style each, wrapped between words unless `no_wrap`."""
 
     def __init__(self, text: str = "", style: str = "", *, no_wrap: bool = False) -> None:
         self.spans: Line = [(text, style)] if text else []
@@ -42,7 +42,7 @@ class Styled:
 
     @classmethod
     def assemble(cls, *parts: str | Styled | Span) -> Styled:
-        """Several pieces as one; a pair is a text with its style."""
+        """Join several pieces; a pair is a text with its style."""
         found = cls()
         for part in parts:
             if isinstance(part, Styled):
@@ -53,22 +53,22 @@ class Styled:
 
     @property
     def plain(self) -> str:
-        """Without its styles."""
+        """The text without its styles."""
         return "".join(text for text, _ in self.spans)
 
     def append(self, text: str, style: str = "") -> Styled:
-        """Add a piece; returns this text."""
+        """Add a piece. Returns this text."""
         if text:
             self.spans.append((text, style))
         return self
 
     def append_text(self, text: Styled) -> Styled:
-        """Add all pieces of another text; returns this one."""
+        """Add all pieces of another text. Returns this one."""
         self.spans += text.spans
         return self
 
     def join(self, texts: Iterable[Styled]) -> Styled:
-        """The texts as one, with this one between them."""
+        """Join texts, with this one between them."""
         found = Styled()
         for number, text in enumerate(texts):
             found.append_text(self if number else Styled()).append_text(text)
@@ -85,7 +85,7 @@ class Styled:
 
 
 class Stack:
-    """Several things, one below the other."""
+    """Several parts, one below the other."""
 
     def __init__(self, *parts: Printable) -> None:
         self._parts = parts
@@ -96,7 +96,9 @@ class Stack:
 
 
 class Table:
-    """A table without rules. `right`: the columns of figures. The first column is not wrapped."""
+    """A table without rules. `right` are the columns of figures. The first column is not
+    wrapped.
+    """
 
     def __init__(
         self, headings: Sequence[str], right: Container[int] = (), first_style: str = ""
@@ -107,11 +109,11 @@ class Table:
 
     @property
     def row_count(self) -> int:
-        """Without the headings."""
+        """The number of rows without the headings."""
         return len(self._rows)
 
     def add_row(self, *cells: str | Styled) -> None:
-        """Cells that are missing at the end are empty."""
+        """Add a row. Missing cells at its end are empty."""
         row = [Styled(cell) if isinstance(cell, str) else cell for cell in cells]
         row += [Styled() for _ in range(self._count - len(row))]
         if self._first_style:
@@ -136,7 +138,7 @@ class Table:
                 yield _stripped(line)
 
     def _widths(self, rows: Sequence[Sequence[Styled]], width: int | None) -> list[int]:
-        """As wide as the cells are, and where that is too much, the widest columns less."""
+        """Return the widths of the columns; if they exceed `width`, the widest columns shrink."""
         widths = [
             max((_width(line) for row in rows for line in row[number].lines(None)), default=0)
             for number in range(self._count)
@@ -159,7 +161,7 @@ class PrintedTree:
         self._branches: list[PrintedTree] = []
 
     def add(self, label: Styled) -> PrintedTree:
-        """A new branch, which is returned."""
+        """Add a branch and return it."""
         self._branches.append(PrintedTree(label))
         return self._branches[-1]
 
@@ -174,7 +176,7 @@ class PrintedTree:
 
 
 class Panel:
-    """A text in a frame of a style."""
+    """A framed text; the frame has a style."""
 
     def __init__(self, text: Styled, style: str) -> None:
         self._text, self._style = text, style
@@ -190,7 +192,7 @@ class Panel:
 
 
 class Console:
-    """Standard output or standard error, whatever that is when something is printed."""
+    """The current standard output or standard error."""
 
     def __init__(self, *, is_stderr: bool = False) -> None:
         self._is_stderr = is_stderr
@@ -204,7 +206,7 @@ class Console:
         return self.stream.isatty()
 
     def print(self, *parts: Printable, soft_wrap: bool = False) -> None:
-        """Print things one below the other; with `soft_wrap` the terminal wraps their lines."""
+        """Print parts one below the other; with `soft_wrap` the terminal wraps their lines."""
         width = None if soft_wrap else shutil.get_terminal_size((_USUAL_WIDTH, 24)).columns
         has_styles = self._has_styles()
         text = "".join(
@@ -216,7 +218,7 @@ class Console:
         self.stream.flush()
 
     def _has_styles(self) -> bool:
-        """As https://no-color.org and https://force-color.org have it."""
+        """Follow https://no-color.org and https://force-color.org."""
         if os.environ.get("NO_COLOR"):
             return False
         if os.environ.get("FORCE_COLOR"):
@@ -225,12 +227,12 @@ class Console:
 
 
 def as_lines(part: Printable, width: int | None) -> Iterator[Line]:
-    """The lines of something, a plain text among others."""
+    """Return the lines of anything printable, including plain text."""
     return (Styled(part) if isinstance(part, str) else part).lines(width)
 
 
 def plain(part: Printable, width: int | None = None) -> str:
-    """What is printed of something, without styles."""
+    """Return what is printed of a part, without styles."""
     return "".join(f"{_written(line, False)}\n" for line in as_lines(part, width))
 
 
@@ -244,7 +246,7 @@ def _styled(text: str, style: str) -> str:
 
 
 def _width(line: Line) -> int:
-    """In columns of a terminal."""
+    """Return the width in columns of a terminal."""
     return sum(_columns(text) for text, _ in line)
 
 
@@ -258,7 +260,7 @@ def _columns(text: str) -> int:
 
 
 def _stripped(line: Line) -> Line:
-    """Without spaces at its end."""
+    """Strip spaces from the end of a line."""
     while line and not line[-1][0].rstrip(" "):
         line.pop()
     if line:
@@ -267,7 +269,7 @@ def _stripped(line: Line) -> Line:
 
 
 def _wrapped(line: Line, width: int) -> Iterator[Line]:
-    """A line as several, broken between words, and within a word that is longer than a line."""
+    """Wrap a line between words, and inside words that are longer than a line."""
     if _width(line) <= width:
         yield line
         return
@@ -289,7 +291,7 @@ def _wrapped(line: Line, width: int) -> Iterator[Line]:
 
 
 def _words(line: Line) -> Iterator[Line]:
-    """The words, each with the spaces behind it; a word may have several styles."""
+    """Yield the words, each with the spaces after it; a word may have several styles."""
     word: Line = []
     for text, style in line:
         for piece in re.findall(r"\S+\s*|\s+", text):
@@ -302,7 +304,7 @@ def _words(line: Line) -> Iterator[Line]:
 
 
 def _fitting(text: str, room: int) -> int:
-    """How many signs of a text have room, at least one."""
+    """Return how many characters of a text fit, at least one."""
     count = 1
     while count < len(text) and _columns(text[: count + 1]) <= room:
         count += 1

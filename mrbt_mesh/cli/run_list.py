@@ -1,4 +1,4 @@
-"""The runs of this machine as rows: for `mrbt ls`, and for the page that lists them."""
+"""The runs of this machine as rows, for `mrbt ls` and for the page that lists them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RUNNING, DAMAGED = "running", "damaged"
 
 
 def listed_runs() -> list[dict[str, Any]]:
-    """A row for each run, as plain data: those that run first, then the newest."""
+    """Return a row of plain data for each run: running ones first, then the newest."""
     return sorted(map(_row, known_runs()), key=lambda row: row["result"] != RUNNING)
 
 

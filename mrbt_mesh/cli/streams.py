@@ -1,4 +1,4 @@
-"""The standard streams of a command: what cannot be encoded or written changes nothing it does."""
+"""The standard streams of a command, which keep working if text cannot be encoded or written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from typing import TextIO
 
 ERRORS = "mrbt-legible"
-# Signs of commands and of rich, by what replaces them: one column, so that tables stay aligned.
+# Signs of commands and of rich, with a replacement of one column each, to keep tables aligned.
 PLAIN = {
     "✔✓": "+",
     "✘✖✗×": "x",
@@ -42,13 +42,13 @@ _SURROGATES = range(0xDC80, 0xDD00)
 
 
 class OutputError(OSError):
-    """Standard output cannot be written: its disk is full, for example."""
+    """Standard output cannot be written, for example because its disk is full."""
 
 
 def _legible(error: UnicodeError) -> tuple[str, int]:
-    """What stands for signs that a stream cannot encode: a plain sign, else an escape.
+    """Replace signs that a stream cannot encode with a plain sign, else with an escape.
 
-    Bytes of a path that are no text are shown as such: `\\xe4`.
+    Bytes of a path that are not text are shown as `\\xe4`.
     """
     if not isinstance(error, UnicodeEncodeError):
         raise error
@@ -63,7 +63,9 @@ def _escaped(sign: str) -> str:
 
 
 class _Output(io.TextIOWrapper):
-    """A standard stream that encodes any text. `loses`: what cannot be written is dropped."""
+    """A standard stream that encodes any text. With `loses`, output that cannot be written is
+    dropped.
+    """
 
     def __init__(self, buffer: io.BufferedIOBase, encoding: str, *, by_line: bool, loses: bool):
         super().__init__(buffer, encoding, ERRORS, line_buffering=by_line)  # type: ignore[arg-type]
@@ -71,7 +73,7 @@ class _Output(io.TextIOWrapper):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """The encoding; for ASCII a larger one, since click would write UTF-8 in its place."""
+        """The encoding. Latin-1 for ASCII, for which click would write UTF-8."""
         encoding = super().encoding
         return "latin-1" if codecs.lookup(encoding).name == "ascii" else encoding
 
@@ -97,10 +99,10 @@ class _Output(io.TextIOWrapper):
 
 
 def prepare_streams() -> None:
-    """Make stdout and stderr streams that encode any text, and take the place of closed ones.
+    """Make stdout and stderr encode any text, and replace closed standard streams.
 
-    Without this, the next file that is opened would get the number of a closed one, and what is
-    printed would go there.
+    Otherwise the next file that is opened would get the number of a closed stream, and printed text
+    would go there.
     """
     for number in (0, 1, 2):
         try:
@@ -118,7 +120,7 @@ def prepare_streams() -> None:
 
 
 def lose_output_rather_than_end() -> None:
-    """From now on output is lost, and no error, where a pipe is closed or a disk is full."""
+    """From now on drop output if a pipe is closed or a disk is full, without an error."""
     prepare_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, _Output):
@@ -126,13 +128,13 @@ def lose_output_rather_than_end() -> None:
 
 
 def _replace(name: str, stream: TextIO) -> None:
-    """Put the stream in the place of a standard one, also for those who ask for the first one."""
+    """Replace a standard stream, including the original one in `sys.__stdout__` and so on."""
     for each in (name, f"__{name}__"):
         setattr(sys, each, stream)
 
 
 def _prepared(stream: TextIO | None, *, loses: bool) -> TextIO:
-    """The stream for a standard one; None: that is closed."""
+    """Return the stream that replaces a standard one; None is a closed stream."""
     if stream is None:
         return _Output(io.BufferedWriter(_Nowhere()), "utf-8", by_line=False, loses=True)
     if not isinstance(stream, io.TextIOWrapper) or isinstance(stream, _Output):
@@ -143,7 +145,7 @@ def _prepared(stream: TextIO | None, *, loses: bool) -> TextIO:
 
 
 class _Nowhere(io.RawIOBase):
-    """Drops what is written."""
+    """Drops all output."""
 
     def writable(self) -> bool:
         return True
@@ -153,7 +155,7 @@ class _Nowhere(io.RawIOBase):
 
 
 def drop_output() -> None:
-    """What stdout still holds, and cannot write, is dropped: Python's own last flush would fail."""
+    """Drop what stdout still holds but cannot write, or Python's last flush would fail."""
     try:
         number = sys.stdout.fileno()
     except (OSError, ValueError):

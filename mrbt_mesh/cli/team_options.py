@@ -1,5 +1,6 @@
-"""Which team a command is about: a run of this machine, or a team on the network, which is found by
-its mission file and the environment variables that `mrbt agent` has too.
+"""The team that a command addresses: a run of this machine, or a team on the network.
+
+A team on the network is given by its mission file and the environment variables of `mrbt agent`.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class TeamOptions:
     mission: Path | None
 
     def find(self) -> TeamAddress:
-        """The team that the options name; raises InputError."""
+        """Return the address of the team that the options name; raises InputError."""
         from mrbt_mesh.formats.mission_file import load_mission
         from mrbt_mesh.runtime.team_address import address_of, on_network
 
@@ -48,7 +49,7 @@ class TeamOptions:
         return on_network(load_mission(self.mission), network)
 
     def find_running(self) -> TeamAddress:
-        """As `find`; raises InputError for a team of this machine that does not run any more."""
+        """Like `find`, but raises InputError for a team of this machine that no longer runs."""
         from mrbt_mesh.runtime.known_runs import is_running
 
         address = self.find()
@@ -58,9 +59,9 @@ class TeamOptions:
         return address
 
     def run_directory(self) -> RunDir | None:
-        """The run directory that the options name; None for a team on the network.
+        """Return the run directory that the options name; None for a team on the network.
 
-        Raises InputError if there is none, or if they name both.
+        Raises InputError if there is none, or if the options name both.
         """
         from mrbt_mesh.runtime.known_runs import find_run
 

@@ -1,4 +1,4 @@
-"""Output: to the terminal, to programs, to files; bars that show progress."""
+"""Output to the terminal, to programs and to files, and progress bars."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from mrbt_mesh.errors import InputError
 _T = TypeVar("_T")
 console = Console()
 errors = Console(is_stderr=True)
-# Of bars: their columns, and how often they are drawn at most.
+# Progress bars: their columns, and the least time between two drawings.
 _BAR_COLUMNS = 40
 _DRAW_S = 0.1
 
 
 def labelled(label: str, style: str, text: str) -> Styled:
-    """`label: text`, the label in a style; brackets in the text mean nothing."""
+    """Return `label: text` with the label in a style; brackets in the text have no meaning."""
     return Styled.assemble((f"{label}:", style), f" {text}")
 
 
 def table(*headings: str, right: Container[int] = ()) -> Table:
-    """A table without lines; the columns whose numbers are in `right` hold figures.
+    """Return a table without lines; the columns whose numbers are in `right` hold figures.
 
-    Without any headings it has no first row.
+    Without headings it has no heading row.
     """
     return Table(headings, right)
 
@@ -52,12 +52,12 @@ def print_done(word: str, text: str) -> None:
 
 
 def json_text(data: Any) -> str:
-    """One JSON document as text."""
+    """Return a JSON document as text."""
     return json.dumps(data, indent=2) + "\n"
 
 
 def print_json(data: Any) -> None:
-    """One JSON document on stdout, as it is: no colours, no wrapping."""
+    """Print a JSON document on stdout, without colours or wrapping."""
     sys.stdout.write(json_text(data))
 
 
@@ -70,7 +70,7 @@ def write_file(path: Path, text: str) -> None:
 
 
 def reason(error: Exception) -> str:
-    """Why a file could not be read or written, without its name."""
+    """Return why a file could not be read or written, without its name."""
     return getattr(error, "strerror", None) or str(error)
 
 
@@ -82,7 +82,10 @@ def check_folder(option: str, path: Path | None) -> None:
 
 
 def check_outputs(mission: Path | None, outputs: Mapping[str, Path | None]) -> None:
-    """Raise InputError if two files to write, by their options, are one, or the mission itself."""
+    """Raise InputError if two output files are the same file, or one is the mission.
+
+    `outputs` maps options to files.
+    """
     taken = {} if mission is None else {mission.resolve(): "the mission"}
     for option, path in outputs.items():
         if path is not None:
@@ -107,7 +110,7 @@ def with_bar(
     total: int | None,
     failed: Callable[[_T], bool] = lambda _: False,
 ) -> tuple[list[_T], bool]:
-    """(all results, whether Ctrl-C ended it before), with a bar on stderr that vanishes."""
+    """Return (all results, whether Ctrl-C interrupted), with a temporary progress bar on stderr."""
     found: list[_T] = []
     failures, started_s = 0, time.monotonic()
     bar = _Bar(title, total)
@@ -126,7 +129,10 @@ def with_bar(
 
 @contextmanager
 def bar_of_steps(first: str) -> Iterator[Callable[[str, int, int | None], None]]:
-    """A bar on stderr, if that is a terminal; yields its update: (text, steps done, of all)."""
+    """Show a progress bar on stderr if that is a terminal.
+
+    Yields a function that updates it: (text, steps done, of how many).
+    """
     bar = _Bar(first, None)
 
     def update(what: str, done: int, of: int | None) -> None:
@@ -138,7 +144,7 @@ def bar_of_steps(first: str) -> Iterator[Callable[[str, int, int | None], None]]
 
 
 class _Bar:
-    """How far something is, in a line on stderr; nothing where that is no terminal."""
+    """A progress bar on one line of stderr; nothing is shown if that is not a terminal."""
 
     def __init__(self, title: str, total: int | None) -> None:
         self.title, self.total = title, total
@@ -147,7 +153,7 @@ class _Bar:
 
     @contextmanager
     def shown(self) -> Iterator[None]:
-        """Show it until the context ends."""
+        """Show the bar until the context ends."""
         self.draw(0, "")
         try:
             yield
@@ -155,7 +161,7 @@ class _Bar:
             self._write("")
 
     def draw(self, done: int, note: str) -> None:
-        """As it is now, unless it was drawn just before."""
+        """Draw the bar, unless it was drawn just before."""
         now_s = time.monotonic()
         if now_s - self._drawn_s < _DRAW_S:
             return

@@ -1,4 +1,4 @@
-"""Watches a team until its mission is over, and prints how it went; it decides nothing."""
+"""Watches a team until its mission is over, and prints the result; it decides nothing."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from mrbt_mesh.runtime.watcher import Watcher, watching
 if TYPE_CHECKING:
     from mrbt_mesh.plugins import MetricsAddress, OpenView, ViewerOptions
 
-# For views: how long messages wait for others, and the longest time between looks.
+# For views: how long messages are collected, and the longest time between two looks.
 BATCH_S, FRAME_S = 0.1, 0.25
 CATCH_UP_S = 1.0
 STOPPED, TIME_IS_UP = "stopped by the operator", "time is up"
@@ -48,12 +48,12 @@ LOOK_S = 0.2
 # Recordings of this size take seconds to read.
 LARGE_MB = 2.0
 TERMINAL_VIEW = "top"
-# What follows the name of a view in the name of its address at a proxy.
+# The ending of the name of a view's address at a proxy.
 _PUBLIC = "_public"
 
 
 def print_where(address: TeamAddress, show: ShowOptions) -> None:
-    """Where a team is looked for that may not exist yet."""
+    """Print the team to look for, which may not exist yet."""
     if not show.as_json and not _is_live(show):
         click.echo(f"listening for team {address.transport.team}, run {address.run}")
 
@@ -68,13 +68,13 @@ def wait_for_a_run() -> None:
 
 
 def machine_view(views: ChosenViews) -> str | None:
-    """The name of the view, if it is the only one and can show all runs of this machine."""
+    """Return the view's name if it is the only one and can show all runs of this machine."""
     found = [n for n, viewer in views.viewers.items() if isinstance(viewer, plugins.MachineViewer)]
     return found[0] if len(found) == len(views.viewers) == 1 else None
 
 
 async def show_machine(name: str, views: ChosenViews, show: ShowOptions) -> int:
-    """Show all runs of this machine by the view `name`, until time is up or Ctrl-C.
+    """Show all runs of this machine in the view `name`, until time is up or Ctrl-C.
 
     Returns the exit status. Raises InputError for an address that cannot be used.
     """
@@ -90,8 +90,9 @@ async def show_machine(name: str, views: ChosenViews, show: ShowOptions) -> int:
 async def served_until_interrupted(
     name: str, address: str, as_json: bool, public_url: str = ""
 ) -> None:
-    """Print the address at which something is served, and that of a proxy before it, if there is
-    one; then wait for SIGINT or SIGTERM.
+    """Print the address of a server, and that of its proxy if it has one, then wait.
+
+    Returns on SIGINT or SIGTERM.
     """
     found = addresses_by_name({name: address}, public_url)
     if as_json:
@@ -105,7 +106,7 @@ async def served_until_interrupted(
 
 
 def public_address(address: str, public_url: str) -> str:
-    """What an address is called behind a proxy at `public_url`; empty: it is behind none."""
+    """Return the address behind a proxy at `public_url`; empty without a proxy."""
     parts = urlsplit(address)
     if not public_url or parts.scheme not in ("http", "https"):
         return ""
@@ -113,7 +114,7 @@ def public_address(address: str, public_url: str) -> str:
 
 
 def addresses_by_name(served: Mapping[str, str], public_url: str) -> dict[str, str]:
-    """By the name of the view; that of a proxy before it is called `NAME_public`."""
+    """Return the addresses by view; that at a proxy is called `NAME_public`."""
     found = {}
     for name, address in served.items():
         found[name] = address
@@ -123,7 +124,7 @@ def addresses_by_name(served: Mapping[str, str], public_url: str) -> dict[str, s
 
 
 def address_lines(addresses: Mapping[str, str]) -> list[str]:
-    """The addresses of `addresses_by_name` for people, a line each."""
+    """Return the addresses of `addresses_by_name` for people, one per line."""
     return [
         f"{name.removesuffix(_PUBLIC)}, by --public-url: {address}"
         if name.endswith(_PUBLIC)
@@ -133,14 +134,14 @@ def address_lines(addresses: Mapping[str, str]) -> list[str]:
 
 
 def say_if_large(files: Iterable[Path]) -> None:
-    """Say that recordings are read, on stderr, if that takes seconds."""
+    """Print a note on stderr if reading these recordings takes seconds."""
     size_mb = sum(file.stat().st_size / 1e6 for file in files if file.exists())
     if size_mb >= LARGE_MB:
         click.echo(f"reading {size_mb:.0f} MB of recordings ...", err=True)
 
 
 def past_of(team: Team | None) -> Callable[[Observer], None] | None:
-    """A function that adds a local team's recorded past to an observer."""
+    """Return a function that adds a local team's recorded past to an observer."""
     if team is None:
         return None
     path, started_unix_s = team.run_dir.path, team.info.started_unix_s
@@ -154,13 +155,13 @@ def past_of(team: Team | None) -> Callable[[Observer], None] | None:
 
 
 def print_refusals(refused: list[str]) -> None:
-    """The messages of robots that refused their input; one of several robots, once."""
+    """Print the messages of robots that refused their input; equal ones once."""
     for text in dict.fromkeys(refused):
         errors.print(text, soft_wrap=True)
 
 
 def _is_live(show: ShowOptions) -> bool:
-    """Whether a view shows the run in the terminal; else new lines do."""
+    """True if a view shows the run in the terminal; otherwise lines are printed."""
     if show.headless or show.as_json or TERMINAL_VIEW not in plugins.VIEWS.names():
         return False
     try:
@@ -172,14 +173,15 @@ def _is_live(show: ShowOptions) -> bool:
 
 @dataclass
 class Session:
-    """Watching a team.
+    """A session in which a team is watched.
 
-    Its methods raise TransportError if there is no way to attach, InputError for files,
-    views and ports that cannot be opened.
+    Its methods raise TransportError if there is no way to attach, InputError for files, views and
+    ports that cannot be opened.
 
-    `team`: its processes, if they run on this machine. `overload`: by how much the team is too
-    large for it. `past` adds earlier events. `guide` shows a newcomer around. `end_team`: ends the
-    robots that were launched here; with it, views that stay are open after the end of the run.
+    `team` holds the processes, if they run on this machine. `overload` tells by how much the team
+    is too large for the machine. `past` adds earlier events. `guide` shows a newcomer around.
+    `end_team` ends the robots that were launched here; with it, views that stay are open after the
+    end of the run.
     """
 
     address: TeamAddress
@@ -196,8 +198,8 @@ class Session:
     async def run(self) -> int:
         """Watch until the mission is over, time is up, no robot is left, or Ctrl-C.
 
-        Prints the summary, and writes summary.json if the team was launched here; returns the exit
-        status. Views that stay are then shown on, until time is up or Ctrl-C.
+        Prints the summary, and writes summary.json if the team was launched here. Views that stay
+        are then shown until time is up or Ctrl-C. Returns the exit status.
         """
         deadline = self._deadline()
         async with self._opened() as (watcher, opened), anyio.create_task_group() as group:
@@ -221,16 +223,16 @@ class Session:
                 group.cancel_scope.cancel()
                 return status
             group.cancel_scope.cancel()
-        # Only now has every view left the terminal.
+        # By now every view has left the terminal.
         return self._report(watcher, why)
 
     def _deadline(self) -> float:
-        """When time is up."""
+        """Return when time is up."""
         timeout_s = self.show.timeout
         return float("inf") if timeout_s is None else anyio.current_time() + timeout_s
 
     async def follow(self) -> int:
-        """Show the views until one is closed, time is up, or Ctrl-C; returns the exit status."""
+        """Show the views until one is closed, time is up, or Ctrl-C. Returns the exit status."""
         async with self._opened() as (watcher, opened), anyio.create_task_group() as group:
             if self.team is not None:
                 if not self.team.living():
@@ -251,7 +253,7 @@ class Session:
 
     @contextlib.asynccontextmanager
     async def _opened(self) -> AsyncIterator[tuple[Watcher, dict[str, OpenView]]]:
-        """The watcher, and the open views by name."""
+        """Yield the watcher, and the open views by name."""
         async with contextlib.AsyncExitStack() as stack:
             watcher = await stack.enter_async_context(
                 watching(self.address, self.record, tell_past=self.past, batch_s=BATCH_S)
@@ -270,8 +272,10 @@ class Session:
     async def _display(
         self, watcher: Watcher, opened: dict[str, OpenView]
     ) -> AsyncIterator[Callable[[], None]]:
-        """Show the run in the terminal, if no view does: by a view, which is added to `opened`, or
-        by new lines, which the function prints.
+        """Show the run in the terminal, unless a view does.
+
+        A terminal view is added to `opened`. If there is none, the yielded function prints new
+        lines.
         """
         if self.show.as_json or not all(view.address for view in opened.values()):
             yield lambda: None
@@ -313,7 +317,7 @@ class Session:
         deadline: float,
         is_endless: bool = False,
     ) -> str | None:
-        """Why watching ended before the mission did, or None if the mission is over."""
+        """Return why watching ended before the mission did, or None if the mission is over."""
         checked = anyio.current_time()
         stop = anyio.Event()
 

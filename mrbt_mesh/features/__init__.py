@@ -1,1 +1,1 @@
-"""The features of missions: each package is one, and `mrbt_mesh.core.feature` lists them."""
+"""Optional features of missions: one package each, listed by `mrbt_mesh.core.feature`."""

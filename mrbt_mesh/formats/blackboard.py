@@ -1,4 +1,4 @@
-"""`blackboard` of a mission file: entries with typed values, and what reads them in trees."""
+"""`blackboard` of a mission file: entries with typed values, and what trees read of them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from mrbt_mesh.formats.tree_model import split_comparison
 
 
 class BlackboardEntries:
-    """The entries of a mission, by name; problems go to the report.
+    """The blackboard entries of a mission, by name; problems go to the report.
 
-    `arguments`: what calls of tasks in the team's tree have in the place of each until it is read;
-    `elsewhere`: what other calls have there, with which they are refused.
+    `arguments` holds what calls of tasks in the team's tree have in place of each entry until it is
+    read; `elsewhere` holds what other calls have there, so that they are refused.
     """
 
     def __init__(self, model: MissionModel, report: Report) -> None:
@@ -67,7 +67,7 @@ class BlackboardEntries:
                     report.add(("local_tasks", name, "sets", i), message)
 
     def _unreadable(self, known: ConditionType, set_somewhere: set[str]) -> str:
-        """Why an entry cannot be an argument."""
+        """Return why an entry cannot be an argument; empty if it can."""
         if known.per_robot:
             return f"every robot has its own {known.name}, so it cannot be an argument"
         if known.parameters:
@@ -117,7 +117,7 @@ class BlackboardEntries:
     # -- comparisons --------------------------------------------------------------------------
 
     def checks(self, text: str, scope: frozenset[str], path: SourcePath) -> bool:
-        """Check a condition of a tree, if it is about an entry; whether it is."""
+        """Check a condition of a tree if it reads an entry. Returns whether it does."""
         parts = split_comparison(text)
         if parts is None:
             name = split_template(text)[0]
@@ -150,7 +150,7 @@ class BlackboardEntries:
         return f"== {(*values.choices, 'text')[0]}"
 
     def ground(self, text: str, scope: Scope, is_in_job: bool) -> str:
-        """A checked comparison of a tree, ground. Raises ValueError for one that is never true."""
+        """Return a checked comparison of a tree, ground. Raises ValueError for an invalid one."""
         parts = split_comparison(text)
         assert parts is not None
         template, robot = split_owner(parts[0])

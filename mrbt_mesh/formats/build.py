@@ -1,4 +1,4 @@
-"""From a checked mission file to the core's ground `Mission`."""
+"""Build the core's ground `Mission` from a mission file, and check the file."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ from mrbt_mesh.formats.yaml_source import read_yaml
 
 
 def mission_from_yaml(text: str, file: str, folder: Path) -> Mission:
-    """The mission in `text`; `file` is for messages, `program` is relative to `folder`.
+    """Return the mission in `text`; `file` is for messages, `program` is relative to `folder`.
 
     Raises FileError with all problems that could be found.
     """
@@ -79,7 +79,7 @@ def mission_from_yaml(text: str, file: str, folder: Path) -> Mission:
 
 
 def resolve_program(reference: str | None, folder: Path) -> str | None:
-    """`robot.py:name`, relative to `folder`, with an absolute path; None stays None."""
+    """Return `robot.py:name`, relative to `folder`, with an absolute path. None stays None."""
     if reference is None:
         return None
     path, separator, name = reference.rpartition(":")
@@ -118,7 +118,7 @@ class _Builder:
         self.check_effects()
         conditions = condition_types(model, self.report) | self.blackboard.types
         template, subtrees, job_trees = self.templates()
-        # Problems so far would be found again for every value.
+        # Problems found so far would be found again for every value.
         self.report.raise_if_any()
         at_most = min(MAX_AT_MOST, 2 * len(model.robots))
         parameters = {**self.blackboard.arguments, **model.parameters}
@@ -189,7 +189,7 @@ class _Builder:
         return types
 
     def capabilities(self, given: Mapping[str, float | None], path: SourcePath) -> dict[str, int]:
-        """Performance in micro-units by ground or type name; 0 is one taken away."""
+        """Return performances in micro-units by ground or type name; 0 for one taken away."""
         result: dict[str, int] = {}
         for text, value in given.items():
             here = (*path, text)
@@ -260,19 +260,19 @@ class _Builder:
         self.blocked_us(self.model.blocked, ("blocked", "fail_after_s"))
 
     def blocked_us(self, blocked: Blocked | None, path: SourcePath) -> int | None:
-        """After how long a blocked task fails; None: it waits."""
+        """Return after how long a blocked task fails; None if it waits."""
         if not isinstance(blocked, FailAfterModel):
             return None
         return micro_or_report(blocked.fail_after_s, path, self.report)
 
     def begin_within_us(self, task: GlobalTaskModel, path: SourcePath) -> int | None:
-        """Within which time the robots of a coalition begin; None: within the usual one."""
+        """Return within which time the robots of a coalition must begin; None: the default time."""
         if task.begin_within_s is None:
             return None
         return micro_or_report(task.begin_within_s, path, self.report)
 
     def failure(self, task: GlobalTaskModel, path: SourcePath) -> tuple[FailurePolicy, int | None]:
-        """The policy, and for how long the team has to agree; None: the usual time."""
+        """Return the policy, and for how long the team has to agree; None: the default time."""
         if not isinstance(task.failure, FailurePolicyModel):
             return FailurePolicy(task.failure), None
         after_us = micro_or_report(task.failure.after_s, path, self.report)
@@ -292,7 +292,7 @@ class _Builder:
     def templates(
         self,
     ) -> tuple[Template, dict[str, tuple[Sequence[str], Template]], dict[str, JobTree]]:
-        """The templates of the tree, of all subtrees, and of all types of jobs, checked."""
+        """Return the templates of the tree, of all subtrees, and of all job types, checked."""
         model, report = self.model, self.report
         declared = Declared(
             {name: task.parameters for name, task in model.global_tasks.items()},
@@ -308,7 +308,7 @@ class _Builder:
         return template, subtrees, self.jobs.templates(replace(declared, jobs=None))
 
     def tree(self, expander: Expander, template: Template) -> Tree | None:
-        """The ground tree, or None after a problem."""
+        """Return the ground tree, or None after a problem."""
         try:
             spec = expander.expand(template, expander.parameters)
             return None if spec is None else build_tree(spec)
@@ -319,7 +319,7 @@ class _Builder:
             return None
 
     def ground_tasks(self, calls: Calls, needed: dict[str, list[str]]) -> dict[str, GlobalTask]:
-        """The tasks that are called; the local tasks of their needs are added to `needed`."""
+        """Return the called tasks. The local tasks that they need are added to `needed`."""
         tasks: dict[str, GlobalTask] = {}
         for ground, (name, arguments, path) in calls.items():
             self.tasks += 1
@@ -349,7 +349,10 @@ class _Builder:
     def job_type(
         self, known: JobType, calls: Calls, needed: dict[str, list[str]], folder: Path
     ) -> JobType:
-        """A type with what its tree needs; local tasks without placeholders go to `needed`."""
+        """Complete a job type with its tasks, places and trees.
+
+        Local tasks without placeholders are added to `needed`.
+        """
         local_calls: dict[str, list[str]] = {}
         tasks = self.ground_tasks(calls, local_calls)
         for local, arguments in sorted(local_calls.items()):
@@ -413,7 +416,7 @@ class _Builder:
                     self.report.add(path, message)
 
     def effects(self, model: GlobalTaskModel, scope: Scope) -> tuple[tuple[str, bool], ...]:
-        """The effects that the mission declares for the local tasks of a global task, ground."""
+        """Return the effects declared for the local tasks of a global task, ground."""
         found: dict[str, bool] = {}
         for text in model.needs:
             local = self.model.local_tasks[split_template(text)[0]]
@@ -428,7 +431,9 @@ class _Builder:
     def same_robot(
         self, model: SameRobotModel, scope: Scope, path: SourcePath
     ) -> SameRobotAs | None:
-        """What `same_robot_as` names, ground; without a local task the task's only one."""
+        """Return what `same_robot_as` names, ground. Without a local task, it is the task's only
+        one.
+        """
         ground, arguments = ground_call(model.global_task, scope)
         local = model.local_task
         if local is None:
@@ -448,7 +453,9 @@ class _Builder:
         expander: Expander,
         jobs: Mapping[str, JobType],
     ) -> None:
-        """Tasks named by same_robot_as come before in the tree, and need that local task."""
+        """Check that tasks named by same_robot_as come before in the tree, and need that local
+        task.
+        """
 
         def check(
             index: int, tasks: Mapping[str, GlobalTask], calls: Calls, seen: set[str]
@@ -460,7 +467,7 @@ class _Builder:
                 seen.add(node.subject)
             for child in node.children:
                 if node.kind is Kind.JOBS:
-                    # What comes after does not rely on jobs.
+                    # Nodes after the Jobs node do not rely on jobs.
                     name = tree.nodes[child].name
                     own = {**tasks, **jobs[name].global_tasks}
                     check(child, own, {**calls, **expander.jobs[name].calls}, set(seen))
@@ -477,7 +484,7 @@ class _Builder:
         name: str,
         path: SourcePath,
     ) -> None:
-        """`check_same_robots`, of one task; `seen`: those that come before it."""
+        """Run `check_same_robots` for one task; `seen` are the tasks that come before it."""
         for need in task.needs:
             before = need.same_robot_as
             if before is None:
@@ -492,7 +499,7 @@ class _Builder:
 
 
 def _sorted_deeply(value: Any) -> Any:
-    """Mappings in the order of their keys, so that reading and compiling give the same bytes."""
+    """Sort mappings by their keys, so that reading and compiling give the same bytes."""
     if isinstance(value, dict):
         return {key: _sorted_deeply(value[key]) for key in sorted(value)}
     if isinstance(value, list):

@@ -22,12 +22,12 @@ from mrbt_mesh.core.mission.names import declared_name, type_name
 from mrbt_mesh.formats.node_paths import child_path, root_path
 
 MAX_NAMED = 3
-# Expressions of more conditions are not tried out; they are assumed to turn.
+# Guards with more conditions are not tried out; they are assumed to change.
 MAX_CONDITIONS = 8
 
 
 def cautions(mission: Mission) -> list[str]:
-    """All warnings as lines for people, of each kind in tree order."""
+    """Return all warnings as lines for people, each kind in tree order."""
     return [
         *_stuck_fallbacks(mission),
         *_undoing_actions(mission),
@@ -57,7 +57,7 @@ def _stuck_fallbacks(mission: Mission) -> Iterator[str]:
 
 
 def _possible_ends(tree: Tree, index: int) -> tuple[bool, bool]:
-    """Whether a node can succeed and can fail if there are robots for every task.
+    """Return whether a node can succeed and whether it can fail if there are robots for every task.
 
     Conditions may have any value each time they are read, so children do not depend on each other.
     """
@@ -86,7 +86,7 @@ def _possible_ends(tree: Tree, index: int) -> tuple[bool, bool]:
 
 
 def _decorated_ends(tree: Tree, node: Node, can_succeed: bool, can_fail: bool) -> tuple[bool, bool]:
-    """Whether a node of one child can succeed and can fail."""
+    """Return whether a node with one child can succeed and whether it can fail."""
     match node.kind:
         case Kind.INVERTER:
             return can_fail, can_succeed
@@ -107,12 +107,12 @@ def _decorated_ends(tree: Tree, node: Node, can_succeed: bool, can_fail: bool) -
 
 
 def _reached(ends: Sequence[bool], leads_on: Sequence[bool]) -> bool:
-    """Whether some child can end so after all children before it have led on to it."""
+    """True if some child can end this way after every child before it has led on to it."""
     return any(end and all(leads_on[:position]) for position, end in enumerate(ends))
 
 
 def _waiting_for_ever(tree: Tree, index: int, tasks: Mapping[str, GlobalTask]) -> Iterator[str]:
-    """The tasks at or below a node that wait while blocked and that no Timeout ends."""
+    """Yield the tasks at or below a node that wait while blocked and that no Timeout ends."""
     node = tree.nodes[index]
     if node.kind is Kind.ACTION:
         if tasks[node.subject].blocked_fail_after_us is None:
@@ -123,7 +123,7 @@ def _waiting_for_ever(tree: Tree, index: int, tasks: Mapping[str, GlobalTask]) -
 
 
 def _tasks(mission: Mission) -> dict[str, GlobalTask]:
-    """By name. Tasks of jobs with the same placeholders are the same."""
+    """Return all tasks by name. Tasks of jobs with the same placeholders are the same."""
     return {task.id: task for task in mission.all_tasks()}
 
 
@@ -148,7 +148,9 @@ def _undoing_actions(mission: Mission) -> Iterator[str]:
 def _turned_against(
     guards: Evaluator, parent: Node, position: int, effects: Mapping[str, bool]
 ) -> list[str]:
-    """Effects of an action, at or below a child, with which that child is no longer reached."""
+    """Return the effects of an action at or below a child that keep this child from being
+    reached.
+    """
     found: dict[str, None] = {}
     for left in range(1, position + 1):
         for name, against in guards.read_before(parent, left):
@@ -157,7 +159,7 @@ def _turned_against(
 
 
 def _ways_down(mission: Mission, node: Node) -> Iterator[tuple[Node, int]]:
-    """The ancestors, nearest first, each with the position of the child that leads down."""
+    """Yield the ancestors, nearest first, each with the position of the child that leads down."""
     nodes = mission.tree.nodes
     while node.parent >= 0:
         parent = nodes[node.parent]
@@ -168,7 +170,7 @@ def _ways_down(mission: Mission, node: Node) -> Iterator[tuple[Node, int]]:
 def _turned_by(
     guards: Evaluator, name: str, against: bool, effects: Mapping[str, bool]
 ) -> list[str]:
-    """Effects that can turn a guard to the value with which the action is not reached."""
+    """Return effects that can change a guard to the value with which the action is not reached."""
     guard = guards.expressions.get(name) or guards.with_actions.get(name)
     if guard is None:
         return [_effect(name, against)] if effects.get(name) is against else []
@@ -190,7 +192,7 @@ def _turned_by(
 def _value(
     guards: Evaluator, guard: Expression | GuardWithActions, values: Mapping[str, bool]
 ) -> bool:
-    """The value of a guard with these conditions when all actions have succeeded."""
+    """Return a guard's value with these conditions, assuming that all actions have succeeded."""
     if isinstance(guard, Expression):
         return guards.holds(guard, _holding(values))
     done = dict.fromkeys((node.subject for node in guards.tree.actions()), Status.SUCCESS)
@@ -211,7 +213,7 @@ def _holding(values: Mapping[str, bool]) -> set[str]:
 def _conditions_that_never_hold(mission: Mission) -> Iterator[str]:
     pairs = [(task.id, need.local_task) for task in mission.all_tasks() for need in task.needs]
     ends = [pair for pair in pairs if not any(map(_of_job, pair))]
-    # What these become is known only with a job.
+    # Their ground names are known only once there is a job.
     of_jobs = {type_name(name) for pair in pairs for name in pair if _of_job(name)}
     read = {n.subject: n for n in reversed(mission.tree.nodes) if n.kind is Kind.CONDITION}
     for name, node in sorted(read.items(), key=lambda item: item[1].index):
@@ -235,7 +237,7 @@ def _of_job(name: str) -> bool:
 
 
 def _place(mission: Mission, node: Node) -> str:
-    """`Sequence/Fallback[2]`: the nodes on the way down."""
+    """Return the names of the nodes from the root to `node`, as `Sequence/Fallback[2]`."""
     spec = mission.tree.spec(0)
     path = root_path(spec)
     for _, position in reversed(list(_ways_down(mission, node))):

@@ -1,4 +1,4 @@
-"""Costs from a file of their own, for `mrbt analyze --costs FILE`; they go before the mission's.
+"""Costs from a separate file, for `mrbt analyze --costs FILE`; they override the mission's.
 
 robot_types: {A: 10, C: 40}         # one more robot
 local_tasks: {move_frame: 5}        # one more robot that is capable of it
@@ -23,9 +23,9 @@ class _CostsModel(FileModel):
 
 
 def costs_from_file(path: Path, mission: Mission) -> Costs:
-    """The mission's costs with those of the file in their place.
+    """Return the mission's costs, overridden by those of the file.
 
-    Raises FileError with file and line for whatever is wrong with it.
+    Raises FileError with file and line for everything that is wrong with the file.
     """
     data, report = read_mapping(path, "robot_types: ... is expected")
     model = read_model(_CostsModel, data, report)

@@ -1,7 +1,7 @@
-"""Parameters, for-each loops and subtrees of a tree: first checked, then expanded to ground.
+"""Check the parameters, for-each loops and subtrees of a tree, then expand it to ground nodes.
 
-`read_template` turns the pydantic models into one small recursive form. `check_template`
-finds what is wrong whatever the values are, once per place. `Expander` puts values in.
+`read_template` turns the pydantic models into one small recursive form. `check_template` finds what
+is wrong whatever the values are, once per place. `Expander` puts values in.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class TooManyNodesError(Exception):
 class Template:
     """A node of the file, before expansion; `path` is its place in the file.
 
-    `text` is the call of a leaf or SubTree. `jobs`: the types that a Jobs node names, with their
-    places in the file; none: all types. `children` come first, then `loop` once per
+    `text` is the call of a leaf or SubTree. `jobs` are the types that a Jobs node names, with their
+    places in the file; empty means all types. `children` come first, then `loop` once per
     combination of the values of `for_each`, of which the first changes slowest.
     """
 
@@ -62,10 +62,11 @@ class Template:
 
 
 class Placeholder(str):
-    """A text in which parameters of a job have no values yet: `{from}`, `shelf_{number}`.
+    """A text with parameters of a job that have no values yet: `{from}`, `shelf_{number}`.
 
-    `longest`: how many characters it has at most once they have. `ends`: of one parameter alone,
-    its values, of numbers the least and the largest.
+    `longest` is the largest number of characters that the text can have with values. `ends` is
+    empty unless the text is a single parameter; then it holds the parameter's choices, or its least
+    and largest number.
     """
 
     longest: int
@@ -78,9 +79,10 @@ class Placeholder(str):
 
 
 class EntryArgument(str):
-    """In place of the value of a blackboard entry, where a task reads it: `$found`.
+    """Stands for the value of a blackboard entry where a task reads it: `$found`.
 
-    `problem`: why no task can read it there; empty if one can. `is_of_job`: each job has its own.
+    `problem` tells why no task can read it there; empty if one can. `is_of_job`: each job has its
+    own entry.
     """
 
     problem: str
@@ -93,7 +95,7 @@ class EntryArgument(str):
 
 
 def to_micro(value: float) -> int:
-    """Exactly `value` millionths; raises ValueError if it has more than 6 decimals."""
+    """Return `value` in millionths; raises ValueError if it has more than 6 decimals."""
     micro = Decimal(str(value)) * MICRO
     if micro != int(micro):
         raise ValueError(f"a number with at most 6 decimals is expected, found {value!r}")
@@ -101,7 +103,9 @@ def to_micro(value: float) -> int:
 
 
 def argument_text(value: Any) -> str:
-    """A value as an argument: 1 -> "1", True -> "true". Raises ValueError if it cannot be one."""
+    """Return a value as an argument: 1 -> "1", True -> "true". Raises ValueError if it cannot be
+    one.
+    """
     if isinstance(value, bool):
         text = "true" if value else "false"
     elif isinstance(value, str | int | float):
@@ -124,7 +128,9 @@ def argument_text(value: Any) -> str:
 
 
 def split_template(text: str) -> tuple[str, tuple[str, ...]]:
-    """`fix_hw($part, left)` -> ("fix_hw", ("$part", "left")); the shape was checked before."""
+    """Split a call whose shape was checked: `fix_hw($part, left)` -> ("fix_hw", ("$part",
+    "left")).
+    """
     name, _, rest = text.partition("(")
     if not rest:
         return name, ()
@@ -132,13 +138,13 @@ def split_template(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def call_text(name: str, arguments: Iterable[str]) -> str:
-    """The ground name: ("fix_hw", ["2"]) -> `fix_hw(2)`."""
+    """Return the ground name: ("fix_hw", ["2"]) -> `fix_hw(2)`."""
     inside = ",".join(arguments)
     return f"{name}({inside})" if inside else name
 
 
 def substitute(argument: str, scope: Scope) -> Any:
-    """The value of an argument. A whole `$name` keeps its type, lists included.
+    """Return the value of an argument. A whole `$name` keeps its type, lists included.
 
     Raises ValueError for a name inside longer text whose value cannot be an argument.
     """
@@ -151,7 +157,7 @@ def substitute(argument: str, scope: Scope) -> Any:
 
 
 def _joined(parts: Sequence[str]) -> str:
-    """One text; a placeholder if any of the parts is one."""
+    """Join the parts of a text. The result is a placeholder if any part is one."""
     text = "".join(parts)
     if any(isinstance(part, EntryArgument) for part in parts):
         raise ValueError(f"{text} is more than the blackboard entry, which is a whole argument")
@@ -162,14 +168,17 @@ def _joined(parts: Sequence[str]) -> str:
 
 
 def ground_call(text: str, scope: Scope) -> tuple[str, list[str]]:
-    """A call with its arguments filled in, and these. Raises ValueError if one cannot be."""
+    """Return a call with its arguments filled in, and the arguments.
+
+    Raises ValueError if an argument cannot be filled in.
+    """
     name, templates = split_template(text)
     arguments = [argument_text(substitute(template, scope)) for template in templates]
     return call_text(name, arguments), arguments
 
 
 def read_template(node: str | NodeModel, path: SourcePath, report: Report) -> Template:
-    """The small form of a node of the file."""
+    """Return the template of a node of the file."""
     if isinstance(node, str):
         return Template(path, Kind.ACTION, text=node)
     kind, body = node.kind_and_body()
@@ -192,7 +201,7 @@ def read_template(node: str | NodeModel, path: SourcePath, report: Report) -> Te
 
 
 def micro_or_report(value: float, path: SourcePath, report: Report) -> int:
-    """`to_micro`, with the problem in the report and 1 in its place."""
+    """Return `to_micro(value)`. On an error, report the problem and return 1 instead."""
     try:
         return to_micro(value)
     except ValueError as error:
@@ -239,23 +248,23 @@ def _read_jobs(body: str | list[str] | JobsModel, path: SourcePath) -> Template:
 
 
 class Comparisons(Protocol):
-    """What the conditions of a tree may say of blackboard entries."""
+    """The comparisons with blackboard entries that the conditions of a tree may contain."""
 
     def checks(self, text: str, scope: frozenset[str], path: SourcePath) -> bool:
-        """Check a condition of a tree, if it is about an entry; whether it is."""
+        """Check a condition of a tree if it reads an entry. Returns whether it does."""
         ...
 
     def ground(self, text: str, scope: Scope, is_in_job: bool) -> str:
-        """A checked comparison with its values. Raises ValueError for one that cannot be."""
+        """Return a checked comparison with its values. Raises ValueError for an invalid one."""
         ...
 
 
 @dataclass(frozen=True)
 class Declared:
-    """The parameters of everything that a tree may name, and what a leaf or SubTree names.
+    """The parameters of everything that a leaf or SubTree of a tree may name.
 
-    `jobs`: the types of jobs, None in a tree of which jobs cannot be a part. `comparisons`:
-    of the team's blackboard, in a tree that may have them.
+    `jobs` are the types of jobs, None in a tree that cannot contain jobs. `comparisons` are those
+    with the team's blackboard, in a tree that may have them.
     """
 
     actions: Mapping[str, Sequence[str]]
@@ -265,7 +274,9 @@ class Declared:
     comparisons: Comparisons | None = None
 
     def table(self, kind: Kind) -> tuple[str, Mapping[str, Sequence[str]]]:
-        """What a leaf or SubTree of this kind names, and the declared ones."""
+        """Return what a leaf or SubTree of this kind names, and the declared names with
+        parameters.
+        """
         if kind is Kind.ACTION:
             return "global task", self.actions
         if kind is Kind.CONDITION:
@@ -279,7 +290,7 @@ def check_templates(
     parameters: Scope,
     report: Report,
 ) -> dict[str, tuple[Sequence[str], Template]]:
-    """The parameters and templates of the subtrees that `declared` names, checked."""
+    """Check the subtrees that `declared` names. Returns the parameters and template of each."""
     found: dict[str, tuple[Sequence[str], Template]] = {}
     for name, (tree, path) in trees.items():
         body = read_template(tree, path, report)
@@ -340,7 +351,7 @@ def check_call(
     path: SourcePath,
     report: Report,
 ) -> None:
-    """Report a call of something undeclared, or with wrong arguments; `what` names the kind."""
+    """Report a call of an undeclared name or with wrong arguments; `what` names the kind."""
     name, arguments = split_template(text)
     if name not in table:
         report.add(path, f"{name!r} is not a declared {what}{nearest(name, table)}")
@@ -357,14 +368,14 @@ def check_call(
 
 
 def check_references(text: str, scope: frozenset[str], path: SourcePath, report: Report) -> None:
-    """Report every `$name` in `text` that is no parameter here."""
+    """Report every `$name` in `text` that is not a parameter here."""
     for name in _REFERENCE.findall(text):
         if name not in scope:
             report.add(path, f"unknown parameter ${name}{nearest(name, scope)}")
 
 
 def subtree_calls(template: Template) -> Iterator[Template]:
-    """The SubTree nodes inside a template."""
+    """Yield the SubTree nodes inside a template."""
     if template.kind is Kind.SUBTREE:
         yield template
     for child in (*template.children, *template.loop):
@@ -375,7 +386,7 @@ def check_cycles(subtrees: Mapping[str, Template], report: Report) -> None:
     """Report every cycle of subtrees once, at the call that closes it."""
     done: set[str] = set()
     for start in subtrees:
-        # An own stack: a chain of subtrees may be longer than Python's.
+        # An explicit stack, because a chain of subtrees may exceed Python's recursion limit.
         trail: list[tuple[str, Iterator[Template]]] = []
         if start not in done:
             trail.append((start, subtree_calls(subtrees[start])))
@@ -403,8 +414,8 @@ Calls: TypeAlias = dict[str, tuple[str, tuple[str, ...], SourcePath]]
 class JobTree:
     """The tree of a job type, with a placeholder for each parameter.
 
-    `calls`: as `Expander.global_calls`, of names with placeholders. `is_placed`: whether some Jobs
-    node has it.
+    `calls` is like `Expander.global_calls`, for names with placeholders. `is_placed` is true once a
+    Jobs node has the type.
     """
 
     template: Template
@@ -417,10 +428,10 @@ class JobTree:
 class Expander:
     """Puts values into checked templates. Problems go to the report.
 
-    `global_calls` collects the ground global tasks that were mentioned, in tree order,
-    with their arguments and the place of the first mention. `comparisons`: as in `Declared`.
-    `jobs`: the types of jobs, of each of
-    which `at_most` are in the tree at a time unless the node says it.
+    `global_calls` collects the ground global tasks that the tree names, in tree order, with their
+    arguments and the place of the first mention. `comparisons`: as in `Declared`. `jobs` holds the
+    types of jobs; at most `at_most` jobs of each are in the tree at a time, unless the Jobs node
+    has its own limit.
     """
 
     subtrees: Mapping[str, tuple[Sequence[str], Template]]
@@ -435,7 +446,7 @@ class Expander:
     _job: JobTree | None = None
 
     def expand(self, template: Template, scope: Scope, depth: int = 1) -> NodeSpec | None:
-        """The ground node, or None after a problem. Raises TooManyNodesError."""
+        """Return the ground node, or None after a problem. Raises TooManyNodesError."""
         self.nodes += 1
         if self.nodes > MAX_NODES:
             message = f"the tree has more than {MAX_NODES} nodes once expanded"
@@ -473,7 +484,7 @@ class Expander:
         if template.kind is Kind.ACTION:
             call = (split_template(template.text)[0], tuple(values), template.path)
             of_job = [value for value in values if isinstance(value, Placeholder)]
-            # Else a ground name would not say which job's values it has.
+            # Otherwise the ground name would not show the value of each parameter.
             joined = next((value for value in of_job if value.count("{") > 1), None)
             if joined is not None:
                 message = f"{joined} joins parameters of a job in one argument of a global task"

@@ -82,10 +82,11 @@ class _FactsModel(FileModel):
 
 
 def facts_from_file(mission: Mission, path: Path | None) -> TeamFacts:
-    """The facts in `path`, as the mission's robots would have written them; None: at the start.
+    """Return the facts in `path`, as the mission's robots would have written them.
 
-    All robots of the mission are members; `ALIVE` is their incarnation. Raises FileError with
-    file and line for whatever is wrong with the facts.
+    Without a path they are the facts at the start. All robots of the mission are members; `ALIVE`
+    is their incarnation. Raises FileError with file and line for everything that is wrong with the
+    facts.
     """
     builder = _Builder(mission)
     if path is not None:
@@ -156,7 +157,7 @@ class _Builder:
             self._write(self._first, f"{records.CONDITION}/{name}", [value, 1, 1])
 
     def _note_turns(self) -> None:
-        """What robots write down of guards that have turned."""
+        """Write the revisions of changed guards, as robots do."""
         while turned := self.facts.turned_guards():
             for name, revision in turned:
                 value = revision.to_value()
@@ -223,7 +224,9 @@ class _Builder:
             self._write(self._first, name, Coalition(tuple(crew)).to_value())
 
     def _run(self, robot: str, task: str, activation: str, local_task: str) -> None:
-        """The robot's claim, and that it has started with the others on the same task."""
+        """Write the robot's claim, and its start in a coalition with the other robots on the
+        task.
+        """
         token = self._token(task)
         claim = Claim(activation, task, local_task, Phase.RUNNING, self._sequence + 1, token)
         self._write(robot, records.CLAIM, claim.to_value())
@@ -232,7 +235,9 @@ class _Builder:
             self._crews.setdefault(f"{records.COALITION}/{activation}/{token}", []).append(member)
 
     def _token(self, task: str) -> str:
-        """The one coalition of a task in a file; empty for tasks without."""
+        """Return the token of a task's only coalition in a file; empty for tasks without
+        coalitions.
+        """
         by_coalition = self.mission.global_tasks[task].by_coalition
         return str(CoalitionId(1, self._first, *ALIVE)) if by_coalition else ""
 

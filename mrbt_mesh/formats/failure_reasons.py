@@ -1,4 +1,4 @@
-"""`failure_reason` of a condition of a mission file: the task that it names is looked up."""
+"""Read `failure_reason` of the conditions in a mission file, and look up the task it names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PARAMETER = re.compile(r"\$[A-Za-z_][A-Za-z0-9_]*")
 
 
 def condition_types(model: MissionModel, report: Report) -> dict[str, ConditionType]:
-    """The team's conditions; problems go to the report."""
+    """Return the team's conditions; problems go to the report."""
     return {
         name: ConditionType(
             name,
@@ -72,7 +72,7 @@ def _reason(
 
 
 def _argument(template: str, own: frozenset[str], parameters: Scope) -> str:
-    """`$name` of the condition stays; those of the mission are filled in."""
+    """Fill in parameters of the mission, but keep `$name` of the condition."""
     if _PARAMETER.fullmatch(template) and template[1:] in own:
         return template
     if any(found[1:] in own for found in _PARAMETER.findall(template)):

@@ -1,7 +1,7 @@
 """What the models of all YAML files share: mappings, unions, and errors in plain words.
 
-Every alternative of a union carries a tag in angle brackets, so that a place in the model
-can be turned back into a place in the file.
+Every alternative of a union carries a tag in angle brackets, so that a place in the model can be
+turned back into a place in the file.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _GROUND_ARGUMENT = rf"\s*{ARGUMENT_PATTERN}\s*"
 
 
 def call_pattern(argument: str) -> str:
-    """The pattern of a name with arguments that match `argument`."""
+    """Return the pattern of a name with arguments that match `argument`."""
     return rf"^{NAME_PATTERN}(\({argument}(,{argument}){_REPEAT}\))?$"
 
 
@@ -69,7 +69,7 @@ def by_type(expected: str, tags: dict[type, str]) -> Discriminator:
 
 
 def one_of(expected: str, accepts: Callable[[Any], bool]) -> PlainValidator:
-    """A value that `accepts` accepts; `expected` is for the problem."""
+    """Return a validator of values for which `accepts` is true; `expected` is for the message."""
 
     def check(value: Any) -> Any:
         if not accepts(value):
@@ -90,7 +90,7 @@ class FileModel(BaseModel):
 
     @classmethod
     def known_keys(cls) -> list[str]:
-        """The keys that the mapping may have."""
+        """Return the keys that the mapping may have."""
         return [field.alias or name for name, field in cls.model_fields.items()]
 
     @model_validator(mode="before")
@@ -125,7 +125,7 @@ _EXPECTED = {
 
 
 def place_of(detail: ErrorDetails) -> SourcePath:
-    """Where in the file: the location in the models without the tags of unions and keys."""
+    """Return the place in the file: the location in the models without tags of unions and keys."""
     return tuple(
         part for part in detail["loc"] if isinstance(part, int) or part[:1] not in ("<", "[")
     )
@@ -134,9 +134,9 @@ def place_of(detail: ErrorDetails) -> SourcePath:
 def read_model(
     kind: type[_Model], data: Any, report: Report, explained: Mapping[str, str] = EXPLAINED
 ) -> _Model:
-    """The file's content as this model; for `explained` see `explain`.
+    """Return the file's content as this model; for `explained` see `explain`.
 
-    Raises FileError with all that is wrong with its shape.
+    Raises FileError with everything that is wrong with its shape.
     """
     try:
         return kind.model_validate(data, context=report)
@@ -150,7 +150,10 @@ def read_model(
 def explain(
     detail: ErrorDetails, explained: Mapping[str, str] = EXPLAINED
 ) -> tuple[SourcePath, str]:
-    """Where in the file a problem is, and a message; `explained`: pattern -> what it expects."""
+    """Return the place of a problem in the file, and a message.
+
+    `explained` maps patterns to what they expect.
+    """
     place = place_of(detail)
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     if kind == "missing":

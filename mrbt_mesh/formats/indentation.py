@@ -1,4 +1,4 @@
-"""Problems of a file's shape that come from its indentation, which they do not speak of."""
+"""Hints for problems of a file's shape that are caused by its indentation."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from mrbt_mesh.formats.problems import SourcePath
 def indentation_hint(
     detail: ErrorDetails, place: SourcePath, lines: Mapping[SourcePath, int]
 ) -> str:
-    """What to indent otherwise, to be put behind the message; empty if that is not the reason.
+    """Return what to indent differently, as the end of a message; empty if that is not the cause.
 
-    A key without a value may be followed by its own lines, and a key that is missing be one level
-    too deep.
+    A key without a value may be followed by lines that belong to it, and a key that is missing may
+    be indented one level too deep.
     """
     if detail["type"] == "missing":
         missing = str(detail["loc"][-1])

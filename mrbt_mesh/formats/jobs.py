@@ -1,4 +1,4 @@
-"""`jobs` of a mission file: types of jobs, and the values that their parameters may have."""
+"""Read `jobs` of a mission file: job types and the values that their parameters may have."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from mrbt_mesh.formats.tree_model import ALL_TYPES
 
 
 class JobTypes:
-    """The types of jobs of a mission; problems go to the report.
+    """The job types of a mission; problems go to the report.
 
-    `places`: those of `travel`; without it they are those of the map.
+    `places` are those of `travel`; if empty, those of the map are used.
     """
 
     def __init__(self, model: MissionModel, places: Collection[str], report: Report) -> None:
@@ -38,7 +38,7 @@ class JobTypes:
         self._types = {name: self._read(name, entry) for name, entry in sorted(model.jobs.items())}
 
     def templates(self, declared: Declared) -> dict[str, JobTree]:
-        """The tree of each type, checked."""
+        """Return the tree of each type, checked."""
         trees = {}
         for name, known in self._types.items():
             entry, path = self._model.jobs[name], ("jobs", name, "tree")
@@ -51,7 +51,9 @@ class JobTypes:
         return trees
 
     def check_nodes(self, tree: Tree, types: Mapping[str, JobTree]) -> None:
-        """Each type is in a Jobs node, all jobs have room, and the mission says how it ends."""
+        """Check that each type is in a Jobs node, that all jobs have room, and how the mission
+        ends.
+        """
         for name, known in types.items():
             if not known.is_placed:
                 message = f"no Jobs node has it; write {{Jobs: [{name}]}} where its jobs belong"
@@ -65,7 +67,7 @@ class JobTypes:
             self._report.add(("jobs",), f"{message}, or ends_mission: true for a type of jobs")
 
     def __getitem__(self, name: str) -> JobType:
-        """A type, without its tasks."""
+        """Return a type, without its tasks."""
         return self._types[name]
 
     def _read(self, name: str, entry: JobTypeModel) -> JobType:
@@ -98,7 +100,7 @@ class JobTypes:
 
 
 def may_request(known: JobType, ground: str) -> bool:
-    """Whether a job of this type can have a global task, by its ground name."""
+    """True if a job of this type can request the global task with this ground name."""
     bindings = (arguments_in(pattern, ground) for pattern in known.global_tasks)
     parameters = {parameter.name: parameter for parameter in known.parameters}
     return any(

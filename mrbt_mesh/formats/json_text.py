@@ -1,16 +1,16 @@
-"""JSON that others have written: what the standard library takes, and people did not mean."""
+"""Stricter JSON hooks: refuse what the standard library accepts but no author intends."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Any
 
-# Digits of the largest numbers that anything here has.
+# The largest numbers of the project have fewer digits.
 MOST_DIGITS = 40
 
 
 def without_doubles(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """A hook for the pairs of an object; raises ValueError for a name that is given twice."""
+    """Hook for the pairs of an object. Raises ValueError for a name that is given twice."""
     found: dict[str, Any] = {}
     for name, value in pairs:
         if name in found:
@@ -20,7 +20,7 @@ def without_doubles(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def bounded_whole(text: str) -> int:
-    """A hook for whole numbers; raises ValueError for one that is far too long."""
+    """Hook for whole numbers. Raises ValueError for one of more than `MOST_DIGITS` characters."""
     if len(text) > MOST_DIGITS:
         raise ValueError(f"a number of {len(text)} digits")
     return int(text)

@@ -1,4 +1,4 @@
-"""The values of a list in a mission file, or of the parameter that is one."""
+"""The values of a list in a mission file, or of a parameter that is a list."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from mrbt_mesh.formats.problems import Report, SourcePath, found
 def listed_values(
     given: Any, model: MissionModel, path: SourcePath, report: Report
 ) -> tuple[str, ...]:
-    """The values as arguments; problems go to the report. `given`: a list, or `$name` of one."""
+    """Return the values as arguments; problems go to the report.
+
+    `given` is a list, or `$name` of a parameter that is one.
+    """
     choices: dict[str, None] = {}
     for value, place in _listed(given, model, path, report):
         try:
@@ -30,7 +33,7 @@ def listed_values(
 def _listed(
     given: Any, model: MissionModel, path: SourcePath, report: Report
 ) -> list[tuple[Any, SourcePath]]:
-    """Each value with its place."""
+    """Return each value with its place."""
     if not isinstance(given, str):
         return [(value, (*path, i)) for i, value in enumerate(given)]
     values = model.parameters.get(given[1:])

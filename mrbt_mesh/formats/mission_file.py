@@ -1,7 +1,7 @@
 """Load missions: YAML as people write it, or the compiled JSON that robots are given.
 
-Reading YAML needs pydantic and ruamel.yaml, which cost a robot's process tens of megabytes;
-they are imported only when a YAML file is read.
+Reading YAML needs pydantic and ruamel.yaml, which cost a robot's process tens of megabytes; they
+are imported only when a YAML file is read.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from mrbt_mesh.errors import FileError, Problem, read_limited, whole_file_error
 
 __all__ = ["FileError", "Problem", "compile_mission", "load_mission", "mission_warnings"]
 
-# A small file may unfold into a large tree.
+# A small mission file may expand into a large tree.
 MAX_COMPILED_BYTES = 16 << 20
 
 
 def load_mission(path: Path) -> Mission:
-    """The mission in a `.yaml`, `.yml` or compiled `.json` file.
+    """Load the mission in a `.yaml`, `.yml` or compiled `.json` file.
 
-    `program` becomes an absolute path, with its `:name` if it has one. Raises FileError,
-    and nothing else, for whatever may be wrong with the file.
+    `program` becomes an absolute path, with its `:name` if it has one. Raises only FileError,
+    whatever is wrong with the file.
     """
     file = str(path)
     suffix = Path(path).suffix.lower()
@@ -34,7 +34,7 @@ def load_mission(path: Path) -> Mission:
     folder = Path(path).parent
     if suffix == ".json":
         return _load_compiled(read_limited(Path(path), MAX_COMPILED_BYTES), file, folder)
-    # Imported here to keep robots' processes small, see above.
+    # Imported here to keep the processes of robots small, see above.
     from mrbt_mesh.formats.build import mission_from_yaml
     from mrbt_mesh.formats.yaml_source import MAX_YAML_BYTES, decode
 
@@ -51,12 +51,14 @@ def _load_compiled(content: bytes, file: str, folder: Path) -> Mission:
     mission = mission_from_compiled(text, file)
     if mission.program is None:
         return mission
-    # An absolute path, which is what compiling writes, stays as it is.
+    # An absolute path, as compiling writes it, is kept.
     return replace(mission, program=str(folder.resolve() / mission.program))
 
 
 def mission_warnings(mission: Mission) -> list[str]:
-    """Likely mistakes: global tasks that this team can never do, robots that are never asked."""
+    """Warn of likely mistakes: global tasks that this team can never do, robots that no task can
+    use.
+    """
     warnings = []
     for task in mission.all_tasks():
         for need in task.needs:
@@ -79,7 +81,7 @@ def mission_warnings(mission: Mission) -> list[str]:
 
 
 def _may_do(capabilities: Mapping[str, int], local_task: str) -> bool:
-    """Whether a robot can do it; with a placeholder, for some job."""
+    """True if a robot can do the local task; with a placeholder, if it can for some job."""
     if "{" in local_task:
         return type_name(local_task) in map(type_name, capabilities)
     return performance(capabilities, local_task) is not None

@@ -1,4 +1,4 @@
-"""The map in a mission's `parameters: map`; its form is in docs/how-to/watch.md.
+"""The map in a mission's `parameters: map`; docs/how-to/watch.md describes its form.
 
 A map of another form is ignored, since missions may use their parameters as they like.
 """
@@ -15,13 +15,15 @@ from mrbt_mesh.core.mission.travel import MAX_PLACES
 
 MAX_LINES, MAX_POINTS = 1_000, 1_000
 MAX_TEXT = 64
-# A place's state: a condition, then two global tasks.
+# The keys that give a place's state: a condition, then two global tasks.
 TOLD_BY = ("bad", "checked", "mended")
 
 
 def map_view(mission: Mission) -> dict[str, Any] | None:
-    """Lines (`points`, `kind`, `closed`), places (`at`, `label`), and `ways`: the pairs of these
-    places between which `travel` lists a way; None without a map.
+    """Return the mission's map, or None without one.
+
+    It has `lines` (`points`, `kind`, `closed`), `places` (`at`, `label`) and `ways`: the pairs of
+    places on the map between which `travel` lists a way.
     """
     given = mission.parameters.get("map")
     if not isinstance(given, Mapping):
@@ -37,20 +39,20 @@ def map_view(mission: Mission) -> dict[str, Any] | None:
 
 
 def _ways(mission: Mission, places: Collection[str]) -> list[list[str]]:
-    """Each pair once, whichever of its two directions is listed."""
+    """Return each pair of places once, whichever of its two directions is listed."""
     listed = mission.travel.ways_ms if mission.travel is not None else {}
     pairs = {(min(way), max(way)) for way in listed if way[0] != way[1]}
     return [[*pair] for pair in sorted(pairs) if pair[0] in places and pair[1] in places]
 
 
 def places_on_map(parameters: Mapping[str, Any]) -> dict[str, list[float]]:
-    """The coordinates of the places on the map."""
+    """Return the coordinates of each place on the map."""
     found = {name: _point(place.get("at")) for name, place in _places(parameters).items()}
     return {name: at for name, at in found.items() if at is not None}
 
 
 def told_places(mission: Mission) -> dict[str, Mapping[str, Any]]:
-    """The places whose state follows from a condition or global tasks, by name."""
+    """Return the places whose state follows from a condition or from global tasks, by name."""
     return {
         name: place
         for name, place in _places(mission.parameters).items()
@@ -63,9 +65,9 @@ def place_states(
     facts: TeamFacts,
     has_succeeded: Callable[[str], bool],
 ) -> dict[str, str]:
-    """Place -> `unknown`, `good` or `bad`, of `told_places`.
+    """Return `unknown`, `good` or `bad` for each of `told_places`.
 
-    `has_succeeded`: of a global task, false for what is none.
+    `has_succeeded` tells whether a global task has succeeded; it returns False for an unknown name.
     """
     found = {}
     for name, place in places.items():

@@ -1,9 +1,9 @@
 """The mission file as pydantic models: shapes, types and ranges, and the JSON Schema.
 
-What needs more than one place of the file (is this task declared, do the arguments fit)
-is checked in `expand` and `build`.
+What needs more than one place of the file (is this task declared, do the arguments fit) is checked
+in `expand` and `build`.
 
-Write the schema anew with `python -m mrbt_mesh.formats.mission_model`.
+Update the schema with `python -m mrbt_mesh.formats.mission_model`.
 """
 
 from __future__ import annotations
@@ -107,14 +107,14 @@ _Model = TypeVar("_Model", bound=FileModel)
 
 
 def _refuse_nodes(value: Any) -> Any:
-    """Earlier versions read a robot's tree from the mission file itself."""
+    """Refuse a robot's tree in the mission file itself, as earlier versions allowed."""
     if isinstance(value, dict):
         raise PydanticCustomError("node", f"a robot's tree is not written in YAML: {_IN_A_FILE}")
     return value
 
 
 def with_features(model: type[_Model]) -> type[_Model]:
-    """The same model with the fields that features add."""
+    """Return the model with the fields that features add."""
     added = [each.file_fields().get(model.__name__, {}) for each in features()]
     fields: dict[str, Any] = {name: kind for each in added for name, kind in each.items()}
     if not fields:
@@ -477,7 +477,7 @@ class MissionModel(FileModel):
     tree: Node
 
 
-# `Node` names it as a text, which has no meaning in this module.
+# `Node` names `NodeModel` as a text, which this module cannot resolve by itself.
 MissionModel.model_rebuild(_types_namespace={"NodeModel": NodeModel})
 
 _STAND_INS: dict[str, Any] = {
@@ -505,7 +505,7 @@ def validate(data: Any, report: Report) -> MissionModel | None:
             report.add(place, message + indentation_hint(detail, place, report.lines))
         if not all(detail["type"] in _STAND_INS for detail in details):
             return None
-        # Wrong values, but the right shape: with others in their place, more can be checked.
+        # Wrong values, but the right shape: with valid values instead, more can be checked.
         _replace_wrong_values(data, details)
     return None
 
@@ -520,7 +520,7 @@ def _replace_wrong_values(data: dict[str, Any], details: list[ErrorDetails]) -> 
 
 
 def schema_text() -> str:
-    """The JSON Schema of mission files, as it is committed in `mission.schema.json`."""
+    """Return the JSON Schema of mission files, as it is committed in `mission.schema.json`."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     schema |= MissionModel.model_json_schema(by_alias=True)
     return json.dumps(schema, indent=2, sort_keys=True) + "\n"

@@ -1,4 +1,4 @@
-"""Mission files written by tools: a tree as the YAML that people would write."""
+"""Write mission files for tools: a tree as the YAML that people would write."""
 
 from __future__ import annotations
 
@@ -13,14 +13,16 @@ from ruamel.yaml.representer import SafeRepresenter
 
 from mrbt_mesh.core.bt.tree import CONTROLS, LEAVES, Kind, Memory, NodeSpec
 
-# A text that is broken into lines is no valid key, and the library breaks keys, too.
+# A text that is broken into lines is not a valid key, and the library breaks keys, too.
 _UNBROKEN = 1 << 30
-# A longer collection takes several lines, one for each of its parts.
+# The parts of a longer collection are written on one line each.
 MAX_LINE = 85
 
 
 def tree_data(spec: NodeSpec) -> Any:
-    """A ground node as plain data of a mission file. SubTrees are replaced by their content."""
+    """Return a ground node as plain data of a mission file. SubTrees are replaced by their
+    content.
+    """
     if spec.kind is Kind.ACTION:
         return spec.subject
     if spec.kind in LEAVES:
@@ -60,7 +62,7 @@ def _control(spec: NodeSpec, children: list[Any]) -> Any:
 
 
 class _Representer(SafeRepresenter):
-    """One line for a collection that holds no other one and fits into a line."""
+    """Writes a collection on one line if it contains no other collection and fits."""
 
     def represent_mapping(self, tag: Any, mapping: Any, flow_style: Any = None) -> MappingNode:
         node: MappingNode = super().represent_mapping(tag, mapping, flow_style=flow_style)
@@ -81,10 +83,10 @@ def _fitting(node: _Node, texts: list[Any]) -> _Node:
 
 
 def mission_text(data: Mapping[str, Any], heading: str) -> str:
-    """A mission file with `data`; `heading` becomes the comment at its beginning."""
+    """Return a mission file with `data`; `heading` becomes the comment at its beginning."""
     writer = YAML(typ="safe", pure=True)
     writer.Representer = _Representer
-    writer.default_flow_style = None  # one line for what holds no other collection
+    writer.default_flow_style = None  # one line for a collection that contains no other one
     writer.width = _UNBROKEN
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     stream = io.StringIO()

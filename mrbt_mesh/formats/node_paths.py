@@ -11,7 +11,10 @@ def root_path(spec: NodeSpec) -> str:
 
 
 def child_path(path: str, parent: NodeSpec, position: int) -> str:
-    """`Sequence/Fallback[2]`: the type or name, and the place among siblings of inner nodes."""
+    """Return a child's path, e.g. `Sequence/Fallback[2]`.
+
+    A part is the name, subject or type of a node, with its place among siblings for inner nodes.
+    """
     child = parent.children[position]
     part = root_path(child)
     if len(parent.children) > 1 and child.children:

@@ -1,4 +1,4 @@
-"""The problems of a file of a user, with file, line and path."""
+"""The problems of a user's file, with file, line and path."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Report:
     def add(self, path: SourcePath, message: str, line: int | None = None) -> None:
         """Note a problem, on the line of `path` unless another is given.
 
-        The same one, reached over another expansion, is noted once. Once `is_full`, nothing is.
+        A problem that several expansions lead to is noted once. Nothing is noted once `is_full`.
         """
         if not self.is_full:
             line = self.line(path) if line is None else line
@@ -32,11 +32,11 @@ class Report:
 
     @property
     def is_full(self) -> bool:
-        """Whether there are more problems than will be shown."""
+        """True if there are more problems than will be shown."""
         return len(self._found) > MAX_PROBLEMS
 
     def line(self, path: SourcePath) -> int:
-        """The line of `path`, or of the nearest thing around it."""
+        """Return the line of `path`, or of the nearest element that encloses it."""
         while path and path not in self.lines:
             path = path[:-1]
         return self.lines.get(path, 1)
@@ -69,7 +69,7 @@ def path_text(path: SourcePath) -> str:
 
 
 def found(value: Any) -> str:
-    """A short text for a value in the file where something else is expected."""
+    """Return a short text for a value in the file where something else is expected."""
     if value is None:
         return "nothing"
     if isinstance(value, dict):

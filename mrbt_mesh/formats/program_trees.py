@@ -1,7 +1,7 @@
 """Local tasks that are trees: `local_tasks: NAME: {tree: FILE.xml#TreeID}` of a mission file.
 
-A BehaviorTree.CPP tree becomes part of the mission with all that its file includes, so that every
-robot runs the same. There is one for each ground local task that some global task needs.
+A BehaviorTree.CPP tree becomes part of the mission with every file that it includes, so that all
+robots run the same tree. There is one for each ground local task that some global task needs.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class ProgramTrees:
                 check_call(condition, "condition", conditions, scope, place, report)
 
     def ground(self, local_tasks: LocalCalls, folder: Path) -> dict[str, ProgramTree]:
-        """The tree of each of these ground local tasks that has one in a file below `folder`."""
+        """Return the trees of those ground local tasks that have one in a file below `folder`."""
         if self._files is None:
             self._files = {
                 name: self._read(name, task.tree, folder)
@@ -68,7 +68,7 @@ class ProgramTrees:
         return {**self._model.parameters, **dict(zip(parameters, arguments, strict=True))}
 
     def _read(self, name: str, reference: str, folder: Path) -> tuple[str, str, str] | None:
-        """The file's name, its text and the tree's ID."""
+        """Return the file's name, its text and the tree's ID."""
         file, _, tree = reference.partition("#")
         try:
             return file, *tree_format(file).read(folder / file, tree)
@@ -80,7 +80,7 @@ class ProgramTrees:
     def _filled(
         self, name: str, task: LocalTaskOrTreeModel, scope: Mapping[str, Any]
     ) -> tuple[tuple[tuple[str, str], ...], tuple[tuple[str, str], ...]]:
-        """Ports and outputs with the arguments in place."""
+        """Return the ports and outputs with the arguments filled in."""
         ports, outputs = [], []
         try:
             for key, value in sorted(task.ports.items()):
@@ -94,7 +94,7 @@ class ProgramTrees:
 
 
 def _text(value: Any, scope: Mapping[str, Any]) -> str:
-    """A port's value as a text of the file would give it."""
+    """Return a port's value as it would be written in the file."""
     filled = substitute(value, scope) if isinstance(value, str) else value
     if isinstance(filled, bool):
         return "true" if filled else "false"

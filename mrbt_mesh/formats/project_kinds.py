@@ -1,4 +1,4 @@
-"""The kinds of projects that `mrbt new` writes for robots of no other system."""
+"""The kinds of projects that `mrbt new` writes for robots without another robot framework."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users start from: the examples, drills and programs of the project, and templates."""
+"""What users start from: the project's examples, drills and robot programs, and templates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mrbt_mesh.errors import InputError, nearest
 
 MISSION = "mission.yaml"
 TEMPLATE = Path(__file__).with_name("template")
-# How an example names its robots' program; in a copy, that lies beside the mission.
+# How an example names its robots' program; in a copy, the program lies beside the mission.
 _PROGRAM = re.compile(r"\.\./\.\./agents/(\w+\.py)")
 _NAME = re.compile(r"^mission: \w+$", re.MULTILINE)
 _COMPILED = "__pycache__"
@@ -22,13 +22,13 @@ class FolderInUseError(InputError):
 
 
 class UnknownExampleError(InputError):
-    """There is no example of this name; the message lists those there are."""
+    """There is no example of this name; the message suggests the nearest one."""
 
 
 def shipped(folder: str) -> Path:
-    """The folder `examples`, `agents` or `drills`: in an installed package, else in a clone.
+    """Return the folder `examples`, `agents` or `drills` of an installed package or a clone.
 
-    They keep their places relative to each other, so that missions find their programs.
+    The folders keep their places relative to each other, so that missions find their programs.
     """
     package = Path(__file__).parents[1]
     installed = package / "share" / folder
@@ -36,12 +36,12 @@ def shipped(folder: str) -> Path:
 
 
 def examples() -> list[str]:
-    """The names of the examples, sorted."""
+    """Return the names of the examples, sorted."""
     return sorted(path.parent.name for path in shipped("examples").glob(f"*/{MISSION}"))
 
 
 def example_mission(name: str) -> Path:
-    """The mission file of an example; raises UnknownExampleError."""
+    """Return the mission file of an example; raises UnknownExampleError."""
     known = examples()
     if name not in known:
         raise UnknownExampleError(f"there is no example {name!r}{nearest(name, known)}")
@@ -49,9 +49,9 @@ def example_mission(name: str) -> Path:
 
 
 def template_files(name: str, template: Path = TEMPLATE) -> dict[str, str]:
-    """A small mission called `name` and a robot of the user's own: texts by file name.
+    """Return a small mission called `name` and a robot program for it: texts by file name.
 
-    `template`: a folder with other files, for robots of another kind.
+    `template` is a folder with other files, for robots of another kind.
     """
     paths = sorted(path for path in template.iterdir() if path.is_file())
     files = {path.name: path.read_text(encoding="utf-8") for path in paths}
@@ -59,13 +59,13 @@ def template_files(name: str, template: Path = TEMPLATE) -> dict[str, str]:
 
 
 def mission_name(text: str) -> str:
-    """A mission's name, made out of a file's or folder's: letters, digits and _, at most 64."""
+    """Make a mission name from the name of a file or folder: letters, digits and _, at most 64."""
     name = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
     return (name if name[:1].isalpha() else f"mission_{name}")[:MAX_NAME]
 
 
 def example_files(name: str) -> dict[str, str]:
-    """An example and the programs of its robots: texts by path below one folder.
+    """Return an example and the programs of its robots: texts by path below one folder.
 
     Raises UnknownExampleError.
     """
@@ -90,8 +90,8 @@ def example_files(name: str) -> dict[str, str]:
 def write_files(folder: Path, files: dict[str, str]) -> list[Path]:
     """Write files to `folder`, which may not exist yet.
 
-    Returns the paths of the new files. Raises FolderInUseError rather than overwrite
-    anything, and OSError if the folder cannot be written to.
+    Returns the paths of the new files. Raises FolderInUseError rather than overwrite anything, and
+    OSError if the folder cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
         raise FolderInUseError(f"{folder}: is a file; name a new folder")

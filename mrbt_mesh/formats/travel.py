@@ -1,4 +1,4 @@
-"""`travel` of a mission file, and where its local tasks happen (`at`)."""
+"""Read `travel` of a mission file, and the places (`at`) of its local tasks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _EXAMPLE = "travel: {places: {dock: [0, 0]}, speed: 0.5, start: dock}"
 
 
 class TravelBuilder:
-    """Checks what the file says of places; problems go to the report."""
+    """Reads and checks what the file declares about places; problems go to the report."""
 
     def __init__(self, model: MissionModel, report: Report) -> None:
         self._model = model
@@ -58,11 +58,14 @@ class TravelBuilder:
 
     @property
     def places(self) -> Collection[str]:
-        """The declared ones."""
+        """The declared places."""
         return self._places
 
     def of_job(self, job: JobType, local_tasks: LocalCalls) -> dict[str, str]:
-        """The places of these local tasks with placeholders; whatever a job says, it is one."""
+        """Return the places of a job's local tasks, with placeholders.
+
+        Every value that a job can give must be a place; others are reported and left out.
+        """
         found = {}
         for ground, place in self._ground(local_tasks).items():
             path, of = ("local_tasks", type_name(ground), "at"), f"{ground} of {job.name}"
@@ -76,7 +79,7 @@ class TravelBuilder:
         local_tasks: LocalCalls,
         jobs: Iterable[JobType],
     ) -> Travel | None:
-        """For these ground local tasks; None where none happens at a place."""
+        """Return travel for these ground local tasks; None if none of them happens at a place."""
         travel = self._model.travel
         at = self._ground(local_tasks)
         if travel is None or not any((at, *(job.at for job in jobs))):
@@ -162,14 +165,17 @@ class TravelBuilder:
             self._check_place(place, (*here, robot))
 
     def _check_place(self, name: str, path: SourcePath, of: str = "") -> bool:
-        """Report what is no place; `of`: the ground local task that happens there."""
+        """Report an unknown place. Returns whether it is known.
+
+        `of` is the ground local task that happens there, for the message.
+        """
         if name not in self._places:
             message = f"{name!r} is not a declared place{nearest(name, self._places)}"
             self._report.add(path, f"{of}: {message}" if of else message)
         return name in self._places
 
     def _ground(self, local_tasks: LocalCalls) -> dict[str, str]:
-        """The place of each of these local tasks that has one."""
+        """Return the place of each of these local tasks that has one."""
         found = {}
         for ground, arguments in local_tasks.items():
             name = type_name(ground)

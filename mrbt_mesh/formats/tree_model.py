@@ -23,7 +23,7 @@ from mrbt_mesh.formats.file_model import (
 )
 
 MAX_SECONDS = 1e9
-# Of jobs, in a Jobs node.
+# The word for all job types in a Jobs node.
 ALL_TYPES = "all"
 
 _ARGUMENT = r"[A-Za-z0-9_.+$-]{1,64}"
@@ -47,7 +47,7 @@ Title: TypeAlias = Annotated[str, Field(pattern=_TITLE)]
 
 
 def split_comparison(text: str) -> tuple[str, str, str] | None:
-    """`battery@A1 < 30` -> ("battery@A1", "<", "30"); None: it is no comparison."""
+    """Split `battery@A1 < 30` into ("battery@A1", "<", "30"); None if it is not a comparison."""
     found = re.fullmatch(rf"(.+?){_OPERATOR}(.+)", text)
     return None if found is None else (found[1], found[2], found[3])
 
@@ -240,7 +240,7 @@ class NodeModel(FileModel):
         return data
 
     def kind_and_body(self) -> tuple[Kind, Any]:
-        """The type of the node and the value under it."""
+        """Return the type of the node and the value under it."""
         (name,) = self.model_fields_set
         return Kind(str(type(self).model_fields[name].alias)), getattr(self, name)
 

@@ -1,8 +1,9 @@
-"""What a mission file declares and nothing in it uses: most often a misspelt or forgotten name.
+"""Find declarations of a mission file that nothing in it uses: often a misspelt name.
 
-A name counts as used wherever a text of another part has it, so that warnings are few and sure.
-Parameters of the mission, conditions and entries are for programs as well: they are used if a
-Python file of the program's folder has the word, and without such a file nothing is said of them.
+A name counts as used wherever a text of another part contains it, so that warnings are few and
+certain. Programs may use parameters of the mission, conditions and entries, too: these count as
+used if a Python file in the program's folder has the word. Without such a file there are no
+warnings about them.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from mrbt_mesh.formats.problems import Report
 from mrbt_mesh.formats.tree_model import ALL_TYPES
 from mrbt_mesh.formats.yaml_source import read_mapping
 
-# What is declared, what it is called, and the parts of the file that may use it.
+# The section, what its entries are called, and the parts of the file that may use them.
 _DECLARED = (
     ("local_tasks", "local task", ("global_tasks", "jobs", "constraints")),
     ("global_tasks", "global task", ("global_tasks", "tree", "subtrees", "jobs", "constraints")),
@@ -27,20 +28,21 @@ _DECLARED = (
     ("jobs", "type of jobs", ("tree", "subtrees")),
 )
 _FOR_PROGRAMS = frozenset({"conditions", "blackboard"})
-# What views read.
+# Parameters that views read.
 _FOR_VIEWS = frozenset({"map"})
 MAX_PROGRAM_FILES = 100
 MAX_PROGRAM_BYTES = 1 << 20
-# Parts whose entries have parameters of their own, which their bodies name.
+# Parts whose entries have their own parameters, which their bodies name.
 _WITH_PARAMETERS = ("global_tasks", "subtrees", "jobs")
 _WORD = re.compile(r"[\w$-]+")
 _REFERENCE = re.compile(r"\$\{?([\w-]+)")
 
 
 def unused_declarations(mission: Path, program: str | None) -> list[str]:
-    """Warnings with line and remedy, in the order of the file; none for a compiled mission.
+    """Return warnings with line and remedy, in the order of the file.
 
-    `program` is the path of the robots' program, with its `:name` if it has one.
+    There are none for a compiled mission. `program` is the path of the robots' program, with its
+    `:name` if it has one.
     """
     if mission.suffix.lower() == ".json":
         return []
@@ -54,7 +56,7 @@ def unused_declarations(mission: Path, program: str | None) -> list[str]:
 
 
 def _program_words(program: str | None) -> frozenset[str] | None:
-    """The words of the Python files beside the program; None if it is no file."""
+    """Return the words of the Python files beside the program; None if it is not a file."""
     file = Path((program or "").partition(".py")[0] + ".py")
     if not file.is_file():
         return None
@@ -88,7 +90,10 @@ def _unused_names(
 
 
 def _used_in(data: Mapping[str, Any], user: str, part: str, name: str) -> Iterator[str]:
-    """The texts of a part that may use a name; where it is declared, those of the other entries."""
+    """Yield the texts of a part that may use a name.
+
+    In the part that declares the name, these are the texts of the other entries.
+    """
     if user != part:
         yield from _texts(data.get(user))
         return
@@ -129,7 +134,7 @@ def _items(value: Any) -> list[tuple[str, Any]]:
 
 
 def _has_all_jobs(value: Any) -> bool:
-    """Whether there is a Jobs node that does not name types."""
+    """True if some Jobs node does not name types."""
     if isinstance(value, str):
         return value == "Jobs"
     if isinstance(value, list):
@@ -146,7 +151,7 @@ def _means_all_jobs(body: Any) -> bool:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """All keys and texts inside."""
+    """Yield all keys and texts inside a value."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping):
@@ -164,7 +169,7 @@ def _references(value: Any) -> Iterator[str]:
 
 
 def _names(texts: Iterable[str], name: str) -> bool:
-    """Whether a word of the texts is the name, or may become it once parameters are in place."""
+    """True if a word of the texts is the name, or may become it once parameters are filled in."""
     for text in texts:
         for word in _WORD.findall(text):
             if word == name:

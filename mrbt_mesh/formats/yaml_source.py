@@ -1,8 +1,8 @@
-"""Read YAML into plain data, remembering the line of everything.
+"""Read YAML into plain data, with the line of every value.
 
-The node graph is composed by ruamel.yaml and turned into data here rather than by its
-constructors, because every duplicate key has to be reported with both lines, and because
-aliases must not multiply into more data than the limits allow.
+ruamel.yaml composes the node graph, but its constructors do not turn the graph into data: every
+duplicate key has to be reported with both lines, and aliases must not multiply into more data than
+the limits allow.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class _TooMuchError(Exception):
 
 
 def decode(content: bytes, file: str) -> str:
-    """The text of a file. Raises FileError, with the line, if it is not UTF-8."""
+    """Return the text of a file. Raises FileError, with the line, if it is not UTF-8."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -59,9 +59,9 @@ def decode(content: bytes, file: str) -> str:
 def read_mapping(
     path: Path | str, expected: str, text: str | None = None
 ) -> tuple[SourceDict, Report]:
-    """The mapping in a file, as by `read_yaml`; FileError unless there is one.
+    """Read the mapping in a file, as `read_yaml` does. Raises FileError if it is not a mapping.
 
-    With `text` nothing is read, and `path` is for messages. `expected` begins the error.
+    With `text` no file is read, and `path` is for messages only. `expected` begins the error.
     """
     if text is None:
         text = decode(read_limited(Path(path), MAX_YAML_BYTES), str(path))
@@ -72,11 +72,11 @@ def read_mapping(
 
 
 def read_yaml(text: str, file: str) -> tuple[Any, Report]:
-    """Plain data (mappings are SourceDict) and a report that knows all lines.
+    """Return plain data (mappings are SourceDict) and a report that knows all lines.
 
-    Duplicate keys and unusable values are noted in the report and left out. Raises
-    FileError where no data can be had: broken syntax, more than `MAX_LEVELS` levels or
-    `MAX_VALUES` values once aliases are unfolded.
+    Duplicate keys and unusable values are noted in the report and left out. Raises FileError if no
+    data can be read: broken syntax, more than `MAX_LEVELS` levels or `MAX_VALUES` values once
+    aliases are unfolded.
     """
     node = _compose(text, file)
     lines: dict[SourcePath, int] = {}
@@ -133,7 +133,7 @@ class _Unfolder:
             raise _TooMuchError(path, _too_deep())
         self.open.add(id(node))
         data: Any = None
-        # No helper for lists, since every level would cost one more of Python's own.
+        # Not a helper function, which would use one more of Python's stack frames per level.
         if isinstance(node, SequenceNode) and _tag(node) == _TAG + "seq":
             data = []
             for i, item in enumerate(node.value):
@@ -186,7 +186,7 @@ class _Unfolder:
             except ValueError:
                 message = "a finite number below 2^63 is expected, found"
                 self.report.add(path, f"{message} {found(text)}")
-                return 1  # Stands in, so that this number is not complained about twice.
+                return 1  # Stands in, so that this number is not reported twice.
         if tag not in _TEXT_TAGS:
             self.report.add(path, f"the tag {tag} is not supported; remove it")
         elif not _encodes(text):

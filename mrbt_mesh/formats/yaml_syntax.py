@@ -1,4 +1,4 @@
-"""Explains text that is not YAML: the line to change, and how."""
+"""Explain why a text is not YAML: the line to change, and how."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _CLOSING = {"mapping": ("{", "}"), "sequence": ("[", "]")}
 
 
 def explain_yaml(error: YAMLError, text: str) -> tuple[int, str]:
-    """(line, what is wrong there and what would be right); line 0: not known."""
+    """Return (line, what is wrong there and how to correct it); line 0 if not known."""
     lines = text.splitlines()
     if not isinstance(error, MarkedYAMLError):
         return _unreadable(error, text)
@@ -91,7 +91,7 @@ def _indentation(
 
 
 def _line_before(line: int, lines: Sequence[str]) -> int:
-    """The last line before with more than a comment; 0: none."""
+    """Return the last line before `line` that is not blank or only a comment; 0 if none."""
     texts = (lines[number - 1].strip() for number in range(line - 1, 0, -1))
     return next((line - n for n, t in enumerate(texts, 1) if t and not t.startswith("#")), 0)
 

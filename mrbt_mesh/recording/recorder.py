@@ -23,7 +23,7 @@ TopicMessage: TypeAlias = tuple[str, Mapping[str, Any]]
 class Recorder:
     """Keeps the changes of facts in order, and what happened between them.
 
-    The facts that exist already come first. Messages of facts are made when they are written,
+    The facts that exist already come first. Messages for facts are created when they are written,
     because the proof of a batch is complete only at its end.
     """
 
@@ -46,7 +46,7 @@ class Recorder:
         facts.map.subscribe(self._facts_changed)
 
     def _use(self, mission: Mission) -> None:
-        """Use this mission, which is in force from now on."""
+        """Use a mission that is in force from now on."""
         self._mission = mission
         # The places of the map that conditions describe, and what their states were computed from.
         self._places = told_places(mission)
@@ -68,14 +68,14 @@ class Recorder:
         self._waiting.append((topic, 0, data))
 
     def _add_revoked(self) -> None:
-        """Note whose facts say nothing any more, before what follows from that."""
+        """Note whose facts were revoked, before what follows from that."""
         if self._facts.revoked != self._revoked:
             self._revoked = self._facts.revoked
             self._is_settled = False
             self._add(channels.REVOKED, {"robots": sorted(self._revoked)})
 
     def _add_alive(self, alive: Mapping[str, Incarnation]) -> None:
-        """Note the alive set, if it is another one."""
+        """Note the alive set, if it has changed."""
         if alive != self._alive:
             self._alive = dict(alive)
             self._is_settled = False
@@ -91,13 +91,13 @@ class Recorder:
         self._is_settled = True
 
     def _begin_part(self, now_us: int, **about: Any) -> None:
-        """Go on in another part if this one is full, and the state of now is a whole one."""
+        """Start another part if this one is full and the current state is complete."""
         if self._sink.is_full and self._is_settled and not self._waiting:
             said = {"incarnation": "", "sequence": 0, "ticket": 0, "changes": self._changes}
             self._sink.begin_part(self._mission, self._facts.map, {**said, **about}, now_us)
 
     def _noted(self) -> Iterator[TopicMessage]:
-        """What was noted; each message is handed over once."""
+        """Yield what was noted; each message is returned once."""
         waiting, self._waiting = self._waiting, []
         for topic, number, what in waiting:
             if topic == channels.FACTS:
@@ -114,21 +114,25 @@ class Recorder:
     def _write_scene(
         self, now_us: int, has_succeeded: Callable[[str], bool], *causes: object
     ) -> None:
-        """Write where robots and places have changed; those of places, if other `causes` are."""
+        """Write the changes of robots and places. Places are computed only if other `causes` are
+        given.
+        """
         if self._places and causes != self._places_from:
             self._places_from = causes
             self._scene.see_places(place_states(self._places, self._facts, has_succeeded))
         self._write(self._scene.take(now_us), now_us)
 
     def _heard(self, robot: str, peer: Peer) -> Iterator[TopicMessage]:
-        """Another robot was heard: note how far it has signed its recording, if that is news."""
+        """Note how far another robot, which was heard, has signed its recording, if that has
+        changed.
+        """
         head = peer.heartbeat.recorded if peer.heartbeat is not None else None
         if head is not None and self._heads.get(robot) != head:
             self._heads[robot] = head
             yield channels.HEADS, pack_head(robot, peer.incarnation, head)
 
     def abandon(self) -> None:
-        """Leave the recording as it is: it could not be written."""
+        """Leave the recording as it is after a failed write."""
         self._sink.abandon()
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
 """A team in space: the positions and states of its robots, and its map.
 
-Each message about robots or the map has all of them, so that a late viewer, or one that goes to
-another time of a recording, needs no earlier message.
+Each message about robots or the map contains all of them, so that a viewer that starts late, or
+jumps to another time of a recording, needs no earlier message.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mrbt_mesh.recording.foxglove import (
 
 _Message: TypeAlias = tuple[str, Mapping[str, Any]]
 
-# Those of the live page; they can be seen in dark and in bright scenes.
+# The colours of the live page, visible in dark and in bright scenes.
 STATE_COLORS = {
     State.ALIVE: color("#2fa65a"),
     State.SUSPECT: color("#d9a520"),
@@ -38,7 +38,7 @@ STATE_COLORS = {
 PLACE_COLORS = {"unknown": color("#8794a3"), "good": color("#2fa65a"), "bad": color("#e0493e")}
 LINE_COLORS = {"street": color("#8794a3"), "outline": color("#5f88b8")}
 LINE_PIXELS = {"street": 6, "outline": 3}
-# Length of the map in robots.
+# The length of the map in robots.
 ROBOTS_PER_MAP = 32
 SIZE_WITHOUT_MAP = 0.5
 
@@ -46,7 +46,7 @@ SIZE_WITHOUT_MAP = 0.5
 class TeamScene:
     """Call `see`, then `take` the messages that follow from changes.
 
-    A robot is there as long as its position is known and it has not left; a dead one stays where
+    A robot is in the scene while its position is known and it has not left; a dead one stays where
     it was.
     """
 
@@ -64,7 +64,7 @@ class TeamScene:
         self._is_map_due = self._map is not None
 
     def see(self, robot: str, state: State, position: Position | None) -> None:
-        """A robot's state and its last reported position."""
+        """Note a robot's state and its last reported position."""
         if position is None or state is State.LEFT:
             if self._robots.pop(robot, None) is not None:
                 del self._positions[robot]
@@ -82,13 +82,13 @@ class TeamScene:
             self._moved.add(robot)
 
     def see_places(self, states: Mapping[str, str]) -> None:
-        """The states of those places of the map that conditions describe."""
+        """Note the states of the places of the map that conditions describe."""
         if states != self._places and self._map is not None:
             self._places = dict(states)
             self._is_map_due = True
 
     def take(self, at_us: int) -> Iterable[_Message]:
-        """The messages that follow from the changes since the last call."""
+        """Return the messages that follow from the changes since the last call."""
         is_new = self._is_map_due or self._has_changed or self._moved
         return self._messages(at_us) if is_new else ()
 
@@ -139,7 +139,7 @@ class TeamScene:
 
 
 def _extent(seen: Mapping[str, Any]) -> float:
-    """The longer side of the map; 1 where it is a single point."""
+    """Return the longer side of the map; 1 if it is a single point."""
     points = [point for each in seen["lines"] for point in each["points"]]
     points += [place["at"] for place in seen["places"].values()]
     sides = [max(values) - min(values) for values in zip(*points, strict=True)]

@@ -1,4 +1,4 @@
-"""What the author of a tree has marked as the team's, in the file or on the command line."""
+"""The nodes that the author marked as the team's, in the file or on the command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PARALLEL_KINDS = ("Sequence", "Fallback")
 
 @dataclass(frozen=True)
 class WantedMarks:
-    """Marks besides those in the file: nodes by path or name; `every_action`: all actions."""
+    """Marks besides those in the file: nodes by path or name. `every_action` marks all actions."""
 
     team: Sequence[str] = ()
     parallel: Sequence[str] = ()
@@ -28,8 +28,8 @@ class WantedMarks:
 class Marks:
     """The marked nodes of one expanded tree, by identity.
 
-    `above` are the nodes that the team carries out itself: those with a marked node below them, and
-    the parallel ones. For each of them its first marked node, or itself.
+    `above` maps the nodes that the team carries out itself to their first marked node, or to
+    themselves. These are the nodes above a marked one, and the parallel ones.
     """
 
     team: frozenset[int]
@@ -38,7 +38,9 @@ class Marks:
 
 
 def find_marks(root: ExpandedNode, wanted: WantedMarks) -> Marks:
-    """The marks of a tree. Raises InputError for one that no node has, or that means nothing."""
+    """Return the marks of a tree. Raises InputError for a mark without a node or without a
+    meaning.
+    """
     nodes = list(root.walk())
     team = [node for node in nodes if is_marked(node, TEAM)]
     team += _named(nodes, wanted.team, "--team")
@@ -69,7 +71,7 @@ def _find_above(root: ExpandedNode, marked: frozenset[int], above: dict[int, Exp
 
 
 def _named(nodes: Sequence[ExpandedNode], names: Sequence[str], option: str) -> list[ExpandedNode]:
-    """The nodes of these paths, with or without the tree's ID or a line, or of these names.
+    """Return the nodes with these paths, with or without the tree's ID or a line, or these names.
 
     A leaf or a SubTree is also named by its type.
     """

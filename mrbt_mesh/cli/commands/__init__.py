@@ -1,1 +1,1 @@
-"""The commands, a module for each group of them; their help alone imports little."""
+"""The commands: one module per group, which imports little unless a command is called."""

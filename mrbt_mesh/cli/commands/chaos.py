@@ -96,9 +96,9 @@ def chaos(
 
 
 def parse_seeds(text: str | None, is_endless: bool) -> Sequence[int]:
-    """`0:1000` (the last one left out), `7`, or `3,9,12`; None: 0 to 99.
+    """Parse seeds: `0:1000` (without the last), `7`, or `3,9,12`; None: 0 to 99.
 
-    With `is_endless` the seeds go on from the first, which is then all that may be given.
+    With `is_endless`, only the first seed may be given; the campaign continues from there.
     Raises InputError.
     """
     if text is None:

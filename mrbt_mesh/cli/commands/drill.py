@@ -70,7 +70,7 @@ def drill(
     if listed:
         console.print(render_list(drills))
         return
-    # With --json, stdout is for the result alone; people may still see the progress.
+    # With --json, stdout is for the result only; progress is printed on stderr.
     session = _Session(drills, repeat, brief, keep, errors if as_json else console)
     runs, stopped = anyio.run(session.run)
     if junit is not None:
@@ -85,7 +85,7 @@ def drill(
 
 
 def _chosen(paths: tuple[Path, ...], only_quick: bool) -> list[Drill]:
-    """The drills of files and folders (none: of the usual folder); raises InputError."""
+    """Return the drills of files and folders, by default of the drill folder. Raises InputError."""
     from mrbt_mesh.drills.drill_file import drill_files, drill_folder, load_drills
 
     files: list[Path] = []
@@ -96,7 +96,7 @@ def _chosen(paths: tuple[Path, ...], only_quick: bool) -> list[Drill]:
 
 
 class _Session:
-    """Runs drills one after the other, until all are done or the operator stops it."""
+    """Runs drills one after the other, until all are done or the operator stops them."""
 
     def __init__(
         self, drills: list[Drill], repeat: int, brief: bool, keep: bool, output: Console
@@ -106,7 +106,7 @@ class _Session:
         self._brief, self._keep, self._output = brief, keep, output
 
     async def run(self) -> tuple[list[DrillRun], bool]:
-        """(the runs, whether the operator stopped it before the end)."""
+        """Return (the runs, whether the operator stopped them early)."""
         import signal
 
         import anyio

@@ -119,7 +119,7 @@ def _read(
     known: Sequence[str],
     units: Sequence[str] = ("", "action", "hour"),
 ) -> dict[str, Rate]:
-    """Name, or EVERYBODY -> rate, of texts like `0.1`, `A1:0.1/action`, `2/hour`."""
+    """Parse rates by name, or by EVERYBODY, from texts like `0.1`, `A1:0.1/action`, `2/hour`."""
     from mrbt_mesh.sim.world.setup import Rate
 
     found: dict[str, Rate] = {}

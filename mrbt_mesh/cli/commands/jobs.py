@@ -1,4 +1,4 @@
-"""Jobs of a running team: to submit one, to look at them, to change one."""
+"""Jobs of a running team: submit, list and change them."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _in_utc(times: Mapping[str, str]) -> str:
 
 
 def _submit_lines(team: TeamOptions, safe: int | None, as_json: bool) -> NoReturn:
-    """Submit the jobs of standard input, and end the process."""
+    """Submit the jobs on standard input, and end the process."""
     from mrbt_mesh.cli.job_lines import Problems, Result, checked, hand_in, read_lines
 
     problems = Problems()
@@ -270,9 +270,9 @@ def _with_client(
     act: Callable[[TeamClient], Awaitable[int]],
     interrupted: Callable[[], str] | None = None,
 ) -> NoReturn:
-    """Attach to a team that takes jobs, act, and end the process with the status of `act`.
+    """Attach to a running team, act, and end the process with the status of `act`.
 
-    After Ctrl-C with FAILURE, and what `interrupted` says then; without it, it is no failure.
+    After Ctrl-C the status is SUCCESS without `interrupted`, else FAILURE with its message.
     """
     import anyio
 

@@ -1,4 +1,4 @@
-"""`mrbt keys`: the keys by which a team knows the author of each message."""
+"""`mrbt keys`: the keys with which a team authenticates the author of each message."""
 
 from __future__ import annotations
 

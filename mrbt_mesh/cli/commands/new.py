@@ -18,7 +18,7 @@ KINDS = {name: PROGRAMS.load(name) for name in PROGRAMS.names()}
 
 
 def kind_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A flag for each installed kind of robots."""
+    """Add a flag for each installed kind of robots."""
     flags = [click.option(f"--{name}", is_flag=True, help=k.summary) for name, k in KINDS.items()]
     return with_options(function, flags)
 

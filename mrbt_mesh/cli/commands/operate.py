@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 CONNECT_TIMEOUT_S = 10.0
 JOIN_TIMEOUT_S = 30.0
 ATTEND_S = 1.0
-# A robot whose answer was lost is seen to have left within this time.
+# How long to wait for the departure of a robot whose answer was lost.
 LEFT_S = 2.0
 NOT_STOPPED = (
     "a silent robot stops when it hears one that has stopped; they stay 10 s for it, after that "
@@ -38,7 +38,7 @@ NOT_STOPPED = (
 
 
 def report(as_json: bool, team: str, robots: Iterable[str], command: str, result: str) -> None:
-    """Print what a command has done, and to which team."""
+    """Print the result of a command, and its team."""
     if as_json:
         data = {"team": team, "robots": [*robots], "command": command, "result": result}
         click.echo(json.dumps(data, indent=2))
@@ -50,7 +50,7 @@ def report(as_json: bool, team: str, robots: Iterable[str], command: str, result
 
 
 def _signal(name: str, number: signal.Signals, done: str, text: str) -> click.Command:
-    """A command that sends a signal to a robot's process on this machine."""
+    """Return a command that sends a signal to a robot's process on this machine."""
 
     @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name} A1")
     @robot_argument
@@ -95,7 +95,7 @@ thaw = _signal(
 
 
 def _robot_command(name: str, text: str) -> click.Command:
-    """A command that gives the command of its name to one robot."""
+    """Return a command that sends the operator command of its name to one robot."""
 
     @click.command(name, cls=MrbtCommand, help=f"{text}\n\nExample: mrbt {name} B1")
     @robot_argument
@@ -225,7 +225,7 @@ def fault(
 
 
 def _team_command(name: str, text: str) -> click.Command:
-    """A command that gives a command to the whole team."""
+    """Return a command that commands the whole team."""
 
     @click.command(
         name,
@@ -295,13 +295,13 @@ def decide(
 def _command(
     team: TeamOptions, as_json: bool, robot: str, command: str, argument: str = ""
 ) -> NoReturn:
-    """Send a word to a robot, print its answer, and end the process."""
+    """Send a command to a robot, print its answer, and end the process."""
 
     _act(team, as_json, lambda watcher: robot_said(watcher, robot, command, argument), robot)
 
 
 async def robot_said(watcher: Watcher, robot: str, command: str, argument: str) -> str:
-    """What a robot answers to a word; ends the process if it does not obey."""
+    """Return a robot's answer to a command; ends the process if the robot refuses."""
     good, text = await watcher.command(robot, command, argument)
     if not good and command == leave.name and await _has_left(watcher, robot):
         return f"{robot} has left"
@@ -311,7 +311,7 @@ async def robot_said(watcher: Watcher, robot: str, command: str, argument: str) 
 
 
 async def _has_left(watcher: Watcher, robot: str) -> bool:
-    """Whether a robot that gave no answer has left: its session may have ended before that came."""
+    """True if a robot without an answer has left: its session may have ended before the answer."""
     import anyio
 
     from mrbt_mesh.core.membership.peer import State
@@ -329,7 +329,7 @@ def _operate(
     give: Callable[[TeamClient], Awaitable[str]],
     robot: str | None = None,
 ) -> NoReturn:
-    """Give a command, print what became of it, and end the process."""
+    """Give a command, print its result, and end the process."""
     from mrbt_mesh.runtime.operator_call import CommandRefusedError
     from mrbt_mesh.runtime.team_client import TeamClient
 
@@ -348,7 +348,7 @@ def _act(
     give: Callable[[Watcher], Awaitable[str]],
     robot: str | None,
 ) -> NoReturn:
-    """Give something to a robot (None: to the team), print what became of it, end the process."""
+    """Command a robot (None: the team), print and note the result, and end the process."""
     address = team.find_running()
     name = address.transport.team
 
@@ -386,7 +386,7 @@ def with_team(team: TeamAddress, act: Callable[[Watcher], Awaitable[int]]) -> No
 
 
 def nobody(watcher: Watcher) -> str:
-    """A message for a team of which no robot is heard, with the reasons that are known."""
+    """Return a message for a team without an audible robot, with the known reasons."""
     team = watcher.address
     text = f"no robot of team {team.transport.team}, run {team.run}, answers"
     refused = watcher.observer.refused
@@ -447,7 +447,7 @@ def join(
         read_journals(found.path, [robot], mission.team_digest, team.info.run, warn)
 
     async def start() -> int | None:
-        """The robot's exit status if it ends instead of joining, None if it has joined."""
+        """Return the robot's exit status if it ends instead of joining, None if it has joined."""
         process = await team.start(robot, robot_type=robot_type, takeover=takeover)
         async with watching(address_of(found)) as watcher:
             with anyio.fail_after(JOIN_TIMEOUT_S):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mrbt_mesh.core.planning.plan import Plan
     from mrbt_mesh.core.planning.schedules import Lookahead
 
-# The author of a schedule that the command has searched itself.
+# The author of a schedule that this command searched.
 SEARCHED = "this command (no robot searches)"
 
 
@@ -168,7 +168,7 @@ def _forecast(found: Plan, facts: TeamFacts) -> dict[str, Any] | None:
 
 
 def _propose(facts: TeamFacts, ahead: Lookahead) -> None:
-    """Search a schedule as a robot does, and add it to the facts as the first robot's."""
+    """Search a schedule as a robot does, and add it to the facts as that of the first robot."""
     from mrbt_mesh.core.agent.scheduler import evaluations_of
     from mrbt_mesh.core.facts import records
     from mrbt_mesh.core.facts.store import Version, parse_entry
@@ -181,7 +181,7 @@ def _propose(facts: TeamFacts, ahead: Lookahead) -> None:
 
 
 def _problem(found: Plan, facts: TeamFacts, robots: list[str]) -> dict[str, Any]:
-    """The assignment problem, equation (2): a_j, b_j and p(i, l) of each demand; the objective."""
+    """Return the assignment problem (2): a_j, b_j, p(i, l) of each demand, and the objective."""
     from mrbt_mesh.core.facts.team_facts import capability
     from mrbt_mesh.core.mission.mission import MICRO
 

@@ -103,7 +103,7 @@ def revise(
 async def _dry_run(
     watcher: Watcher, team: str, after: Mission, consent: Consent, as_json: bool
 ) -> int:
-    """Say what would change, and whether the team would refuse it."""
+    """Print what would change, and whether the team would refuse it. Returns the exit status."""
     from mrbt_mesh.runtime.team_revision import next_revision, refusals, survived_losses, unserved
 
     revision, changes = next_revision(watcher, after)
@@ -128,7 +128,7 @@ async def _revise(
     timeout_s: float,
     as_json: bool,
 ) -> int:
-    """Have the team take it up; its number."""
+    """Have the team adopt the revision. Returns its number."""
     from mrbt_mesh.runtime.team_revision import (
         RevisionRefusedError,
         next_revision,
@@ -176,7 +176,7 @@ async def _withdraw(watcher: Watcher, team: str, as_json: bool) -> int:
 def lines(
     changes: RevisionChanges, blocked: Sequence[str], survived: Mapping[str, str]
 ) -> list[str]:
-    """What a revision changes, and what its team then survives, for people."""
+    """Return what a revision changes, and the losses its team then survives, for people."""
     from mrbt_mesh.core.planning.revised import step_name, step_names
 
     def subjects(activations: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""`mrbt router`: passes messages on between robots that do not reach each other."""
+"""`mrbt router`: forwards messages between robots that cannot reach each other."""
 
 from __future__ import annotations
 

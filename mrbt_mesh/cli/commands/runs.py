@@ -1,4 +1,4 @@
-"""The teams of this machine: which there are, ending one, what its robots have logged."""
+"""The teams of this machine: list them, end one, read the logs of its robots."""
 
 from __future__ import annotations
 
@@ -102,7 +102,10 @@ def down(team: Path | None, run_dir: Path | None, as_json: bool) -> None:
 
 
 def _end_launcher(run_dir: RunDir) -> None:
-    """Ask the run's `mrbt up` to end, and insist; without one its robots leave by themselves."""
+    """Terminate the run's `mrbt up`, and kill it after `LAUNCHER_END_S`.
+
+    Without a launcher nothing is done: the robots leave by themselves.
+    """
     import psutil
 
     from mrbt_mesh.runtime.launcher_lock import launcher_of
@@ -113,7 +116,7 @@ def _end_launcher(run_dir: RunDir) -> None:
     with contextlib.suppress(psutil.NoSuchProcess):
         process.terminate()
         until_s = time.monotonic() + LAUNCHER_END_S
-        # One that has ended is a zombie until what started it asks for its status.
+        # A process that has ended is a zombie until its parent asks for its status.
         while process.status() != psutil.STATUS_ZOMBIE:
             if time.monotonic() > until_s:
                 process.kill()
@@ -154,7 +157,7 @@ def logs(robot: str, follow: bool, lines: int, run_dir: Path | None) -> None:
 
 
 def _readable(line: str, robot: str) -> str:
-    """A line of the robot's log: time of day, level, what happened, and the other fields."""
+    """Return a line of the robot's log as time of day, level, event and the remaining fields."""
     try:
         fields = json.loads(line)
         at = datetime.fromisoformat(fields.pop("timestamp")).astimezone()

@@ -148,7 +148,7 @@ def run(
 def _knobs(
     loss: float, duplicate: float, reorder: float, delay_ms: float, jitter_ms: float
 ) -> NetworkKnobs:
-    """The same for the simulator; raises InputError for shares that are not in steps of 0.001."""
+    """Convert to the simulator's units. Raises InputError for shares not in steps of 0.001."""
     from mrbt_mesh.sim.world.network import LinkKnobs, NetworkKnobs
 
     permille = {}

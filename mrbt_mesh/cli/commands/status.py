@@ -71,7 +71,7 @@ def _print_status(team: TeamAddress, as_json: bool) -> NoReturn:
 
 
 async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
-    """The refused messages of each live robot that answers: "source: reason" -> how often."""
+    """Return how often each live robot that answers refused messages, by "source: reason"."""
     import anyio
 
     from mrbt_mesh.core.agent.operator_messages import REFUSALS
@@ -93,7 +93,7 @@ async def _refused(watcher: Watcher) -> dict[str, dict[str, int]]:
 
 
 def status_data(watcher: Watcher) -> dict[str, Any]:
-    """The status as plain data."""
+    """Return the status as plain data."""
     from mrbt_mesh.observer.forecast import forecast_of
     from mrbt_mesh.observer.headline import headline, robots_that_differ
     from mrbt_mesh.runtime.fencing import boottime_us
@@ -149,7 +149,7 @@ def status_data(watcher: Watcher) -> dict[str, Any]:
 
 
 def _result(observer: Observer) -> str | None:
-    """That of the run if it is over, else of its plan."""
+    """Return the result of the run if it is over, else of its plan."""
     if observer.ended is not None and observer.record.result is None:
         return observer.ended.result
     return observer.plan.result.name.lower() if observer.plan is not None else None
@@ -199,7 +199,7 @@ def _robot(watcher: Watcher, robot: str, now_us: int) -> dict[str, Any]:
 
 
 def _values(observer: Observer, claim: Claim | None) -> dict[str, str | None]:
-    """What a robot's task reads from the blackboard."""
+    """Return the values that a robot's task reads from the blackboard."""
     task = observer.facts.task_of(claim.activation) if claim is not None else None
     if claim is None or task is None or not task.reads:
         return {}
@@ -208,7 +208,7 @@ def _values(observer: Observer, claim: Claim | None) -> dict[str, str | None]:
 
 
 def _here(run_dir: RunDir, robot: str, state: State) -> tuple[int | None, State]:
-    """(pid, state) of a robot whose process runs, or ran, on this machine."""
+    """Return (pid, state) of a robot whose process may run, or have run, on this machine."""
     from mrbt_mesh.core.membership.peer import State
 
     process = run_dir.process(robot)

@@ -1,4 +1,4 @@
-"""`mrbt watch`: a team that runs already, or will run."""
+"""`mrbt watch`: watch a team that is running, or will run."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ INVARIANTS = {
 def render_campaign(
     totals: Mapping[str, Any], reports: Iterable[Mapping[str, Any]], failed: int
 ) -> Printable:
-    """The totals that `mrbt sim chaos --json` prints; reports of some of the `failed` seeds."""
+    """Return the totals that `mrbt sim chaos --json` prints, and reports of some `failed` seeds."""
     results = ", ".join(f"{number} {name}" for name, number in sorted(totals["results"].items()))
     rate = totals["seeds"] / max(0.001, totals["took_s"])
     line = f"{totals['seeds']} seeds in {totals['took_s']:.1f} s, {rate:.1f} a second: {results}"
@@ -51,7 +51,7 @@ def render_campaign(
 
 
 def _failure(report: Mapping[str, Any]) -> Iterator[Styled]:
-    """The broken invariants, the faults needed, and how to see it again."""
+    """Yield the broken invariants, the faults needed, and how to reproduce the failure."""
     yield Styled(f"\nseed {report['seed']}", "bold red")
     for violation in report["violations"][:3]:
         name = violation.partition(" ")[0]

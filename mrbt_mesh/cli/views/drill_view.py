@@ -16,7 +16,7 @@ from mrbt_mesh.drills.runner import DrillRun, TimelineEntry
 
 
 def render_list(drills: Sequence[Drill]) -> Table:
-    """One row per drill file."""
+    """Return one row per drill file."""
     listed = table("drill", "runs", "needs", "", "what happens")
     by_file: dict[Path, list[Drill]] = {}
     for found in drills:
@@ -34,7 +34,7 @@ def render_list(drills: Sequence[Drill]) -> Table:
 
 
 def line_text(line: TimelineEntry) -> Styled:
-    """One line of a drill's timeline."""
+    """Return one line of a drill's timeline."""
     style = "red" if line.is_fault or line.text == "is dead" else ""
     return Styled.assemble(
         (f"{line.at_s:9.3f}  ", "dim"), (f"{line.robot:5} ", "bold"), (line.text, style)
@@ -42,7 +42,7 @@ def line_text(line: TimelineEntry) -> Styled:
 
 
 def takeover_text(takeover: Mapping[str, Any]) -> Styled:
-    """How a robot was missed and replaced."""
+    """Return how a robot was missed and replaced."""
     line = Styled.assemble("  ", ("↻ ", "yellow"), (str(takeover["robot"]), "bold"))
     if not takeover["inflicted"]:
         return line.append(f" held dead by others at {takeover['at_s']:.3f} s")
@@ -57,7 +57,7 @@ def takeover_text(takeover: Mapping[str, Any]) -> Styled:
 
 
 def result_text(result: DrillResult) -> Styled:
-    """An expectation and whether it held."""
+    """Return an expectation and whether it held."""
     sign, style = ("✔", "green") if result.holds else ("✘", "bold red")
     return Styled.assemble(
         "  ", (f"{sign} ", style), (result.expected, "" if result.holds else "red"),
@@ -66,7 +66,7 @@ def result_text(result: DrillResult) -> Styled:
 
 
 def headline(run: DrillRun) -> Styled:
-    """A run in one line."""
+    """Return the result of a run in one line."""
     if run.skipped is not None:
         return Styled(f"skipped: {run.skipped}", "yellow")
     text = Styled("green", "bold green") if run.is_green else Styled("red", "bold red")
@@ -78,7 +78,7 @@ def headline(run: DrillRun) -> Styled:
 
 
 def render_total(runs: Sequence[DrillRun]) -> Styled:
-    """How all runs went, in one line."""
+    """Return the results of all runs in one line."""
     data = report_data(runs)
     seconds = sum(run.duration_s for run in runs)
     return Styled.assemble(

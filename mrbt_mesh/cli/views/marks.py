@@ -15,7 +15,7 @@ MARKS = {
     Status.SUCCESS: ("✔", "green"),
     Status.FAILURE: ("✘", "red"),
 }
-# Of robots; the words are those of `TeamView`.
+# Marks of robot states, in the words of `TeamView`.
 STATE_MARKS = {
     "alive": ("●", "green"),
     "joining": ("◌", "cyan"),
@@ -24,11 +24,11 @@ STATE_MARKS = {
     "dead": ("✖", "bold red"),
     "left": ("○", "dim"),
 }
-# Words for people, where they differ: those of the headline and of the page.
+# Words for people where they differ, as in the headline and on the page.
 STATE_WORDS = {"suspect": "silent"}
-# By `WorkEnd`. A death has a mark of its own.
+# Marks by `WorkEnd`. A death has a mark of its own.
 END_MARKS = {"done": ("✔", "green"), "failed": ("✘", "red"), "dropped": ("┤", "dim")}
-# Of a headline's statements, by `Level`.
+# Marks of a headline's statements, by `Level`.
 LEVEL_MARKS = {
     "bad": ("✘", "bold red"),
     "warn": ("!", "yellow"),
@@ -38,15 +38,15 @@ LEVEL_MARKS = {
 
 
 def statement_text(statement: Mapping[str, str]) -> Styled:
-    """A statement of a headline, as plain data, with its sign and colour."""
+    """Return a statement of a headline, given as plain data, with its sign and colour."""
     sign, style = LEVEL_MARKS[statement["level"]]
     return Styled(f"{sign} {statement['text']}", style)
 
 
 def by_urgency(robots: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The robots in the order in which people should see them: in trouble, at work, the others.
+    """Return the robots by urgency: in trouble first, then at work, then all other.
 
-    `robots`: by name, with `state`, `lost`, `problems` and `local_task`.
+    `robots` maps names to rows with `state`, `lost`, `problems` and `local_task`.
     """
 
     def rank(robot: str) -> tuple[int, tuple[tuple[bool, int, str], ...]]:

@@ -29,7 +29,7 @@ STATUSES = {"success": "green", "failure": "red", "running": "yellow"}
 
 
 def render_summary(summary: Mapping[str, Any]) -> Printable:
-    """The summary that `mrbt up --json` prints, for a terminal."""
+    """Return the summary that `mrbt up --json` prints, for a terminal."""
     tasks = summary.get("global_tasks", {})
     robots = table("robot", "type", "state", "faults", "tasks")
     for robot, known in summary.get("robots", {}).items():
@@ -106,7 +106,7 @@ def _standing_by(rounds: Sequence[Mapping[str, Any]], older: int) -> str:
 
 
 def capability_changes(known: Mapping[str, Any]) -> Styled:
-    """A robot's lost and pending capabilities with the reasons, and its changed performances."""
+    """Return a robot's lost and pending capabilities with reasons, and changed performances."""
     lost = known.get("lost", {})
     lines = [
         Styled(lost_text(names, reason), "red") for reason, names in texts_by_reason(lost).items()
@@ -121,7 +121,7 @@ def capability_changes(known: Mapping[str, Any]) -> Styled:
 
 
 def _jobs(jobs: Mapping[str, Mapping[str, Any]]) -> Printable:
-    """What came of the jobs of each type."""
+    """Return the results of the jobs of each type."""
     rows = table("jobs", "ends", "waited", "worked", "robots")
     for kind, each in jobs.items():
         ends = [f"{each[state]} {state}" for state in JOB_STATES if each[state]]
@@ -134,7 +134,7 @@ def _jobs(jobs: Mapping[str, Mapping[str, Any]]) -> Printable:
 
 
 def _mean(times: Mapping[str, float | None]) -> str:
-    """The mean of a time, and its maximum if that is another one; empty if nothing is known."""
+    """Return the mean of a time, and its maximum if that differs; empty if nothing is known."""
     if times["mean"] is None:
         return ""
     mean, most = duration_text(times["mean"]), duration_text(times["most"] or 0)
@@ -142,7 +142,7 @@ def _mean(times: Mapping[str, float | None]) -> str:
 
 
 def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> Printable:
-    """The bids, the best first, and in bold those of the robots that did the task."""
+    """Return the bids, the best first, with those of the robots that did the task in bold."""
     rows = table("local task", "bids")
     for bidding in biddings[:MOST_BIDS]:
         bids = bidding["bids"]
@@ -162,7 +162,7 @@ def _bids(biddings: Sequence[Mapping[str, Any]], older: int) -> Printable:
 
 
 def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Styled]]:
-    """(seconds, text) of faults, failures, problems and blocked episodes."""
+    """Yield (seconds, text) of faults, failures, problems and blocked episodes."""
     takeovers = {(t["robot"], t.get("at_s")): t for t in summary.get("takeovers", ())}
     for fault in summary.get("faults", ()):
         robot, at_s = (fault["robot"], "bold"), fault.get("at_s")
@@ -195,7 +195,7 @@ def _story(summary: Mapping[str, Any]) -> Iterator[tuple[float, Styled]]:
 
 
 def problem_line(problem: Mapping[str, Any]) -> Styled:
-    """A problem of a robot's program or journal, and its end if it has one."""
+    """Return a problem of a robot's program or journal, and its end if it has one."""
     until_s = problem.get("until_s")
     return Styled.assemble(
         (problem["robot"], "bold"),
@@ -205,7 +205,7 @@ def problem_line(problem: Mapping[str, Any]) -> Styled:
 
 
 def failure_line(end: Mapping[str, Any]) -> Styled:
-    """The robot and the task that failed, with the reason if the program gave one."""
+    """Return the robot and the task that failed, with the reason if the program gave one."""
     whole = "" if end["local_task"] == end["global_task"] else f" for {end['global_task']}"
     return Styled.assemble(
         (end["robot"], "bold"),
@@ -235,6 +235,6 @@ def _seconds(value: float | None) -> str:
 
 
 def takeover_after(takeover: Mapping[str, Any], key: str) -> str:
-    """A time of a takeover in a summary."""
+    """Return a time of a takeover in a summary, as text."""
     value = takeover.get(key)
     return "?" if value is None else after_text(round(value * 1e6), takeover.get("exact", False))

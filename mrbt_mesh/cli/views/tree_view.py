@@ -11,15 +11,15 @@ from mrbt_mesh.core.bt.tree import LEAVES, Kind, Node, Status, Tree
 
 
 def mark(status: Status, text: str = "") -> Styled:
-    """A status mark with a text in the status's colour."""
+    """Return a status mark and a text."""
     sign, style = MARKS[status]
     return Styled.assemble((sign, style), " ", (text, "dim" if status is Status.IDLE else ""))
 
 
 def render_tree(tree: Tree, evaluation: Evaluation, notes: Mapping[int, Styled]) -> PrintedTree:
-    """The tree with a mark per node, open below those that run.
+    """Return the tree with a mark per node, open below nodes that run.
 
-    `notes` adds a text behind a node's label.
+    `notes` maps nodes to texts behind their labels.
     """
 
     def add(node: Node, parent: PrintedTree | None) -> PrintedTree:
@@ -30,7 +30,7 @@ def render_tree(tree: Tree, evaluation: Evaluation, notes: Mapping[int, Styled])
             label.append_text(notes[node.index])
         branch = PrintedTree(label) if parent is None else parent.add(label)
         if node.kind is Kind.SUBTREE:
-            # Its one child has the same status, and a less useful name.
+            # Its only child has the same status, and a less useful name.
             node = tree.nodes[node.children[0]]
         if node.kind not in LEAVES and status is Status.RUNNING:
             for child in node.children:

@@ -1,4 +1,4 @@
-"""Many random runs, one for each seed; those that fail are cut down and kept."""
+"""Many random runs, one for each seed; failed ones are minimised and kept."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ MAX_SHOWN = 20
 
 @dataclass(frozen=True)
 class Campaign:
-    """The seeds to run, and of which missions; `keep`: folder for runs that failed.
+    """The seeds and missions to run.
 
-    `budget_s`: time to cut down one failed run. With `minutes` it goes on with the seeds that
-    follow the first for that long.
+    `keep` is the folder for failed runs; `budget_s` is the time to minimise one. With `minutes` the
+    campaign continues for that long with the seeds that follow the first.
     """
 
     source: Source
@@ -44,7 +44,7 @@ class Campaign:
     minutes: float | None
 
     def all_seeds(self) -> Iterator[int]:
-        """The seeds to run, in order."""
+        """Yield the seeds to run, in order."""
         if self.minutes is None:
             yield from self.seeds
             return
@@ -92,9 +92,9 @@ def _totals(verdicts: Sequence[Verdict], took_s: float) -> dict[str, Any]:
 
 
 def _report(plan: Campaign, verdict: Verdict, minimised: bool) -> dict[str, Any]:
-    """The report of a failed seed; writes its schedule, cut down if there is time.
+    """Report a failed seed, and write its schedule, minimised if there is time.
 
-    Raises InputError if files cannot be written to the folder for them.
+    Raises InputError if the files cannot be written.
     """
     seed, source = verdict.seed, plan.source
     mission, program = source.load(seed)
@@ -124,7 +124,7 @@ def _report(plan: Campaign, verdict: Verdict, minimised: bool) -> dict[str, Any]
 
 
 def _command(source: Source, seed: int, mission: Mission) -> str:
-    """The command that runs this seed again."""
+    """Return the command that runs this seed again."""
     words = ["mrbt", "sim", "chaos", source.mission or "--generated", "--seeds", str(seed)]
     if source.program is not None and source.program != mission.program:
         words += ["--program", source.program]
@@ -134,7 +134,7 @@ def _command(source: Source, seed: int, mission: Mission) -> str:
 
 
 def _keep_mission(plan: Campaign, seed: int) -> dict[str, Any]:
-    """Where a schedule finds its mission: a generated one is written next to it."""
+    """Return where a schedule finds its mission; a generated mission is written next to it."""
     if plan.source.mission is not None:
         mission = str(Path(plan.source.mission).resolve())
         return {"mission": mission, "program": plan.source.program}

@@ -18,7 +18,7 @@ from mrbt_mesh.sim.world.named_faults import (
 _WHEN = re.compile(r"(?P<what>[^@]+)@(?P<at_s>\d+(?:\.\d+)?)", re.ASCII)
 # Later than any run lasts.
 NEVER_S = 1e12
-# A comma between two faults, not one between the arguments of a local task.
+# A comma between two faults, but not between the arguments of a local task.
 _COMMA = re.compile(r",(?![^(]*\))")
 _OF_A_ROBOT: dict[str, Callable[[str], faults.RobotFault]] = {
     "--kill": faults.Kill,
@@ -32,9 +32,10 @@ _OF_A_ROBOT: dict[str, Callable[[str], faults.RobotFault]] = {
 def read_faults(
     mission: Mission, texts: Mapping[str, Sequence[str]], at_s: float | None = None
 ) -> list[NamedFault]:
-    """The faults of all options, by time. `texts`: option -> its values; `at_s`: the default time.
+    """Return the faults of all options, by time.
 
-    Raises InputError for a text that is no fault of this mission's robots.
+    `texts` maps options to their values; `at_s` is the default time. Raises InputError for a text
+    that is not a fault of this mission's robots.
     """
     when = "" if at_s is None else f"@{at_s:.6f}"
     found = [

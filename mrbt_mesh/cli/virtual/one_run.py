@@ -27,7 +27,7 @@ from mrbt_mesh.sim.world.named_faults import NamedFault, missed
 
 @dataclass(frozen=True)
 class RunFiles:
-    """The files that are written of a simulated run."""
+    """The files to write for a simulated run."""
 
     events: Path | None
     log: Path | None
@@ -40,7 +40,7 @@ def run_and_print(
     files: RunFiles,
     as_json: bool,
 ) -> NoReturn:
-    """Make a run, write its files, print its summary, and end with its exit status.
+    """Run a simulation, write its files, print its summary, and exit with its status.
 
     `run` takes `keep_log` and `record`. Raises InputError for files that cannot be written.
     """

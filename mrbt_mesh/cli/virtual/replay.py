@@ -1,4 +1,4 @@
-"""Schedules that `mrbt sim chaos` wrote, read again."""
+"""Read schedules that `mrbt sim chaos` wrote."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from mrbt_mesh.runtime.program import RobotProgram
 from mrbt_mesh.runtime.program_loader import load_program
 from mrbt_mesh.sim.world.scenario import Scenario, ScenarioError, scenario_from_json
 
-# The fields of faults that name one robot, several, and both ends of links.
+# Fields of faults that name one robot, several robots, and both ends of links.
 _ONE, _MANY, _LINKS = ("robot", "source", "seen_by"), ("robots",), ("links", "broken")
 
 
 def read_schedule(
     path: Path, mission: Path | None, program: str | None
 ) -> tuple[Mission, RobotProgram, Scenario]:
-    """A schedule file with its mission, which `mission` overrides.
+    """Read a schedule file with its mission, which `mission` overrides.
 
-    Raises InputError for whatever is wrong with the file.
+    Raises InputError for everything that is wrong with the file.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -47,7 +47,7 @@ def read_schedule(
 
 
 def _robots(scenario: Scenario) -> set[str]:
-    """All robots that a scenario names."""
+    """Return all robots that a scenario names."""
     found = set(scenario.robots)
     for _, fault in scenario.steps:
         found |= {getattr(fault, name) for name in _ONE if hasattr(fault, name)}

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Constraints(Feature):
-    """The feature; its section: the constraints, in the order of the file."""
+    """The feature. Its section holds the constraints, in the order of the file."""
 
     section = SECTION
 

@@ -9,7 +9,7 @@ from typing import Any
 from mrbt_mesh.features.constraints.kinds import SECTION
 from mrbt_mesh.sim.chaos.feature_chaos import FeatureChaos
 
-# In what share of the missions there are some.
+# The share of missions that get side constraints.
 SHARE = 0.08
 
 

@@ -1,4 +1,4 @@
-"""I13: a plan by which a robot begins keeps the side constraints."""
+"""I13: a plan with which a robot begins keeps the side constraints."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
 
 
 class KeepsConstraints(FeatureChecker):
-    """I13: of those that a constraint limits no more are assigned than it allows, or than were at
-    work before: these are not stopped.
+    """I13: a plan never assigns more of the robots that a constraint limits than it allows.
+
+    Robots that worked before are not stopped, so that there may be as many as before.
     """
 
     def started(self, agent: AgentView, start: StartAction) -> None:
@@ -44,7 +45,10 @@ class KeepsConstraints(FeatureChecker):
 def limited(
     constraint: Constraint, assignments: Mapping[str, RobotAssignment]
 ) -> Sequence[Mapping[str, RobotAssignment]]:
-    """The assignments that count together; for each local task of a request those on it."""
+    """Return the assignments that count together.
+
+    For `NeverTogether` there is one mapping per local task of a request.
+    """
     if isinstance(constraint, NotAtOnce):
         names = constraint.global_tasks
         return [{r: a for r, a in assignments.items() if is_named(a.global_task, names)}]
@@ -59,7 +63,7 @@ def limited(
 
 
 def allowed(constraint: Constraint, doers: Mapping[str, str]) -> bool:
-    """Whether these robots may carry out these local tasks of one global task."""
+    """True if these robots may carry out these local tasks of one global task."""
     if isinstance(constraint, NotAtOnce):
         return True  # it is about several global tasks
     theirs = [doers[robot] for robot in constraint.robots if robot in doers]
@@ -71,5 +75,5 @@ def allowed(constraint: Constraint, doers: Mapping[str, str]) -> bool:
 
 
 def is_named(ground: str, names: Collection[str]) -> bool:
-    """Whether a task is among these, by its ground name or its type."""
+    """True if `names` contain the task's ground name or its type."""
     return ground in names or type_name(ground) in names

@@ -1,4 +1,4 @@
-"""Side constraints from a mission file: what they name is looked up."""
+"""Build side constraints from a mission file, and look up what they name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mrbt_mesh.formats.problems import Report, SourcePath
 
 
 def build(model: MissionModel, built: Built, report: Report) -> tuple[Constraint, ...]:
-    """The constraints, with what they name looked up; problems go to the report."""
+    """Return the constraints, with the names that they use looked up; problems go to the report."""
     given: ConstraintsModel = getattr(model, SECTION)
     known_robots, known_tasks = set(model.robots), _global_names(given, built)
     result: list[Constraint] = []
@@ -51,7 +51,9 @@ def build(model: MissionModel, built: Built, report: Report) -> tuple[Constraint
 
 
 def _global_names(given: ConstraintsModel, built: Built) -> set[str]:
-    """The global tasks that there are, those named here that jobs may have, and their types."""
+    """Return the known global tasks: the tree's, those named here that jobs may request, all
+    types.
+    """
     known = set(built.global_tasks)
     for limited in given.not_at_once:
         calls = {call_text(*split_template(text)) for text in limited.global_tasks}
@@ -69,7 +71,7 @@ def _names(
     unknown: str = "",
     known: Iterable[str] | None = None,
 ) -> tuple[str, ...]:
-    """The names, sorted; each has to be known, and is given once."""
+    """Return the names, sorted. Unknown names and duplicates are reported."""
     for i, name in enumerate(names):
         if known is not None and name not in known:
             report.add((*place, i), f"{unknown} {name!r}{nearest(name, known)}")

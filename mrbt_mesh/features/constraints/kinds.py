@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class NeverTogether:
     """r(i, l) r(h, l) = 0: at most one of these robots on the same demand.
 
-    `local_tasks` are ground names or types; none: all of them.
+    `local_tasks` are ground names or types; empty means all.
     """
 
     robots: tuple[str, ...]
@@ -51,18 +51,18 @@ class NotAtOnce:
 
 Constraint: TypeAlias = NeverTogether | AtMost | NotAtOnce
 
-# What a mission, and its file, call them.
+# The name of the section in a mission and in its file.
 SECTION = "constraints"
 
 
 def constraints_of(mission: Mission) -> tuple[Constraint, ...]:
-    """Those of a mission."""
+    """Return the side constraints of a mission."""
     found: tuple[Constraint, ...] = mission.sections.get(SECTION, ())
     return found
 
 
 def constraint_to_json(constraint: Constraint) -> list[Any]:
-    """[kind, names, local tasks or a number]."""
+    """Return [kind, names, local tasks or a number]."""
     match constraint:
         case NeverTogether(robots, local_tasks):
             return ["never_together", list(robots), list(local_tasks)]
@@ -73,7 +73,7 @@ def constraint_to_json(constraint: Constraint) -> list[Any]:
 
 
 def constraint_from_json(data: list[Any]) -> Constraint:
-    """The inverse; raises KeyError, TypeError or ValueError for anything else."""
+    """Return the constraint; raises KeyError, TypeError or ValueError for any other data."""
     kind, names, rest = data
     if not all(isinstance(name, str) for name in names):
         raise ValueError(f"constraint {kind!r}: names expected")

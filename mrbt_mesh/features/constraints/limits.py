@@ -1,8 +1,9 @@
 """*Check Consistency* and *Assign Agents* in a mission with side constraints.
 
-A request is kept if all kept so far stay feasible together *with* the constraints. That is no
-matching any more: what a matching cannot decide is put to CP-SAT. Robots that work already count,
-and are not stopped: a constraint binds only whom the plan puts to work beside them.
+A request is kept if it and all requests kept before it stay feasible together *with* the
+constraints. This is not a matching problem: CP-SAT decides what a matching cannot. Robots that work
+already count, but are not stopped: a constraint restricts only the robots that the plan assigns
+beside them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from mrbt_mesh.features.constraints.kinds import AtMost, Constraint, NotAtOnce
 
 
 class ConstraintLimits(Limits):
-    """What the side constraints of a mission leave to its plans."""
+    """The limits that the side constraints of a mission set to its plans."""
 
     name = "side constraints"
 
@@ -52,9 +53,10 @@ def side_constraints(
     wanted: Sequence[Demand],
     running: Mapping[str, Demand],
 ) -> tuple[SideConstraint, ...]:
-    """What the constraints leave to `free` robots on the `wanted` demands, both by index.
+    """Return what the constraints leave to `free` robots on the `wanted` demands, both by index.
 
-    `running` maps robots to the demands that they work on. What cannot bind is left out.
+    `running` maps robots to the demands that they work on. Constraints that cannot bind are left
+    out.
     """
     able = [
         {index for index, robot in enumerate(free) if robot in demand.candidates}
@@ -113,7 +115,7 @@ def _names(names: Sequence[str], ground: str) -> bool:
 class SideConstraintCheck(LimitCheck):
     """Keeps requests one after the other while all stay feasible within the constraints.
 
-    `demands` are those of all requests, by which robots that run are found.
+    `demands` are those of all requests; the robots that run are found in them.
     """
 
     def __init__(
@@ -135,18 +137,22 @@ class SideConstraintCheck(LimitCheck):
         return fits
 
     def fits(self, key: int, demands: Sequence[Demand], pinned: Mapping[str, int]) -> bool:
-        """Whether `keep` would succeed."""
+        """True if `keep` would succeed."""
         return self._is_feasible([*self._kept, key], pinned, self._constraints)
 
     def obstacle(self, demands: Sequence[Demand]) -> str:
-        """Which constraints keep any living robots from serving a request; empty if none do."""
+        """Return the constraints that prevent any living robots from serving a request.
+
+        Empty if none do.
+        """
         alone = SideConstraintCheck(self._constraints, self._robots, [demands])
         return alone.in_the_way([], 0, {})
 
     def in_the_way(self, kept: Sequence[int], key: int, pinned: Mapping[str, int]) -> str:
-        """Which constraints keep request `key` from being kept with others; empty if none do.
+        """Return the constraints that keep request `key` from being kept with others.
 
-        Each one that alone would do so; if none would, all that bind anybody.
+        These are the constraints that would do so alone; if none would, all that bind. Empty if the
+        constraints are not the obstacle.
         """
         keys = sorted({*kept, key})
         if not self._is_feasible(keys, pinned, ()):
@@ -160,7 +166,10 @@ class SideConstraintCheck(LimitCheck):
     def _problem(
         self, keys: Sequence[int], pinned: Mapping[str, int], constraints: Sequence[Constraint]
     ) -> AssignmentProblem:
-        """The lower bounds still to be met: with more robots than that nothing gets feasible."""
+        """Return the problem with the lower bounds still to be met.
+
+        If these are infeasible, so are larger numbers of robots.
+        """
         wanted, bounds = [], []
         for key in keys:
             for demand in self._demands[key]:
@@ -185,7 +194,7 @@ class SideConstraintCheck(LimitCheck):
             return False
         if problem.violated(found.tolist()) is None:
             return True
-        # Loaded when the robot started: the library is large.
+        # Imported when the robot started, since the library is large.
         from mrbt_mesh.core.assignment.cp_sat import is_feasible
 
         return is_feasible(problem)

@@ -1,6 +1,6 @@
 """Robots without contact with their team (`on_lost_contact`), and robots that operators borrow.
 
-Both take a robot out of the team's work though nothing of it is broken (`withdrawal`).
+Both withdraw a healthy robot from the team's work (`withdrawal`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class Contact(Feature):
-    """The feature; its section: robot type -> `LostContact`."""
+    """The feature. Its section maps robot types to `LostContact`."""
 
     section = SECTION
     commands = {BORROWED: CommandField(Loan, 2, is_of_robot=True)}  # noqa: RUF012

@@ -1,4 +1,4 @@
-"""One robot that operators may borrow: it does what they have commanded."""
+"""A robot that operators may borrow: carry out their commands."""
 
 from __future__ import annotations
 

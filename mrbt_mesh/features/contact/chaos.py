@@ -1,4 +1,4 @@
-"""Random missions whose robots do something without contact, and cuts that take it from them."""
+"""Random missions with policies for lost contact, and partitions that take contact away."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mrbt_mesh.sim.chaos.feature_chaos import FeatureChaos
 from mrbt_mesh.sim.world import faults
 from mrbt_mesh.sim.world.scenario import Step
 
-# In what share of the missions robots do something without contact.
+# The share of missions in which robots have a policy for lost contact.
 SHARE = 0.12
 
 
@@ -43,7 +43,7 @@ class ContactChaos(FeatureChaos):
             given[SECTION] = lost
 
     def steps(self, mission: Mission, robots: Sequence[str], chaos_us: int) -> list[Step]:
-        """Fewer than a majority lose contact with the others, for seconds."""
+        """Cut a minority of the robots off from all others for some seconds."""
         if not policies(mission) or len(robots) < 3:
             return []
         pick = random.Random(f"{self._seed}/contact")

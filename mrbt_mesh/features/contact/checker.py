@@ -1,4 +1,4 @@
-"""I12: robots that stop without contact have stopped before others begin in their stead."""
+"""I12: robots that stop without contact have stopped before others begin in their place."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from mrbt_mesh.sim.checkers.feature_checker import FeatureChecker
 
 
 class HasStopped(FeatureChecker):
-    """I12: at the place of a task, and at an exclusive one, no robot is still at work that the one
-    which begins takes for dead, if it could do this, and holds or returns without contact with a
-    majority.
+    """I12: a robot never begins while a robot that it takes for dead still works there.
+
+    This concerns exclusive tasks and tasks with a place, and robots that are capable of the task
+    and hold or return without contact with a majority.
     """
 
     def started(self, agent: AgentView, start: StartAction) -> None:

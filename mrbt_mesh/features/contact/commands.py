@@ -1,4 +1,4 @@
-"""What operators command, as steps of a simulation's schedule."""
+"""Commands of operators as steps of a simulation's schedule."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mrbt_mesh.sim.world.team_commands import OfRobot
 
 @dataclass(frozen=True, slots=True)
 class Borrow(OfRobot):
-    """Take a robot out of the team's work, at once or `after_task`, the one that it has."""
+    """Take a robot out of the team's work at once, or `after_task`: after its current task."""
 
     after_task: bool = False
 

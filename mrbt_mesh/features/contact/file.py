@@ -1,4 +1,4 @@
-"""What robots do without contact, from a mission file."""
+"""Build the policies for lost contact from a mission file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mrbt_mesh.formats.problems import Report
 def build(
     model: MissionModel, robot_types: Mapping[str, Mapping[str, int]], report: Report
 ) -> dict[str, LostContact]:
-    """What robots do without contact, by type."""
+    """Return what robots do without contact, by robot type; `go_on` is omitted."""
     found: dict[str, LostContact] = {}
     for name, entry in sorted(model.robot_types.items()):
         given: LostContactModel | None = getattr(entry, SECTION)

@@ -1,4 +1,4 @@
-"""The robots that operators have borrowed, by the facts."""
+"""The robots that operators have borrowed, according to the facts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mrbt_mesh.core.feature import Index
 if TYPE_CHECKING:
     from mrbt_mesh.core.facts.store import Entry
 
-# The field of the commands: by robot.
+# The field of the operators' commands; there is one per robot.
 BORROWED = "borrowed"
 
 
 class Loan(enum.StrEnum):
-    """Whether an operator has borrowed a robot, and from when on."""
+    """Whether an operator has borrowed a robot, and from when."""
 
     RETURNED = "returned"
     AT_ONCE = "at_once"
@@ -24,7 +24,7 @@ class Loan(enum.StrEnum):
 
 
 class Loans(Index):
-    """`by_robot`: robot -> the operator who has borrowed it, and from when on."""
+    """`by_robot` maps a robot to the operator who borrowed it, and from when."""
 
     def __init__(self) -> None:
         self.by_robot: dict[str, tuple[str, Loan]] = {}

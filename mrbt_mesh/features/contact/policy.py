@@ -12,18 +12,19 @@ if TYPE_CHECKING:
 
 # The name of the feature's section in a compiled mission.
 SECTION = "on_lost_contact"
-# A word to a robot: an operator's sign of life.
+# The message with which an operator shows a robot that it is in contact.
 ATTEND = "attend"
 
-# A day.
+# One day.
 MAX_CONTACT_US = 86_400_000_000
-# The most robots that all hear one another, by the default timing.
+# The largest team in which all robots hear one another, with the default timing.
 MAX_MAJORITY = 7
 
 
 class ContactOf(enum.StrEnum):
-    """Whom a robot has to hear: any other robot, a majority of the mission's robots, itself
-    included, or an operator.
+    """Whom a robot has to hear: any robot, a majority, or an operator.
+
+    A majority is one of the mission's robots, including the robot itself.
     """
 
     TEAM = "team"
@@ -32,8 +33,10 @@ class ContactOf(enum.StrEnum):
 
 
 class OnLostContact(enum.StrEnum):
-    """FINISH ends its task and begins no other; HOLD cancels it; RETURN cancels it and then
-    performs a local task.
+    """What a robot does without contact.
+
+    FINISH ends its task and begins no other; HOLD cancels it; RETURN cancels it and then performs a
+    local task.
     """
 
     FINISH = "finish"
@@ -45,7 +48,7 @@ class OnLostContact(enum.StrEnum):
 class LostContact:
     """What robots of a type do that have been without contact for `after_us`.
 
-    `local_task`: the ground one that RETURN performs, else empty.
+    `local_task` is the ground local task that RETURN performs, else empty.
     """
 
     after_us: int
@@ -55,21 +58,21 @@ class LostContact:
 
     @property
     def is_promise(self) -> bool:
-        """Whether others can count on it that the robot has stopped."""
+        """True if other robots can rely on this robot having stopped."""
         return self.then is not OnLostContact.FINISH and self.of is not ContactOf.OPERATOR
 
     def to_json(self) -> list[Any]:
-        """Plain data."""
+        """Return plain data."""
         return [self.after_us, str(self.of), str(self.then), self.local_task]
 
     @classmethod
     def from_json(cls, data: list[Any]) -> LostContact:
-        """The inverse of `to_json`; raises ValueError or TypeError."""
+        """Return the policy; the inverse of `to_json`. Raises ValueError or TypeError."""
         after_us, of, then, local_task = data
         return cls(after_us, ContactOf(of), OnLostContact(then), local_task)
 
 
 def policies(mission: Mission) -> Mapping[str, LostContact]:
-    """What robots do without contact, by robot type."""
+    """Return what robots do without contact, by robot type."""
     found: Mapping[str, LostContact] = mission.sections.get(SECTION, {})
     return found

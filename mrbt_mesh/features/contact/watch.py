@@ -1,10 +1,10 @@
-"""A robot's contact with its team or an operator, and what it does without (`on_lost_contact`).
+"""A robot's contact with its team or an operator, and its reaction to lost contact.
 
-Contact is two-way: another robot relays, in its heartbeats, the newest heartbeat of this robot that
-it knows. Contact with it lasts from when that heartbeat was *sent*, so no other robot can have
-heard this one earlier. `after_us` later this robot stops. Others that have heard nothing of it for
-`after_us` and one detection time more know that it has, and begin what must not be done at two
-places at once: exclusive tasks, and local tasks that have a place.
+Contact is two-way: other robots relay, in their heartbeats, the newest heartbeat of this robot that
+they know. Contact with such a robot lasts from when that heartbeat was *sent*; no robot can have
+heard it before that. `after_us` later this robot stops (`on_lost_contact`). Robots that have heard
+nothing of it for `after_us` plus one detection time know that it has stopped. Then they begin what
+must not be done in two places at once: exclusive tasks, and local tasks that have a place.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ KEPT_BEATS = 1_000
 
 
 class ContactWatch(Part):
-    """One robot's contact; in missions where robots of some type do something without it.
+    """One robot's contact, in missions with a policy for lost contact.
 
-    `is_lost`: this robot has lost its contact, and has acted on it.
+    `is_lost` is true if this robot has lost contact and has acted on it.
     """
 
     def __init__(self, kit: Kit, withdrawal: Withdrawal, now_us: int) -> None:
@@ -45,7 +45,7 @@ class ContactWatch(Part):
         self._began_us = now_us
         by_type = policies(mission)
         self._policy = by_type.get(context.config.type)
-        # Others that stop without contact, and what they can do.
+        # Other robots that stop without contact, and their capabilities.
         self._stopping = {
             robot.id: (robot.capabilities, policy)
             for robot in mission.robots.values()
@@ -53,13 +53,14 @@ class ContactWatch(Part):
             if policy.is_promise
         }
         self._margin_us = context.config.timing.detection_us
-        # When heartbeats were sent, by number; by robot, when the newest one was that it knows.
+        # When own heartbeats were sent, by number, and when the newest that each robot knows was
+        # sent.
         self._sent_us: dict[int, int] = {}
         self._known_us: dict[str, int] = {}
         self._operator_us: int | None = None
         self._has_had = False
         self._returns = False
-        # When a start that was put off may begin.
+        # When a postponed start may happen.
         self._begins_us: int | None = None
 
     # -- signs of life ------------------------------------------------------------------------
@@ -83,7 +84,7 @@ class ContactWatch(Part):
         return True, ""
 
     def _last_us(self, now_us: int, *, are_sure: bool = False) -> int | None:
-        """When there was contact last; None: never. `are_sure`: see `_aged_us`."""
+        """Return when there was contact last, None if never. `are_sure`: see `_aged_us`."""
         assert self._policy is not None
         match self._policy.of:
             case ContactOf.OPERATOR:
@@ -97,9 +98,10 @@ class ContactWatch(Part):
         return known_us[wanted - 1] if len(known_us) >= wanted else None
 
     def _aged_us(self, are_sure: bool) -> list[int]:
-        """When the newest heartbeats were sent that others know, by the clocks of those.
+        """Return when the newest heartbeats known to other robots were sent, by their clocks.
 
-        `are_sure`: without those from before a jump of such a clock, of which more may follow.
+        With `are_sure`, heartbeats from before a jump of such a clock are omitted, as it may jump
+        again.
         """
         clocks = self._context.peer_clocks
         return [
@@ -125,7 +127,7 @@ class ContactWatch(Part):
         return (self._began_us if last_us is None else last_us) + self._policy.after_us
 
     def check(self, now_us: int) -> bool:
-        """Act on contact that is lost or back."""
+        """React to lost or regained contact. Returns whether the agent has to act on it."""
         if self._policy is None:
             return False
         last_us = self._last_us(now_us)
@@ -147,7 +149,7 @@ class ContactWatch(Part):
         assert policy is not None
         self._context.log("warning", "contact_lost", of=str(policy.of), then=str(policy.then))
         self._returns = policy.then is OnLostContact.RETURN
-        # What follows from the silence of others is for those to write that have contact.
+        # Only robots with contact may write what follows from the silence of others.
         self._planner.decides = policy.of is ContactOf.OPERATOR
         is_after = policy.then is OnLostContact.FINISH
         reason = f"no contact with {_WITH[policy.of]}"
@@ -180,8 +182,9 @@ class ContactWatch(Part):
     # -- others -------------------------------------------------------------------------------
 
     def may_begin(self, claim: Claim, is_exclusive: bool, now_us: int) -> bool:
-        """Whether this robot may begin: it has contact, and no robot that has lost its own may
-        still be doing this.
+        """True if this robot may begin.
+
+        It must have contact, and no robot that has lost its own may still be doing this task.
         """
         self._begins_us = None
         if self._policy is not None and (self.is_lost or self._last_us(now_us) is None):
@@ -195,7 +198,7 @@ class ContactWatch(Part):
         return begins_us <= now_us
 
     def _may_be_at(self, local_task: str) -> list[str]:
-        """The silent robots that stop without contact and can do this."""
+        """Return the silent robots that stop without contact and are capable of the task."""
         found, peers = [], self._context.membership.peers
         for robot, (capabilities, _) in self._stopping.items():
             peer = peers.get(robot)
@@ -205,7 +208,10 @@ class ContactWatch(Part):
         return found
 
     def _stops_us(self, robot: str) -> int:
-        """When a silent robot has stopped for certain; a majority without this robot: never."""
+        """Return when a silent robot has certainly stopped.
+
+        That is never known for the policy MAJORITY if this robot does not hear a majority.
+        """
         _, policy = self._stopping[robot]
         membership = self._context.membership
         if policy.of is ContactOf.MAJORITY:

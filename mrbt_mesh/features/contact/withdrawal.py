@@ -1,7 +1,7 @@
-"""Taking this robot out of the team's work and back, for reasons that are no fault of its own.
+"""Withdraw this robot from the team's work and give it back, for reasons other than a fault.
 
-It stays a member. While it is out it has none of its capabilities, which all robots see in its
-member fact with the reason.
+The robot stays a member. While it is withdrawn it has no capabilities; its member fact shows this
+to all robots, with the reason.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from mrbt_mesh.core.mission.names import ALL
 
 
 class Withdrawal:
-    """`waiting`: why the robot will be out once its task has ended, and the task's activation, by
-    source.
+    """Withdraws this robot and gives it back.
+
+    `waiting` maps a source to the reason why the robot will be withdrawn after its task, and to the
+    task's activation.
     """
 
     def __init__(self, kit: Kit) -> None:
@@ -22,7 +24,7 @@ class Withdrawal:
         self.waiting: dict[str, tuple[str, str]] = {}
 
     def withdraw(self, source: str, reason: str, now_us: int, *, after_task: bool = False) -> None:
-        """Take the robot out, at once or after its task; its task is cancelled or goes on."""
+        """Withdraw the robot at once, cancelling its task, or after the task that it works on."""
         work = self._context.work
         if after_task and work.action is not None and not work.is_stopping:
             self.waiting[source] = reason, work.action.activation
@@ -32,12 +34,12 @@ class Withdrawal:
             )
 
     def give_back(self, source: str, now_us: int) -> None:
-        """The robot may work again, as far as this source is concerned."""
+        """Let the robot work again, unless another source withdraws it."""
         self.waiting.pop(source, None)
         self._health.change_capability(CapabilityChanged(ALL, False, source=source), now_us)
 
     def follow(self, now_us: int) -> None:
-        """Take the robot out if the task has ended that was waited for."""
+        """Withdraw the robot if the task that it was to finish first has ended."""
         work, waiting = self._context.work, self.waiting
         for source, (reason, activation) in list(waiting.items()):
             goes_on = work.claim is not None and work.claim.activation == activation

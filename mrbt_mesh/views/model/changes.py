@@ -1,5 +1,6 @@
-"""Items with the version of their last change: a slow reader gets the newest of each item, never a
-queue of old ones.
+"""A log of changed items, which keeps only the newest value of each.
+
+A slow reader gets the newest value of each item, never a queue of old ones.
 """
 
 from __future__ import annotations
@@ -7,28 +8,28 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from typing import Any
 
-# Of so many items is kept that they were removed: with thousands of jobs each is one.
+# The most removals that are remembered; with thousands of jobs, each of them is an item.
 MOST_REMOVED = 4_096
 
 
 class ChangeLog:
-    """Key -> newest value. `version` grows by one with every change; 0: nothing was put yet.
+    """Maps keys to their newest values. `version` grows by one with every change; 0: still empty.
 
-    A value is plain data, never changed after it was put. None removes the item; a reader who has
-    missed more than the last `MOST_REMOVED` of these begins anew (`start_of`).
+    A value is plain data that never changes after it was put. None removes the item; a reader who
+    has missed more than the last `MOST_REMOVED` removals starts again (`start_of`).
     """
 
     def __init__(self) -> None:
         self.version = 0
-        # The latest changed last.
+        # Ordered by their last change, the latest last.
         self._items: OrderedDict[str, tuple[int, Any]] = OrderedDict()
-        # (version, key) of removals; one whose item has changed since is none any more.
+        # (version, key) of removals; void if the item has changed since.
         self._removed: deque[tuple[int, str]] = deque()
-        # Removals up to this version are not known any more.
+        # Removals up to this version are forgotten.
         self._forgotten = 0
 
     def put(self, key: str, value: Any) -> bool:
-        """Put a value; whether it differs from the one before."""
+        """Put a value. Returns whether it differs from the previous one."""
         known = self._items.get(key)
         if (known is None and value is None) or (known is not None and known[1] == value):
             return False
@@ -48,17 +49,19 @@ class ChangeLog:
             self._forgotten = version
 
     def start_of(self, version: int) -> int:
-        """What a reader of this version asks for: 0, so all there is, in place of what he has, if
-        not all is known that was removed since.
+        """Return the version that a reader of `version` should ask `since`.
+
+        It is 0, for everything in place of the reader's items, if removals after `version` are
+        forgotten.
         """
         return 0 if version < self._forgotten else version
 
     def drop(self, key: str) -> None:
-        """Forget an item that readers drop by themselves: this is no change."""
+        """Forget an item that readers drop by themselves; this is not a change."""
         self._items.pop(key, None)
 
     def since(self, version: int) -> dict[str, Any]:
-        """What has changed after `version`, oldest first; after 0: everything there is."""
+        """Return the changes after `version`, oldest first; after 0, all items."""
         found: dict[str, Any] = {}
         for key, (changed, value) in reversed(self._items.items()):
             if changed <= version:

@@ -25,13 +25,13 @@ _INNER = re.compile(r"\{(\w+_[0-9]+__)+")
 
 @lru_cache(maxsize=64)
 def program_tree(program: ProgramTree) -> ExpandedNode:
-    """The tree with its SubTrees in place. Raises FileError for what no robot can run."""
+    """Return the tree with its SubTrees expanded. Raises FileError for an invalid tree."""
     library = library_of(parse_document(program.xml, program.source), Findings())
     return expand(library, program.tree).root
 
 
 def trees_by_type(mission: Mission) -> dict[str, ProgramTree]:
-    """One tree for each type of local task that has one."""
+    """Return one tree for each type of local task that has one."""
     found: dict[str, ProgramTree] = {}
     for ground, tree in sorted(mission.program_trees.items()):
         found.setdefault(type_name(ground), tree)
@@ -39,7 +39,7 @@ def trees_by_type(mission: Mission) -> dict[str, ProgramTree]:
 
 
 def node_label(node: ExpandedNode) -> str:
-    """A short text for people: the type, a name of its own, and the ports of a leaf."""
+    """Return a short text for people: the type, the node's own name, and the ports of a leaf."""
     text = node.type if node.name == node.type else f"{node.name} ({node.type})"
     if node.category is Category.SUBTREE or not node.ports:
         return text
@@ -48,7 +48,7 @@ def node_label(node: ExpandedNode) -> str:
 
 
 def _short(value: str) -> str:
-    # An entry of a SubTree's own is called as its file calls it.
+    # Show an entry of a SubTree under the name that its file gives it.
     text = _INNER.sub("{", " ".join(value.split()))
     return text if len(text) <= MAX_PORT_CHARACTERS else text[: MAX_PORT_CHARACTERS - 1] + "…"
 
@@ -59,9 +59,9 @@ def with_inner_trees(
     mission: Mission,
     running: tuple[str, bytes] = ("", b""),
 ) -> tuple[list[dict[str, Any]], list[int]]:
-    """The rows of T_Li and their statuses, with the trees of local tasks below them.
+    """Return the rows of T_Li and their statuses, with the trees of local tasks below them.
 
-    `running`: the local task that is carried out, and the statuses of the nodes of its tree.
+    `running` is the local task that is carried out, and the statuses of the nodes of its tree.
     """
     trees = trees_by_type(mission)
     found: list[dict[str, Any]] = []

@@ -1,4 +1,4 @@
-"""The types of jobs that a mission has, for forms and for programs."""
+"""The job types of a mission, for forms and for programs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class JobTypeView:
 
 
 def job_types(mission: Mission) -> list[JobTypeView]:
-    """All types, by name."""
+    """Return all types, by name."""
     found = []
     for name, kind in sorted(mission.jobs.items()):
         parameters = tuple(
@@ -47,13 +47,13 @@ def job_types(mission: Mission) -> list[JobTypeView]:
 
 
 def submit_example(kind: JobTypeView) -> str:
-    """A command that submits a job of a type."""
+    """Return a command that submits a job of this type."""
     words = [p.choices[0] if p.choices else str(p.min) for p in kind.parameters]
     return shlex.join(["mrbt", "submit", kind.name, *words])
 
 
 def arguments_schema(kind: JobTypeView) -> dict[str, Any]:
-    """The JSON Schema of the arguments of a type, by its parameters' names."""
+    """Return the JSON Schema of a type's arguments, by parameter name."""
     return {
         "type": "object",
         "properties": {each.name: _schema(each) for each in kind.parameters},

@@ -1,4 +1,4 @@
-"""What a page needs to know of a mission once: its tree, its robots, its tasks, its map."""
+"""What a page needs to know about a mission once: its tree, robots, tasks and map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mrbt_mesh.views.model.job_types import job_types, submit_example
 
 
 def mission_view(mission: Mission) -> dict[str, Any]:
-    """The mission as plain data; performances in units."""
+    """Return the mission as plain data; performances are in units."""
     leaves: dict[str, list[int]] = {}
     types = job_types(mission)
     for node in mission.tree.actions():
@@ -40,7 +40,7 @@ def mission_view(mission: Mission) -> dict[str, Any]:
 
 
 def tree_view(tree: Tree) -> list[dict[str, Any]]:
-    """One row per node, by index; `parent` is -1 at the root."""
+    """Return one row per node, by index; `parent` is -1 at the root."""
     return [
         {
             "kind": str(node.kind),
@@ -54,7 +54,7 @@ def tree_view(tree: Tree) -> list[dict[str, Any]]:
 
 
 def in_units(performances: Mapping[str, int]) -> dict[str, float]:
-    """Micro-units as units."""
+    """Convert micro-units to units."""
     return {name: value / MICRO for name, value in sorted(performances.items())}
 
 

@@ -28,7 +28,7 @@ def continued(
     seed: int,
     timeout_s: float,
 ) -> dict[str, Any]:
-    """Both summaries, and the assumptions. Raises InputError for options that do not fit."""
+    """Return both summaries, and the assumptions. Raises InputError for options that do not fit."""
     recording = open_recording(file)
     player = Player(recording)
     at_us = time_of(player, at_s)

@@ -1,4 +1,4 @@
-"""Which recordings a command line means, and the other files of their run."""
+"""The recordings that a command line names, and the other files of their run."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ChosenRecordings:
-    """Recordings, and the files that were begun as such and hold nothing. `run_dir`: that of the
-    run, if one was given; `keys`: the folder of its keys, if it has one.
+    """Recordings, and the messages of files that contain no recording yet.
+
+    `run_dir` is that of the run, if one was given. `keys` is the folder of its keys, if it has one.
     """
 
     recordings: tuple[Recording, ...]
@@ -31,9 +32,9 @@ class ChosenRecordings:
 
 
 def chosen(paths: Sequence[Path]) -> ChosenRecordings:
-    """The recordings of files and run directories, by default of the run that `find_run` finds.
+    """Return the recordings of files and run directories, by default of the run of `find_run`.
 
-    Raises InputError for a folder without any, RecordingError for a file that is none.
+    Raises InputError for a folder without recordings, RecordingError for an invalid file.
     """
     files: list[Path] = []
     run_dir: Path | None = None
@@ -62,7 +63,8 @@ def chosen(paths: Sequence[Path]) -> ChosenRecordings:
 
 
 def verified(paths: Sequence[Path], keys: Path | None = None) -> Verification:
-    """What `mrbt recording verify` finds of these; `keys`: the folder with the team's manifest.
+    """Return the findings of `mrbt recording verify`; `keys` is the folder with the team's
+    manifest.
 
     Raises InputError.
     """
@@ -75,7 +77,7 @@ def verified(paths: Sequence[Path], keys: Path | None = None) -> Verification:
 
 
 def manifest_of(folder: Path | None) -> Manifest | None:
-    """The team's manifest in the folder; raises KeysError."""
+    """Return the team's manifest in the folder; raises KeysError."""
     if folder is None:
         return None
     from mrbt_mesh.runtime.key_folder import KeyFolder

@@ -1,4 +1,4 @@
-"""A recording as lines, as the state at one time, or in the browser."""
+"""Show a recording as lines, as the state at one time, or in the browser."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mrbt_mesh.recording.player import Player
 
 
 def time_of(player: Player, at_s: float) -> int:
-    """The time `at_s` after the begin; raises InputError for one behind the end."""
+    """Return the time `at_s` after the begin; raises InputError for a time after the end."""
     length_s = (player.end_us - player.begin_us) / SECOND_US
     if at_s > length_s:
         raise InputError(f"--at {at_s:g}: the recording ends at {length_s:.3f} s")
@@ -22,7 +22,7 @@ def time_of(player: Player, at_s: float) -> int:
 
 
 def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
-    """The state `at_s` after the begin, by default at the end; raises InputError as `time_of`."""
+    """Return the state `at_s` after the begin, by default at the end; raises as `time_of`."""
     at_us = player.end_us if at_s is None else time_of(player, at_s)
     for _ in player.play_to(at_us, skips=True):
         pass
@@ -37,7 +37,7 @@ def state_data(player: Player, at_s: float | None) -> dict[str, Any]:
 
 
 def show_lines(player: Player, at_s: float) -> None:
-    """Print the events from a time on; raises InputError as `time_of`."""
+    """Print the events from `at_s` on; raises InputError as `time_of`."""
     from_us = time_of(player, at_s)
     timeline, printed = player.observer.record.timeline, 0
     for _ in player.play_to(player.end_us):
@@ -55,7 +55,9 @@ async def serve(
     port: int,
     as_json: bool,
 ) -> None:
-    """Serve its page until SIGINT or SIGTERM, and print the address. Raises InputError."""
+    """Serve the recording's page until SIGINT or SIGTERM, and print the address. Raises
+    InputError.
+    """
     from mrbt_mesh.views.replay.shown_recording import ShownRecording
     from mrbt_mesh.views.web.projector import showing_recording
 

@@ -1,6 +1,6 @@
 """The figures in the summary of a run.
 
-All functions raise KeyError, TypeError, ValueError or AttributeError for other data.
+All functions raise KeyError, TypeError, ValueError or AttributeError for invalid data.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from mrbt_mesh.views.report.model import (
     TaskEnd,
 )
 
-# No run takes longer, so this is no time that a command has printed.
+# No run takes longer, so no command has printed a larger time.
 MOST_S = 1e9
 NO_RECORDING = "from a summary: who worked when, and who waited, is in the run's recording"
 
 
 def report_summary(data: Mapping[str, Any], title: str) -> RunReport:
-    """A run's summary."""
+    """Return the report of a run's summary."""
     minor = [
         ReportedFault(
             str(each["robot"]),
@@ -57,7 +57,7 @@ def report_summary(data: Mapping[str, Any], title: str) -> RunReport:
 
 
 def reported_failures(data: Mapping[str, Any]) -> tuple[ReportedFailure, ...]:
-    """Those of a summary; one of an earlier version has none."""
+    """Return the failures in a summary; empty for a summary of an earlier version."""
     return tuple(
         ReportedFailure(
             str(each["robot"]),
@@ -85,7 +85,7 @@ def _takeover(data: Mapping[str, Any], until_s: float | None) -> ReportedFault:
 
 
 def seconds(data: Any) -> float | None:
-    """A time of a summary; raises TypeError or ValueError for anything else."""
+    """Return a time of a summary; raises TypeError or ValueError for anything else."""
     if data is None:
         return None
     if not isinstance(data, int | float) or not abs(data) <= MOST_S:

@@ -1,4 +1,4 @@
-"""A list of rows that scrolls, with one row selected; only what is on screen is drawn."""
+"""A scrolling list of rows, one of them selected; only rows on screen are drawn."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from textual.strip import Strip
 
 
 class Rows(ScrollView, can_focus=True):
-    """Each row has a key, by which it stays selected while rows come and go."""
+    """Rows with keys; the selected key stays selected while rows come and go."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "move(-1)", "Up", show=False),
@@ -27,7 +27,7 @@ class Rows(ScrollView, can_focus=True):
     ]
 
     class Selected(Message):
-        """Another row is selected."""
+        """Another row was selected."""
 
         def __init__(self, rows: Rows, key: Any) -> None:
             super().__init__()
@@ -46,7 +46,7 @@ class Rows(ScrollView, can_focus=True):
         return self.keys[self._at] if self.keys else None
 
     def show(self, keys: list[Any], texts: list[Text]) -> None:
-        """Draw these rows; the selected key stays selected, if it is still there."""
+        """Draw these rows; the selected key stays selected if it still exists."""
         before = self.selected
         self.keys, self._texts = keys, texts
         if before in keys:
@@ -58,16 +58,16 @@ class Rows(ScrollView, can_focus=True):
         self.refresh()
 
     def select(self, key: Any) -> None:
-        """Select a row by its key, and have it on screen; unknown keys are passed over."""
+        """Select a row by its key, and scroll to it; unknown keys are ignored."""
         if key in self.keys:
             self._go(self.keys.index(key))
 
     def action_move(self, rows: int) -> None:
-        """Move down by some rows."""
+        """Move down by some rows; negative numbers move up."""
         self._go(self._at + rows)
 
     def action_page(self, pages: int) -> None:
-        """Move down by some screens."""
+        """Move down by some screens; negative numbers move up."""
         self._go(self._at + pages * max(self.size.height - 1, 1))
 
     def on_click(self, event: Click) -> None:
@@ -86,7 +86,9 @@ class Rows(ScrollView, can_focus=True):
             self.post_message(self.Selected(self, self.selected))
 
     def render_line(self, y: int) -> Strip:
-        """A line on screen: the selected row has a sign, and is reversed where the focus is."""
+        """Draw a line on screen; the selected row has a sign, and is reversed if it has the
+        focus.
+        """
         row, width = y + self.scroll_offset.y, self.size.width
         if row >= len(self._texts):
             return Strip.blank(width, self.rich_style)
@@ -98,9 +100,9 @@ class Rows(ScrollView, can_focus=True):
         return strip.apply_style(Style(reverse=True)) if is_selected and self.has_focus else strip
 
     def on_focus(self) -> None:
-        """Draw the selected row, which looks different then."""
+        """Redraw, since the selected row looks different with the focus."""
         self.refresh()
 
     def on_blur(self) -> None:
-        """As on_focus."""
+        """Redraw, as `on_focus`."""
         self.refresh()

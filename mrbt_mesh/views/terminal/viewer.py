@@ -1,4 +1,4 @@
-"""The plug-in that shows a team in the terminal, by keys."""
+"""The plug-in that shows a team in the terminal, with keys."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class TopViewer:
     summary = "Show the team in this terminal, by keys: tree, robots, timeline, and why; q ends it."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without a terminal, or without textual."""
+        """Raise InputError without a terminal, or without textual."""
         require("the view by keys", "terminal", "textual")
         # textual draws on standard error.
         if not all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
@@ -33,7 +33,7 @@ class TopViewer:
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
-        """Show it until its viewer quits."""
+        """Show the team until the user quits."""
         from mrbt_mesh.drills.control import Control
         from mrbt_mesh.runtime.fencing import boottime_us
         from mrbt_mesh.views.model.team_view import TeamView

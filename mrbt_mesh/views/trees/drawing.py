@@ -19,7 +19,7 @@ COLOURS = {
 
 
 def render_text(shape: Shape, parent: PrintedTree | None = None) -> PrintedTree:
-    """A tree for the terminal."""
+    """Return a tree for the terminal."""
     text = Styled(f"{shape.symbol} {shape.label}", COLOURS[shape.look][0])
     if shape.notes:
         text = Styled.assemble(text, ("  " + ", ".join(shape.notes), "dim"))
@@ -30,7 +30,7 @@ def render_text(shape: Shape, parent: PrintedTree | None = None) -> PrintedTree:
 
 
 def render_mermaid(shapes: Sequence[Shape]) -> str:
-    """A Mermaid flowchart, as Markdown viewers draw it."""
+    """Return a Mermaid flowchart, as Markdown viewers draw it."""
     lines = ["flowchart TD"]
     waiting: list[tuple[Shape, int | None]] = [(shape, None) for shape in reversed(shapes)]
     number = 0
@@ -49,7 +49,7 @@ def render_mermaid(shapes: Sequence[Shape]) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Mermaid reads quotes and Markdown in labels; character codes are safe."""
+    """Escape a label: Mermaid reads quotes and Markdown in labels, but character codes are safe."""
     return "".join(
         character
         if character.isalnum() or character in " _.,:=()-" or ord(character) > 127

@@ -1,4 +1,4 @@
-"""The texts of whole numbers of a range, as a regular expression."""
+"""A regular expression for the texts of whole numbers in a range."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 
 def range_pattern(low: int, high: int) -> str:
-    """Matches the texts of the numbers from `low` to `high`, without leading zeros, and no others;
-    for JSON Schema, which knows no ranges of texts. Raises ValueError if `low` is above `high`.
+    """Return a pattern for the numbers from `low` to `high`, without leading zeros.
+
+    It matches no other text. JSON Schema needs it, as it has no ranges for texts. Raises ValueError
+    if `low` is above `high`.
     """
     if low > high:
         raise ValueError(f"no number is from {low} to {high}")
@@ -16,7 +18,7 @@ def range_pattern(low: int, high: int) -> str:
 
 
 def _naturals(low: int, high: int) -> Iterator[str]:
-    """The patterns of the numbers of each length."""
+    """Yield the patterns for the numbers of each length."""
     for length in range(len(str(low)), len(str(max(0, high))) + 1):
         first = max(low, 10 ** (length - 1) if length > 1 else 0)
         last = min(high, 10**length - 1)

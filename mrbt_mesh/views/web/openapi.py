@@ -1,4 +1,4 @@
-"""The OpenAPI 3.1 description of the HTTP API, with the schemas of what its routes use."""
+"""The OpenAPI 3.1 description of the HTTP API, with the schemas that its routes use."""
 
 from __future__ import annotations
 
@@ -161,8 +161,9 @@ _EVENTS = (
 def openapi(
     has_tokens: bool, public_url: str = "", mission: Mission | None = None
 ) -> dict[str, Any]:
-    """The description of a server that asks for tokens, or that does not. `mission`: what may be
-    submitted is said by its types of jobs.
+    """Return the description of a server, with or without tokens.
+
+    With a `mission` it tells what may be submitted, by job type.
     """
     schemas = {name: _schema(model) for name, model in MODELS.items()}
     if mission is not None:
@@ -175,7 +176,7 @@ def openapi(
     cursor = _parameter("cursor", _CURSOR, "Those after this place: of `Link` in an answer.")
     last = _parameter("Last-Event-ID", _TEXT, "Only what has changed since this event.", "header")
     count = _parameter("limit", _numbers(MAX_EVENTS), "End after so many events; none: go on.")
-    # Some programs take the schema for that of the text, others for that of each event.
+    # Some programs apply the schema to the whole text, others to each event.
     data = {"type": "string", "contentMediaType": "application/json", "contentSchema": _ref("News")}
     event = {
         "type": "object",
@@ -214,7 +215,7 @@ def openapi(
     }
     for change in CHANGES:
         body = {"priority": "Priority", "hold": "HoldRequest"}.get(change, "Nothing")
-        # 405: clients write `.` as a place in the path.
+        # 405, since clients resolve `.` in the path.
         answer, problems = _ref("Acknowledgement"), (403, 404, 405, 409, 504)
         name, text = (
             f"{change}_job" if change != "priority" else "set_job_priority",
@@ -252,7 +253,7 @@ def _schema(model: Any) -> dict[str, Any]:
 
 
 def _inlined(value: Any, known: dict[str, Any]) -> Any:
-    """A schema with its own definitions in place of references to them."""
+    """Replace references in a schema with its own definitions."""
     if isinstance(value, dict):
         if "$ref" in value:
             return _inlined(known[value["$ref"].rpartition("/")[2]], known)
@@ -273,7 +274,7 @@ def _json(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def _describe_types(submission: dict[str, Any], mission: Mission) -> None:
-    """Say which types there are, and by `if`, `then` and `else`, which arguments each takes."""
+    """Describe the job types and, by `if`, `then` and `else`, the arguments of each."""
     properties = submission["properties"]
     properties["type"] |= {"enum": sorted(mission.jobs)}
     properties["safe"] |= {"minimum": 1, "maximum": len(mission.robots)}
@@ -286,7 +287,7 @@ def _describe_types(submission: dict[str, Any], mission: Mission) -> None:
 
 
 def _arguments(kind: JobTypeView) -> dict[str, Any]:
-    """What a job of this type may be submitted with: by the parameters' names, or in order."""
+    """Return the schema of a job's arguments: by parameter name, or in order."""
     count, values = len(kind.parameters), {each.name: _value(each) for each in kind.parameters}
     listed: dict[str, Any] = {"type": "array", "minItems": count, "maxItems": count}
     if count:  # it may not be empty
@@ -295,7 +296,7 @@ def _arguments(kind: JobTypeView) -> dict[str, Any]:
 
 
 def _value(parameter: ParameterView) -> dict[str, Any]:
-    """A number and its text are the same argument."""
+    """Return the schema of a value; a number and its text are the same argument."""
     if parameter.min is None or parameter.max is None:
         texts = parameter.choices
         return {"enum": [*texts, *(int(each) for each in texts if is_exact_number(each))]}
@@ -324,7 +325,10 @@ def _operation(
     parameters: list[Any] | None = None,
     headers: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """`answer`: a schema of JSON, or a whole content. 401, 421, 422 and 503 may come always."""
+    """Describe an operation.
+
+    `answer` is a JSON schema, or a whole content. 401, 421, 422 and 503 are always possible.
+    """
     content = answer if "text/event-stream" in answer else _json(answer)
     answers: dict[str, Any] = {str(status): {"description": summary, "content": content}}
     if headers:

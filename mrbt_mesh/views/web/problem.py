@@ -1,4 +1,4 @@
-"""What a server answers when something is wrong: problem details (RFC 9457)."""
+"""Error responses of a server: problem details (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ STATUS_OF_CAUSE = {
     FULL: 503,
     NOT_HEARD: 503,
 }
-# With a 503: after how many seconds to ask again.
+# With a 503: after how many seconds to retry.
 RETRY = {"retry-after": "1"}
 
 
 def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> Response:
-    """An answer that says what is wrong."""
+    """Return a response that tells what is wrong."""
     title = HTTPStatus(status).phrase
     data = {"type": "about:blank", "title": title, "status": status, "detail": detail}
     return Response(json.dumps(data), status, headers, "application/problem+json")
@@ -57,7 +57,7 @@ async def _of_http(request: Request, error: Exception) -> Response:
 
 
 def paths(routes: Iterable[BaseRoute], above: str = "") -> list[str]:
-    """The paths of routes, also of those below others."""
+    """Return the paths of routes, including mounted ones."""
     found = []
     for route in routes:
         if isinstance(route, Mount):

@@ -1,4 +1,4 @@
-"""What `mrbt serve` serves: the API below `/v1`, its description, and a page that lists it."""
+"""The site of `mrbt serve`: the API below `/v1`, its description, and a page that lists it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ def site(
     access: Access | None = None,
     public_url: str = "",
 ) -> Starlette:
-    """The ASGI application. `access` None: for the programs of this machine."""
+    """Return the ASGI application. `access` None admits the programs of this machine."""
     api = Api(client, feed, access or local_access(own), own.prefix)
 
     async def described(_: Request) -> Response:
-        """By the types of jobs that there are now."""
+        """Describe the API with the current job types."""
         mission = client.watcher.observer.mission
         return JSONResponse(openapi(access is not None, public_url, mission))
 
@@ -43,7 +43,7 @@ def site(
         Route("/v1", page),
         Mount("/v1", api.application()),
     ]
-    # Of what asks for tokens any name will do: no page of another site has one.
+    # With tokens any host name is accepted: no page of another site has a token.
     protection = Middleware(
         Protection, own=own if access is None else None, content_policy="default-src 'none'"
     )
@@ -53,7 +53,7 @@ def site(
 
 
 def documentation(document: dict[str, Any]) -> str:
-    """A page that lists the operations of an OpenAPI description; it needs nothing else."""
+    """Return a self-contained page that lists the operations of an OpenAPI description."""
     rows = "\n".join(
         f"<tr><td><code>{method.upper()} {escape(path)}</code><td>{escape(operation['summary'])}"
         for path, item in document["paths"].items()

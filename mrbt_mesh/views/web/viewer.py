@@ -25,7 +25,7 @@ class WebViewer:
     summary = "Show the team in the browser: its tree, robots, timeline, and why."
 
     def check(self, options: ViewerOptions) -> None:
-        """Raises InputError without the extra, and for an address that cannot be used."""
+        """Raise InputError without the extra, and for an address that cannot be used."""
         require("the page", "web", "starlette", "uvicorn")
         from mrbt_mesh.views.web.server import bound
 
@@ -35,7 +35,7 @@ class WebViewer:
     async def showing(
         self, watcher: Watcher, team: Team | None, options: ViewerOptions
     ) -> AsyncIterator[OpenView]:
-        """Serve the page; its address has the token for commands."""
+        """Serve the page; with control, its address contains the token for commands."""
         from mrbt_mesh.drills.control import Control
         from mrbt_mesh.runtime.fencing import boottime_us
         from mrbt_mesh.views.model.team_view import TeamView
